@@ -24,11 +24,16 @@ TIMES = (", ms", ", s")
 class MeasuredTable:
     """A table with named columns.
 
-    Attributes:
-        title: what was measured.
-        columns: names; the word after the last comma says how values are written (``FORMATS``), as in "solve, ms".
-        rows: raw values, seconds for times; None where there is none.
-        notes: lines printed below.
+    Attributes
+    ----------
+    title
+        What was measured.
+    columns
+        Names; the word after the last comma says how values are written (``FORMATS``), as in "solve, ms".
+    rows
+        Raw values, seconds for times; None where there is none.
+    notes
+        Lines printed below.
     """
 
     title: str

@@ -49,8 +49,10 @@ def name_program(path: Path) -> str:
 def find_duration(path: Path) -> str:
     """Return how long a program takes, as its docstring states.
 
-    Raises:
-        ValueError: the docstring has no line "Duration: ...".
+    Raises
+    ------
+    ValueError
+        The docstring has no line "Duration: ...".
     """
     duration = DURATION.search(_get_docstring(path))
     if duration is None:

@@ -45,7 +45,7 @@ def _model(name: str) -> type[BaseModel]:
 
 
 def _table(heading: str, model: type[BaseModel]) -> Iterator[str]:
-    yield from (f"## `{heading}`", "", _words(getdoc(model) or "").split("Attributes:")[0].strip(), "")
+    yield from (f"## `{heading}`", "", _words((getdoc(model) or "").partition("\n\nAttributes\n")[0]).strip(), "")
     yield from ("| key | meaning | example | left out |", "|---|---|---|---|")
     written: dict[str, Any] = model().model_dump(mode="json", exclude_none=True)
     for key, field in model.model_fields.items():

@@ -62,10 +62,14 @@ This page is what `python docs/make_equations.py` finds at the definitions: run 
 class Equation:
     """A labelled equation.
 
-    Attributes:
-        label: its room's letters, a dot and its number.
-        says: the formula or sentence at its definition.
-        file: that defines it, relative to the root.
+    Attributes
+    ----------
+    label
+        Its room's letters, a dot and its number.
+    says
+        The formula or sentence at its definition.
+    file
+        That defines it, relative to the root.
     """
 
     label: str

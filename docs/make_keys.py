@@ -69,7 +69,7 @@ def _section(heading: str, model: type[BaseModel]) -> Iterator[str]:
     table, _, shape = heading.partition(" with ")
     yield f"## `{table}`" + (f" with `{shape}`" if shape else "")
     yield ""
-    yield _paragraph(said.partition("\n\nAttributes:")[0].replace("\n\n", "\n"))
+    yield _paragraph(said.partition("\n\nAttributes\n")[0].replace("\n\n", "\n"))
     yield ""
     if keys:
         yield from ("| key | what it may be | left out | meaning |", "|---|---|---|---|")
@@ -86,8 +86,8 @@ def _paragraph(text: str) -> str:
 
 def _attributes(said: str) -> dict[str, str]:
     """Return the description of each key in a docstring."""
-    block = cleandoc(said).partition("Attributes:\n")[2]
-    matches = re.findall(r"^ {4}(\w[\w, ]*): (.*(?:\n {8}.*)*)", block, re.M)
+    block = cleandoc(said).partition("Attributes\n----------\n")[2]
+    matches = re.findall(r"^(\w[\w, ]*)\n((?: {4}.*\n?)+)", block, re.M)
     return {name: _paragraph(text).rstrip(".") for names, text in matches for name in names.split(", ")}
 
 

@@ -52,7 +52,8 @@ def scenes(scene: Scene) -> dict[int, Scene]:
 def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
     """Evaluate the four positions at the scene's small load, each once: linear elasticity gives 1 N and the other loads.
 
-    Raises:
+    Raises
+    ------
         InputError, Refusal: see ``solver.evaluate``.
     """
     results = {}

@@ -21,7 +21,7 @@ SKIN = {"thickness": 1.44e-3, "youngs_modulus": 56.3e3, "poisson_ratio": 0.45}  
 
 
 def skinned(scene: Scene) -> Scene:
-    """The scene with a skin on its tissue."""
+    """Return the scene with a skin on its tissue."""
     data = scene.model_dump(exclude_unset=True)
     return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": [SKIN]}})
 

@@ -35,9 +35,10 @@ DEFAULT_LIMITS = ReadLimits()
 class Reader:
     """Read a probe; a context manager that releases the device at its end.
 
-    Example:
-        >>> with Reader.open("usb") as reader:  # doctest: +SKIP
-        ...     samples = reader.collect(10.0, record="run.probe")
+    Examples
+    --------
+    >>> with Reader.open("usb") as reader:  # doctest: +SKIP
+    ...     samples = reader.collect(10.0, record="run.probe")
     """
 
     def __init__(self, transport: Transport) -> None:
@@ -54,16 +55,24 @@ class Reader:
     ) -> Reader:
         """Open a source. A device starts to sample at the first read.
 
-        Args:
-            source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``serial:PORT``, ``visa:RESOURCE``, ``replay:FILE``, or a
-                probe from ``hw.simulation.virtual.make_virtual_probe``.
-            rate: requested rate per channel, Hz; by default the device's present rate.
-            columns: for a file of another program: its columns, their units and its rate.
-            limits: memory and time that reading an HDF5 file may take.
+        Parameters
+        ----------
+        source
+            ``usb`` (the only probe connected), ``usb:SERIAL``, ``serial:PORT``, ``visa:RESOURCE``, ``replay:FILE``, or a probe
+            from ``hw.simulation.virtual.make_virtual_probe``.
+        rate
+            Requested rate per channel, Hz; by default the device's present rate.
+        columns
+            For a file of another program: its columns, their units and its rate.
+        limits
+            Memory and time that reading an HDF5 file may take.
 
-        Raises:
-            HardwareError: the source cannot be opened; the message states the remedy.
-            OSError: a recording cannot be read.
+        Raises
+        ------
+        HardwareError
+            The source cannot be opened; the message states the remedy.
+        OSError
+            A recording cannot be read.
         """
         return cls(_open_transport(source, rate, columns, limits))
 
@@ -75,16 +84,23 @@ class Reader:
     def blocks(self, seconds: float | None = None, record: Path | str | None = None) -> Iterator[Samples]:
         """Yield blocks of samples as they arrive, for ``seconds`` or until the source ends.
 
-        Args:
-            seconds: duration by the device's own clock, gaps included; None: until the source ends.
-            record: a new file for the raw bytes, which are written before they are decoded. A name that ends in .h5 or .hdf5
-                makes an HDF5 file of the samples instead. It gets its name when it is complete; until then, and if it
-                fails, the raw bytes are in a second file next to it.
+        Parameters
+        ----------
+        seconds
+            Duration by the device's own clock, gaps included; None: until the source ends.
+        record
+            A new file for the raw bytes, which are written before they are decoded. A name that ends in .h5 or .hdf5 makes an
+            HDF5 file of the samples instead. It gets its name when it is complete; until then, and if it fails, the raw bytes are
+            in a second file next to it.
 
-        Raises:
-            InvalidSource: ``seconds`` is less than one sample.
-            HardwareError: the device went away, or another fault persists after recovery.
-            FileExistsError: the file ``record`` exists.
+        Raises
+        ------
+        InvalidSource
+            ``seconds`` is less than one sample.
+        HardwareError
+            The device went away, or another fault persists after recovery.
+        FileExistsError
+            The file ``record`` exists.
         """
         end = None if seconds is None else self._count_samples(seconds)
         if record is not None and Path(record).exists():
@@ -137,12 +153,17 @@ class Reader:
     def collect(self, seconds: float | None = None, record: Path | str | None = None) -> Samples:
         """Return all samples of ``seconds``; for the arguments see ``blocks``.
 
-        Args:
-            seconds: how long; None: until the source ends.
-            record: a new file for the raw bytes.
+        Parameters
+        ----------
+        seconds
+            How long; None: until the source ends.
+        record
+            A new file for the raw bytes.
 
-        Raises:
-            Timeout: the source ended before its first sample.
+        Raises
+        ------
+        Timeout
+            The source ended before its first sample.
         """
         parts = list(self.blocks(seconds, record))
         if not parts:
@@ -171,8 +192,10 @@ class Reader:
 def build_decoder(header: Header) -> Decoder:
     """Return the decoder that a header asks for.
 
-    Raises:
-        InvalidSource: none does.
+    Raises
+    ------
+    InvalidSource
+        None does.
     """
     if header.kind == "frames":
         return FrameDecoder(Format(header.rate, header.scale, header.size, header.stream), header.source)

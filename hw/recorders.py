@@ -52,12 +52,17 @@ class GuardedHdf5:
 
     A replayed source is in a file already, so that its raw bytes are not written again. Faults are raised by ``close``.
 
-    Args:
-        path: of the new file; the raw recording's name is this name with ``.probe`` appended.
-        header: of the source.
+    Parameters
+    ----------
+    path
+        Of the new file; the raw recording's name is this name with ``.probe`` appended.
+    header
+        Of the source.
 
-    Raises:
-        FileExistsError: one of the two files exists.
+    Raises
+    ------
+    FileExistsError
+        One of the two files exists.
     """
 
     def __init__(self, path: Path, header: Header) -> None:
@@ -102,8 +107,10 @@ class GuardedHdf5:
     def close(self) -> None:
         """Complete the HDF5 file, and then remove the raw bytes.
 
-        Raises:
-            OSError: the HDF5 file could not be written; the raw bytes stay.
+        Raises
+        ------
+        OSError
+            The HDF5 file could not be written; the raw bytes stay.
         """
         try:
             if self._fault is not None:

@@ -37,9 +37,12 @@ def never_sure(planned: Plan) -> bool:
 class AutoChoice:
     """The plan that ``auto`` chose for a scene, with its result.
 
-    Attributes:
-        plan: names the evaluator that reaches the accuracy.
-        result: the evaluator's result; None where the evaluator was not run.
+    Attributes
+    ----------
+    plan
+        Names the evaluator that reaches the accuracy.
+    result
+        The evaluator's result; None where the evaluator was not run.
     """
 
     plan: Plan
@@ -50,9 +53,12 @@ class AutoChoice:
 class FailedAttempt:
     """An evaluator that refused or missed the accuracy.
 
-    Attributes:
-        plan: the plan that named it.
-        fault: what it raised.
+    Attributes
+    ----------
+    plan
+        The plan that named it.
+    fault
+        What it raised.
     """
 
     plan: Plan
@@ -68,8 +74,10 @@ class FailedAttempt:
 def evaluate_automatically(scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None) -> Result:
     """Return the result of the cheapest evaluator that reaches the accuracy.
 
-    Raises:
-        Refusal: none does, or the load is above the limit of linear elasticity; see ``choose_evaluator``.
+    Raises
+    ------
+    Refusal
+        None does, or the load is above the limit of linear elasticity; see ``choose_evaluator``.
     """
     result = choose_evaluator(scene, accuracy, linear, tell).result
     assert result is not None  # it was asked for
@@ -87,17 +95,27 @@ def choose_evaluator(
 ) -> AutoChoice:
     """Choose the evaluator that ``auto`` uses for a scene, by running evaluators in turn; nothing else makes this choice.
 
-    Args:
-        scene: any.
-        accuracy: as in ``evaluate``.
-        linear: likewise.
-        tell: likewise.
-        rough: the scene's coarse model, where it is known.
-        sure: whether a plan is accepted without running its evaluator.
+    Parameters
+    ----------
+    scene
+        any.
+    accuracy
+        As in ``evaluate``.
+    linear
+        likewise.
+    tell
+        likewise.
+    rough
+        The scene's coarse model, where it is known.
+    sure
+        Whether a plan is accepted without running its evaluator.
 
-    Raises:
-        Refusal: no evaluator takes the scene, or none reaches the accuracy, or its load is out of reach.
-        LimitReached: see ``evaluate``.
+    Raises
+    ------
+    Refusal
+        No evaluator takes the scene, or none reaches the accuracy, or its load is out of reach.
+    LimitReached
+        See ``evaluate``.
     """
     outcome = _try_evaluators(scene, accuracy, linear, tell, rough=rough, sure=sure)
     if isinstance(outcome, AutoChoice):
@@ -114,14 +132,21 @@ def choose_evaluator(
 def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
     """Return the plan with which ``auto`` begins, after a check of the load.
 
-    Args:
-        scene: any.
-        accuracy: as in ``evaluate``.
-        linear: likewise.
-        rough: the scene's coarse model, where it is known.
+    Parameters
+    ----------
+    scene
+        any.
+    accuracy
+        As in ``evaluate``.
+    linear
+        likewise.
+    rough
+        The scene's coarse model, where it is known.
 
-    Raises:
-        Refusal: no evaluator takes the scene, or its load is known to be too large before anything is solved.
+    Raises
+    ------
+    Refusal
+        No evaluator takes the scene, or its load is known to be too large before anything is solved.
     """
     planned = build_supported_plan(scene, accuracy, linear, rough)
     if not linear:
@@ -132,8 +157,10 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: Coars
 def build_supported_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
     """Return the plan for a scene, without a check of the load.
 
-    Raises:
-        Refusal: no evaluator takes the scene.
+    Raises
+    ------
+    Refusal
+        No evaluator takes the scene.
     """
     from solver.planning.plan import build_plan as run
 

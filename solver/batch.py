@@ -62,20 +62,30 @@ def evaluate_many(
     accuracy to their errors. Both agree with single results within the ``error_estimate`` of both. Results that are computed
     together share ``seconds`` evenly.
 
-    Args:
-        scenes: scenes, or names of scene files.
-        evaluator: see ``evaluate``.
-        accuracy: see ``evaluate``.
-        tell: see ``evaluate``.
-        linear: see ``evaluate``.
-        limits: for each scene, see ``evaluate``; scenes that are computed together may use the time of all of them.
+    Parameters
+    ----------
+    scenes
+        Scenes, or names of scene files.
+    evaluator
+        See ``evaluate``.
+    accuracy
+        See ``evaluate``.
+    tell
+        See ``evaluate``.
+    linear
+        See ``evaluate``.
+    limits
+        For each scene, see ``evaluate``; scenes that are computed together may use the time of all of them.
 
-    Raises:
-        InputError: no such evaluator or accuracy. Errors of single scenes are not raised but returned in their places.
+    Raises
+    ------
+    InputError
+        No such evaluator or accuracy. Errors of single scenes are not raised but returned in their places.
 
-    Example:
-        >>> from solver import evaluate_many
-        >>> [one.ratio for one in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
+    Examples
+    --------
+    >>> from solver import evaluate_many
+    >>> [one.ratio for one in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
     """
     evaluators.check_accuracy(accuracy)
     if evaluator != evaluators.AUTO:

@@ -51,23 +51,36 @@ def evaluate(
     it warns above ``linear_limit_load``. ``auto`` includes the effect of finite strain in the error, uses ``contact`` for larger
     loads, and refuses loads that ``contact`` cannot compute.
 
-    Args:
-        scene: probe, tissue, tumours and load, or the name of a scene file.
-        evaluator: its name, or ``auto``: the cheapest evaluator that takes the scene and reaches the accuracy, one of
-            ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
-        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        tell: called with a line of text before each long piece of work.
-        linear: whether ``auto`` uses linear elasticity at any load; ``error_estimate`` then includes the effect of finite strain
-            and is None where that effect is unknown.
-        loads: whether ``contact`` computes the ``load_limits``, which takes about ten seconds more.
-        frequency: of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
-        limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` says otherwise.
+    Parameters
+    ----------
+    scene
+        Probe, tissue, tumours and load, or the name of a scene file.
+    evaluator
+        Its name, or ``auto``: the cheapest evaluator that takes the scene and reaches the accuracy, one of ``axisymmetric``,
+        ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
+    accuracy
+        Relative, on ratio, stresses and stiffness; above 0, below 1.
+    tell
+        Called with a line of text before each long piece of work.
+    linear
+        Whether ``auto`` uses linear elasticity at any load; ``error_estimate`` then includes the effect of finite strain and is
+        None where that effect is unknown.
+    loads
+        Whether ``contact`` computes the ``load_limits``, which takes about ten seconds more.
+    frequency
+        Of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
+    limits
+        Of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` says otherwise.
 
-    Raises:
-        InputError: no such evaluator, accuracy or frequency, or a surface file that is missing.
-        Refusal: the evaluator cannot take this kind of scene, or ``auto`` cannot reach the accuracy, or the load is above the
-            limit of linear elasticity.
-        LimitReached: the evaluation would take more memory or time than is allowed.
+    Raises
+    ------
+    InputError
+        No such evaluator, accuracy or frequency, or a surface file that is missing.
+    Refusal
+        The evaluator cannot take this kind of scene, or ``auto`` cannot reach the accuracy, or the load is above the limit of
+        linear elasticity.
+    LimitReached
+        The evaluation would take more memory or time than is allowed.
     """
     scene = load_scene(scene)
     check_accuracy(accuracy)
@@ -147,16 +160,25 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     up to a minute, runs only where it is uncertain whether it reaches the accuracy. Where none does, ``evaluator`` is None and
     ``refusal`` is the error that ``evaluate`` raises.
 
-    Args:
-        scene: any, or the name of a scene file.
-        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        solid: whether to plan for ``solid``, also where a cheaper evaluator would do.
-        loads: see ``evaluate``.
+    Parameters
+    ----------
+    scene
+        Any, or the name of a scene file.
+    accuracy
+        Relative, on ratio, stresses and stiffness; above 0, below 1.
+    solid
+        Whether to plan for ``solid``, also where a cheaper evaluator would do.
+    loads
+        See ``evaluate``.
 
-    Raises:
-        InputError: no such accuracy, or a surface file that cannot be used.
-        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
-        LimitReached: see ``evaluate``.
+    Raises
+    ------
+    InputError
+        No such accuracy, or a surface file that cannot be used.
+    Refusal
+        So extreme that not even the coarsest mesh can be solved in double precision.
+    LimitReached
+        See ``evaluate``.
     """
     from solver.planning.coarse_model import CoarseModel
     from solver.planning.plan import SOLID, Plan
@@ -192,19 +214,31 @@ def load(
 ) -> LoadCurve:
     """Compute a scene under rising loads, with finite strain and contact; see ``solver.results.load_curve.LoadCurve``.
 
-    Args:
-        scene: one that ``contact`` takes, or the name of a scene file; its own load is not used.
-        force: the largest load, N; or
-        indentation: the largest, m. One of the two.
-        points: number of loads, evenly spaced above 0.
-        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        tell: called with a line before each load.
-        limits: see ``evaluate``; the time is for each of the loads.
+    Parameters
+    ----------
+    scene
+        One that ``contact`` takes, or the name of a scene file; its own load is not used.
+    force
+        The largest load, N; or.
+    indentation
+        The largest, m. One of the two.
+    points
+        Number of loads, evenly spaced above 0.
+    accuracy
+        Relative, on ratio, stresses and stiffness; above 0, below 1.
+    tell
+        Called with a line before each load.
+    limits
+        See ``evaluate``; the time is for each of the loads.
 
-    Raises:
-        InputError: no such load or accuracy.
-        Refusal: ``contact`` cannot take this kind of scene, or not even the first load converges.
-        LimitReached: see ``evaluate``.
+    Raises
+    ------
+    InputError
+        No such load or accuracy.
+    Refusal
+        ``contact`` cannot take this kind of scene, or not even the first load converges.
+    LimitReached
+        See ``evaluate``.
     """
     from solver.contact.load_curve import compute_load_curve
 
@@ -238,18 +272,29 @@ def curve(
 ) -> Curve:
     """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the evaluator of ``auto``.
 
-    Args:
-        scene: with one inclusion or a target among several, or the name of a scene file.
-        moduli: shape (k,).
-        accuracy: relative, on every ratio; above 0, below 1.
-        tell: called with a line before each long piece of work.
-        linear: see ``evaluate``.
-        limits: see ``evaluate``.
+    Parameters
+    ----------
+    scene
+        With one inclusion or a target among several, or the name of a scene file.
+    moduli
+        Shape (k,).
+    accuracy
+        Relative, on every ratio; above 0, below 1.
+    tell
+        Called with a line before each long piece of work.
+    linear
+        See ``evaluate``.
+    limits
+        See ``evaluate``.
 
-    Raises:
-        InputError: no such accuracy or moduli; no target.
-        Refusal: no evaluator takes this kind of scene, or its load is above the limit of linear elasticity.
-        LimitReached: see ``evaluate``.
+    Raises
+    ------
+    InputError
+        No such accuracy or moduli; no target.
+    Refusal
+        No evaluator takes this kind of scene, or its load is above the limit of linear elasticity.
+    LimitReached
+        See ``evaluate``.
     """
     scene = load_scene(scene)
     check_accuracy(accuracy)

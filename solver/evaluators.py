@@ -17,13 +17,19 @@ EVALUATOR_NAMES = ("published", "closed-form", "equivalent-inclusion", "axisymme
 def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Workspace | None = None) -> Evaluator:
     """Return the evaluator of that name; importing it only now keeps the start-up short.
 
-    Args:
-        name: its name.
-        tell: called with a line before each long piece of work, by those that have any.
-        workspace: where it keeps meshes and factors; by default the current one, usually the process's.
+    Parameters
+    ----------
+    name
+        Its name.
+    tell
+        Called with a line before each long piece of work, by those that have any.
+    workspace
+        Where it keeps meshes and factors; by default the current one, usually the process's.
 
-    Raises:
-        InputError: no evaluator has that name.
+    Raises
+    ------
+    InputError
+        No evaluator has that name.
     """
     if name not in EVALUATOR_NAMES:
         raise InputError("evaluator", name, describe_choices(name, (AUTO, *EVALUATOR_NAMES)))

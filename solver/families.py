@@ -37,11 +37,16 @@ EXCLUDED_NUMBERS = {
 class Family:
     """Scenes in the order of the number that differs.
 
-    Attributes:
-        places: indices of the scenes in the list they come from, shape (n,).
-        x: logarithm of the number, rising, shape (n,).
-        nodes: indices of the members that the polynomial goes through, shape (m,).
-        checks: indices of the members at which its error is measured, shape (2,).
+    Attributes
+    ----------
+    places
+        Indices of the scenes in the list they come from, shape (n,).
+    x
+        Logarithm of the number, rising, shape (n,).
+    nodes
+        Indices of the members that the polynomial goes through, shape (m,).
+    checks
+        Indices of the members at which its error is measured, shape (2,).
     """
 
     places: Ints
@@ -101,9 +106,12 @@ class Family:
 def find_families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[Family]:
     """Yield families of at least ``MIN_FAMILY_SIZE`` scenes, none in two, the largest first.
 
-    Args:
-        scenes: any.
-        kind: returns what all members of a family have to share.
+    Parameters
+    ----------
+    scenes
+        any.
+    kind
+        Returns what all members of a family have to share.
     """
     tables = [dict(iterate_leaves(scene.model_dump())) for scene in scenes] if len(scenes) >= MIN_FAMILY_SIZE else []
     names = {name for table in tables for name in table}

@@ -24,11 +24,16 @@ Pair = tuple[FilmSolution, LoadRule | None]
 def interpolate_family(family: Family, scenes: Sequence[Scene], evaluator: FilmEvaluator, accuracy: float) -> list[Pair | None]:
     """Return the solution of each member, with its load rule where interpolated; None where the scene has to be solved alone.
 
-    Args:
-        family: which members are solved.
-        scenes: the members in order.
-        evaluator: the evaluator that solves them.
-        accuracy: as in ``evaluate``.
+    Parameters
+    ----------
+    family
+        Which members are solved.
+    scenes
+        The members in order.
+    evaluator
+        The evaluator that solves them.
+    accuracy
+        As in ``evaluate``.
     """
     if scenes[0].probe.film is not None or scenes[0].tissue.shape != "cylinder":
         return [None] * len(scenes)  # details are decided for each

@@ -55,13 +55,20 @@ Change = Callable[[Floats], Floats]
 class BenchFault:
     """One fault of a bench.
 
-    Attributes:
-        pin, ring: share of its load that goes to the other block, in place of a drawn one.
-        sensor: factor on the force sensor's sensitivity.
-        clock: true over stated sampling rate.
-        channels: what becomes of a channel's volts, by its column.
-        frequency: nominal frequency of the load, Hz; None: the bench's.
-        word: that a warning about it holds.
+    Attributes
+    ----------
+    pin, ring
+        Share of its load that goes to the other block, in place of a drawn one.
+    sensor
+        Factor on the force sensor's sensitivity.
+    clock
+        True over stated sampling rate.
+    channels
+        What becomes of a channel's volts, by its column.
+    frequency
+        Nominal frequency of the load, Hz; None: the bench's.
+    word
+        That a warning about it holds.
     """
 
     pin: float | None = None

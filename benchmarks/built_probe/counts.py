@@ -19,13 +19,20 @@ MIN_LIKELY_POWER = 0.9  # power from which a probe counts as one that the check 
 class ProbeOutcome:
     """What became of one probe.
 
-    Attributes:
-        off, turn: the variable beyond its tolerance, and by how many tolerances.
-        p_value: of the check; 0 where calibration or check was refused.
-        power: how likely the check says that it finds the variable off by so much; None: within tolerance.
-        errors: of the gain matrix over their standard deviations, shape (4,).
-        refused: why, or empty.
-        named: whether the explanation has the variable's name; None: not asked for.
+    Attributes
+    ----------
+    off, turn
+        The variable beyond its tolerance, and by how many tolerances.
+    p_value
+        Of the check; 0 where calibration or check was refused.
+    power
+        How likely the check says that it finds the variable off by so much; None: within tolerance.
+    errors
+        Of the gain matrix over their standard deviations, shape (4,).
+    refused
+        Why, or empty.
+    named
+        Whether the explanation has the variable's name; None: not asked for.
     """
 
     off: str | None

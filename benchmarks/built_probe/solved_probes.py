@@ -14,9 +14,12 @@ from geometry.common.arrays import Floats
 class SolvedProbes:
     """ln(F_inner / F_outer) on its blocks, of each probe by seed and by the variable that is off.
 
-    Args:
-        path: where they are kept; None: nowhere.
-        block_tolerance: of the bench on whose blocks they were solved; None: the built-in one's.
+    Parameters
+    ----------
+    path
+        Where they are kept; None: nowhere.
+    block_tolerance
+        Of the bench on whose blocks they were solved; None: the built-in one's.
     """
 
     def __init__(self, path: Path | None, block_tolerance: float | None) -> None:

@@ -49,13 +49,20 @@ SCENE = "examples/scene.toml"
 class Drawn:
     """One probe, its bench and its noise as they are, which nobody knows.
 
-    Attributes:
-        probe: as built.
-        off, turn: the variable beyond its tolerance, and by how many tolerances; None and 0.
-        blocks: references as delivered.
-        matrix, warm: M of eq. BP.1 at the calibration and at the check, shape (2, 2).
-        sensor: amplitude of the load by the force channel, N.
-        noise: of both films' readings at the calibration and at the check, N, shape (2, references, 2).
+    Attributes
+    ----------
+    probe
+        As built.
+    off, turn
+        The variable beyond its tolerance, and by how many tolerances; None and 0.
+    blocks
+        References as delivered.
+    matrix, warm
+        M of eq. BP.1 at the calibration and at the check, shape (2, 2).
+    sensor
+        Amplitude of the load by the force channel, N.
+    noise
+        Of both films' readings at the calibration and at the check, N, shape (2, references, 2).
     """
 
     probe: Scene

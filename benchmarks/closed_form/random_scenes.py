@@ -16,8 +16,10 @@ MODULI_PA = (1e3, 1e7)
 def draw(rng: np.random.Generator, kind: str) -> Scene:
     """Draw a scene meant for a class of ``solver.closed_form.error_quantile``; its parts may make it one of another class.
 
-    Raises:
-        ValueError: its parts do not fit.
+    Raises
+    ------
+    ValueError
+        Its parts do not fit.
     """
     ordinary = rng.random() < 1 / 2
     probe, spheres, modulus = (_draw_ordinary if ordinary else _draw_broad)(rng, several=kind == "off axis")

@@ -84,8 +84,10 @@ def draw_solved(rng: np.random.Generator, kind: SceneClass, searched: bool = Fal
 def solve(scene: Scene, kind: SceneClass) -> SolvedScene | None:
     """Return a scene with its converged result; None where that is not sure enough.
 
-    Raises:
-        InputError: the evaluator refuses the scene.
+    Raises
+    ------
+    InputError
+        The evaluator refuses the scene.
     """
     off_axis = kind == "off axis"
     name, accuracy = ("equivalent-inclusion", OFF_AXIS_ACCURACY) if off_axis else ("axisymmetric", ACCURACY)

@@ -39,14 +39,22 @@ GAP, SIDE = ("hole wall", "inner wall"), (("strip", "inner wall"), ("strip", "ho
 class ContactSetting:
     """One discretisation.
 
-    Attributes:
-        order: of the displacements.
-        size: of an element over the distance to the next edge of the same body.
-        layers: geometric layers at the blocks' lower corners.
-        mixed: whether pressures, of two orders less, are unknowns too.
-        penalties: of the gap's walls and of walls with tissue, tissue moduli per inner radius.
-        blur: gap over which the penalties' kink is rounded.
-        tolerance: of Newton's steps, relative to the displacements.
+    Attributes
+    ----------
+    order
+        Of the displacements.
+    size
+        Of an element over the distance to the next edge of the same body.
+    layers
+        Geometric layers at the blocks' lower corners.
+    mixed
+        Whether pressures, of two orders less, are unknowns too.
+    penalties
+        Of the gap's walls and of walls with tissue, tissue moduli per inner radius.
+    blur
+        Gap over which the penalties' kink is rounded.
+    tolerance
+        Of Newton's steps, relative to the displacements.
     """
 
     order: int
@@ -165,8 +173,10 @@ class PressedProbe:
     def press(self, indentation: float) -> None:
         """Go on to an indentation, where Newton's method fails in two steps.
 
-        Raises:
-            ArithmeticError: it fails in the smallest ones too.
+        Raises
+        ------
+        ArithmeticError
+            It fails in the smallest ones too.
         """
         last_indentation, kept = self.reached[-1] if self.reached else (0.0, self.state.vec.FV().NumPy().copy())
         if not self.reached and indentation > FIRST_INDENTATION:

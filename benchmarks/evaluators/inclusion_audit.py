@@ -26,12 +26,18 @@ GROUPS = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0)  # bounds of covers, diameters
 class Judged:
     """One answer against the reference.
 
-    Attributes:
-        true: error of ln(ratio).
-        stated: bound on it.
-        reference_bound: the reference's own bound.
-        totals: largest error of a film's total in excess of the reference's bound, over the bound stated.
-        slope, slope_stated, slope_reference_bound: the same three of the log-sensitivity, absolute.
+    Attributes
+    ----------
+    true
+        Error of ln(ratio).
+    stated
+        Bound on it.
+    reference_bound
+        The reference's own bound.
+    totals
+        Largest error of a film's total in excess of the reference's bound, over the bound stated.
+    slope, slope_stated, slope_reference_bound
+        The same three of the log-sensitivity, absolute.
     """
 
     true: float

@@ -23,12 +23,18 @@ CONTACTS = ("bonded", "frictionless")
 class DrawnScene:
     """A scene in numbers: lengths in mm; ``_ratio``: of the tissue's modulus or of a radius, as said.
 
-    Attributes:
-        tissue_radius, tissue_depth: mm.
-        cover: tissue above the sphere, diameters.
-        contrast: the sphere's modulus over that of the tissue about it.
-        inner_modulus, outer_modulus: over the tissue's, 6 kPa.
-        layers: from the surface downwards: thickness, modulus over the tissue's own, Poisson's ratio.
+    Attributes
+    ----------
+    tissue_radius, tissue_depth
+        mm.
+    cover
+        Tissue above the sphere, diameters.
+    contrast
+        The sphere's modulus over that of the tissue about it.
+    inner_modulus, outer_modulus
+        Over the tissue's, 6 kPa.
+    layers
+        From the surface downwards: thickness, modulus over the tissue's own, Poisson's ratio.
     """
 
     inner_radius: float

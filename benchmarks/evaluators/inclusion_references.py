@@ -31,9 +31,12 @@ _number = count(1)
 class Known:
     """A scene with its true ratio and log-sensitivity; ``None``: not computed.
 
-    Attributes:
-        uncertainty: of the ratio, relative.
-        doubt: of the log-sensitivity, absolute.
+    Attributes
+    ----------
+    uncertainty
+        Of the ratio, relative.
+    doubt
+        Of the log-sensitivity, absolute.
     """
 
     name: str
@@ -48,10 +51,14 @@ class Known:
 class AnswerErrors:
     """One answer; ``None``: no ratio or no log-sensitivity.
 
-    Attributes:
-        true, stated: relative error of the ratio and the bound on it.
-        sensitivity: relative error of the log-sensitivity.
-        excess: its absolute error less the true value's own, over the bound on it.
+    Attributes
+    ----------
+    true, stated
+        Relative error of the ratio and the bound on it.
+    sensitivity
+        Relative error of the log-sensitivity.
+    excess
+        Its absolute error less the true value's own, over the bound on it.
     """
 
     true: float | None

@@ -74,8 +74,10 @@ class BoundCheck:
 def draw(seed: int, number: int) -> Scene:
     """Return one scene, the same for the same seed and number.
 
-    Raises:
-        InputError, ValueError: its parts do not fit.
+    Raises
+    ------
+    InputError, ValueError
+        Its parts do not fit.
     """
     rng = np.random.default_rng([seed, number, 7])
 
@@ -166,8 +168,10 @@ def meshes(scene: Scene) -> int:
 def truth(scene: Scene) -> CrossedTruth:
     """Solve on the finest mesh.
 
-    Raises:
-        SolveError, LimitReached: it cannot be solved.
+    Raises
+    ------
+    SolveError, LimitReached
+        It cannot be solved.
     """
     sections = build_sections(scene)
     with use_limits(TRUTH_LIMITS):

@@ -89,14 +89,22 @@ def draws(seed: int) -> Iterator[Scene]:
 class LoadedLayers:
     """What a load changes on the way, as ``contact`` says.
 
-    Attributes:
-        indentation: m, rising from 0, shape (k,).
-        force: N, likewise.
-        changes: of ratio, both films' stresses, stiffness, relative, and of the log-sensitivity, absolute, shape (5, k).
-        meshes: by how much two meshes differ in these, likewise.
-        size: what the log-sensitivity counts as, eq. PL.8.
-        sensitivity: at rest.
-        closes: indentation at which the gap's walls touch, m, or infinite.
+    Attributes
+    ----------
+    indentation
+        m, rising from 0, shape (k,).
+    force
+        N, likewise.
+    changes
+        Of ratio, both films' stresses, stiffness, relative, and of the log-sensitivity, absolute, shape (5, k).
+    meshes
+        By how much two meshes differ in these, likewise.
+    size
+        What the log-sensitivity counts as, eq. PL.8.
+    sensitivity
+        At rest.
+    closes
+        Indentation at which the gap's walls touch, m, or infinite.
     """
 
     indentation: Floats
@@ -168,11 +176,16 @@ def _is_promise_broken(loaded_scene: LoadedScene, path: Path) -> bool:
 class LayerAudit:
     """What one scene says of the rule.
 
-    Attributes:
-        limit: that the rule states.
-        taken: shares of the promises on ratio, stresses and stiffness, log-sensitivity at that limit.
-        room: true limit over the stated one.
-        ends: whether a promise breaks on the way; else ``room`` is a bound from below.
+    Attributes
+    ----------
+    limit
+        That the rule states.
+    taken
+        Shares of the promises on ratio, stresses and stiffness, log-sensitivity at that limit.
+    room
+        True limit over the stated one.
+    ends
+        Whether a promise breaks on the way; else ``room`` is a bound from below.
     """
 
     limit: LargestLoad

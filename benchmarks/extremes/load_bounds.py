@@ -48,12 +48,18 @@ MIN_SLOPE_DIFFERENCE = 1e-5  # log-sensitivities that differ by less are alike: 
 class Audit:
     """What one scene says of the bounds.
 
-    Attributes:
-        force: the largest that contact was pressed to, N.
-        x: of the rule there.
-        used: shares of the bounds on ratio, stresses, stiffness and log-sensitivity.
-        open: closure load over what the plan says, and over what formulas say.
-        closes: whether it does; else ``open`` are bounds from below.
+    Attributes
+    ----------
+    force
+        The largest that contact was pressed to, N.
+    x
+        Of the rule there.
+    used
+        Shares of the bounds on ratio, stresses, stiffness and log-sensitivity.
+    open
+        Closure load over what the plan says, and over what formulas say.
+    closes
+        Whether it does; else ``open`` are bounds from below.
     """
 
     force: float

@@ -89,8 +89,10 @@ def references() -> Iterator[tuple[str, Scene]]:
 def truths(scene: Scene, curve: bool) -> Truths:
     """Solve on the finest mesh, at the scene's own modulus and, if that is asked, on a curve.
 
-    Raises:
-        SolveError: the mesh cannot be solved.
+    Raises
+    ------
+    SolveError
+        The mesh cannot be solved.
     """
     sections = build_sections(scene)
     true_forces = {"lone": TrueForces.from_sample(solve_on_mesh(sections.section, sections, scene, TRUTH_LEVEL))}
@@ -104,8 +106,10 @@ def truths(scene: Scene, curve: bool) -> Truths:
 def shares(scene: Scene, true: Truths) -> Shares:
     """Return errors over bounds of one scene, by mesh.
 
-    Raises:
-        SolveError: a mesh cannot be solved.
+    Raises
+    ------
+    SolveError
+        A mesh cannot be solved.
     """
     sections = build_sections(scene)
     solved = {name: solve_on_mesh(sections.section, sections, scene, level) for name, level in ONE_MESH.items()}

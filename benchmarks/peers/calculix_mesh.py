@@ -23,10 +23,14 @@ FREE_SIZE = 10.0  # an element's size that restricts nothing
 class Fineness:
     """One mesh.
 
-    Attributes:
-        corner: size of the elements at the blocks' corners, over the narrowest of gap, wall and blocks.
-        growth: by how much of their distance from the corner elements grow.
-        size: of the largest elements, over the size of the body or layer they are in.
+    Attributes
+    ----------
+    corner
+        Size of the elements at the blocks' corners, over the narrowest of gap, wall and blocks.
+    growth
+        By how much of their distance from the corner elements grow.
+    size
+        Of the largest elements, over the size of the body or layer they are in.
     """
 
     corner: float
@@ -77,8 +81,10 @@ def upright(r: float, z: Floats) -> Floats:
 class Meridian:
     """The curves of one scene at one fineness, and the patches between them.
 
-    Raises:
-        ValueError: the tissue is no cylinder, or holds no sphere on the axis.
+    Raises
+    ------
+    ValueError
+        The tissue is no cylinder, or holds no sphere on the axis.
     """
 
     def __init__(self, scene: Scene, fineness: Fineness) -> None:

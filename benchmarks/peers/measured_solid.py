@@ -37,13 +37,20 @@ def read_expected(name: str) -> dict[str, float]:
 class SolidAnswer:
     """The ratio by one code on one mesh.
 
-    Attributes:
-        ratio: of the mean stresses.
-        stiffness: force over indentation, N over the code's unit of length.
-        unknowns: of the system.
-        elements: of the mesh.
-        wall, process: seconds of each stage, by the clock and of the processor, those of other programs started included.
-        details: what else the code tells.
+    Attributes
+    ----------
+    ratio
+        Of the mean stresses.
+    stiffness
+        Force over indentation, N over the code's unit of length.
+    unknowns
+        Of the system.
+    elements
+        Of the mesh.
+    wall, process
+        Seconds of each stage, by the clock and of the processor, those of other programs started included.
+    details
+        What else the code tells.
     """
 
     ratio: float

@@ -30,15 +30,24 @@ CONTACT, ENDS_TOO, ALL_SINGULAR = ("contact",), ("contact", *ENDS), ("contact", 
 class MeridianSetting:
     """One discretisation.
 
-    Attributes:
-        order: of the polynomials.
-        size: of an element at a vertex of the outline, over the distance to the nearest edge that does not end there.
-        grading: netgen's, how fast elements may grow.
-        layers: geometric layers at the singular corners.
-        factor: by which one layer is thinner than the next.
-        singular: the edges that end in corners with layers.
-        smoothing: netgen's rounds of mesh optimisation.
-        halvings: of all elements, before the layers.
+    Attributes
+    ----------
+    order
+        Of the polynomials.
+    size
+        Of an element at a vertex of the outline, over the distance to the nearest edge that does not end there.
+    grading
+        Netgen's, how fast elements may grow.
+    layers
+        Geometric layers at the singular corners.
+    factor
+        By which one layer is thinner than the next.
+    singular
+        The edges that end in corners with layers.
+    smoothing
+        Netgen's rounds of mesh optimisation.
+    halvings
+        Of all elements, before the layers.
     """
 
     order: int

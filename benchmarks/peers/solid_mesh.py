@@ -24,19 +24,32 @@ ENDS = ("end_inner", "end_outer")
 class SolidSetting:
     """One discretisation; lengths in mm.
 
-    Attributes:
-        order: of the polynomials.
-        rim: size of elements at the rims of the contact, three circles.
-        block: in the blocks.
-        tumour: at the tumours' surfaces.
-        end: at the rims of the blocks' ends and of the groove.
-        far: in the tissue.
-        grading: netgen's, how fast elements may grow.
-        smoothing: netgen's rounds of mesh optimisation.
-        fill: whether netgen fills the interior with points of its own before it advances the front.
-        layers: geometric layers of elements at the rims of the contact; none for tetrahedra only.
-        factor: by which one layer is thinner than the next.
-        solver: the peer's.
+    Attributes
+    ----------
+    order
+        Of the polynomials.
+    rim
+        Size of elements at the rims of the contact, three circles.
+    block
+        In the blocks.
+    tumour
+        At the tumours' surfaces.
+    end
+        At the rims of the blocks' ends and of the groove.
+    far
+        In the tissue.
+    grading
+        Netgen's, how fast elements may grow.
+    smoothing
+        Netgen's rounds of mesh optimisation.
+    fill
+        Whether netgen fills the interior with points of its own before it advances the front.
+    layers
+        Geometric layers of elements at the rims of the contact; none for tetrahedra only.
+    factor
+        By which one layer is thinner than the next.
+    solver
+        The peer's.
     """
 
     order: int
@@ -56,8 +69,10 @@ class SolidSetting:
 def spheres(scene: Scene) -> list[tuple[float, float, float]]:
     """Return for each tumour its place along x, its depth and its radius, mm.
 
-    Raises:
-        ValueError: the scene is not its own mirror image.
+    Raises
+    ------
+    ValueError
+        The scene is not its own mirror image.
     """
     solids = []
     for body in scene.inclusion:

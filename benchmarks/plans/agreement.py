@@ -27,10 +27,14 @@ OUTCOMES = ("answered as planned", "both refuse", "solid, not asked", "stopped b
 def outcome(scene: Scene, accuracy: float, solid: bool) -> tuple[str, str]:
     """Ask both; return one of ``OUTCOMES`` and what was said.
 
-    Args:
-        scene: any.
-        accuracy: of both.
-        solid: whether ``solid`` is to answer where it is named.
+    Parameters
+    ----------
+    scene
+        any.
+    accuracy
+        Of both.
+    solid
+        Whether ``solid`` is to answer where it is named.
     """
     try:
         planned = plan(scene, accuracy)

@@ -33,12 +33,18 @@ MIN_COVER_M = 1.5e-3  # m, least tissue above a drawn tumour
 class Compared:
     """One tumour under one grooved probe.
 
-    Attributes:
-        position: its x, m; the groove lies at +x.
-        signals: of ln ratio and ln stiffness without the groove, shape (2,).
-        changes: what the groove changes of them, shape (2,).
-        blank: what it changes of ln ratio without the tumour, and what eq. PO.14 allows.
-        allowed: eq. PO.12's groove at a factor of 1, shape (2,).
+    Attributes
+    ----------
+    position
+        Its x, m; the groove lies at +x.
+    signals
+        Of ln ratio and ln stiffness without the groove, shape (2,).
+    changes
+        What the groove changes of them, shape (2,).
+    blank
+        What it changes of ln ratio without the tumour, and what eq. PO.14 allows.
+    allowed
+        eq. PO.12's groove at a factor of 1, shape (2,).
     """
 
     position: float

@@ -26,11 +26,16 @@ from hw.signal.measure import measure, propagate_covariance
 class FaultOutcome:
     """What came of one fault.
 
-    Attributes:
-        refused: how many readings.
-        z: errors of the others over their stated standard deviations.
-        stated: their stated standard deviations, relative.
-        reason: of the last refusal.
+    Attributes
+    ----------
+    refused
+        How many readings.
+    z
+        Errors of the others over their stated standard deviations.
+    stated
+        Their stated standard deviations, relative.
+    reason
+        Of the last refusal.
     """
 
     refused: int

@@ -26,14 +26,22 @@ def good(
 ) -> Samples:  # fmt: skip
     """Return a reading with mains, drift and noise.
 
-    Args:
-        random: of noise and phases.
-        seconds: how long.
-        rate: Hz.
-        hum: amplitude of the mains, V.
-        noise: standard deviation of a sample, V.
-        phase: (n,) of the load beside 2 pi f t, rad.
-        load: (n,) by which its amplitude is multiplied.
+    Parameters
+    ----------
+    random
+        Of noise and phases.
+    seconds
+        How long.
+    rate
+        Hz.
+    hum
+        Amplitude of the mains, V.
+    noise
+        Standard deviation of a sample, V.
+    phase
+        (n,) of the load beside 2 pi f t, rad.
+    load
+        (n,) by which its amplitude is multiplied.
     """
     index = np.arange(round(seconds * rate))
     t = index / rate

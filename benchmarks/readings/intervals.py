@@ -41,11 +41,16 @@ COLUMNS = ("kind", "case", "truth by", "covered", "share", "p", "below", "above"
 class CoverageOutcome:
     """What came of the readings of a case.
 
-    Attributes:
-        below, above: how many intervals lie below the truth, and above.
-        bounded: how many have two ends.
-        unexplained: how many readings no value of the unknown explains.
-        count: of all readings.
+    Attributes
+    ----------
+    below, above
+        How many intervals lie below the truth, and above.
+    bounded
+        How many have two ends.
+    unexplained
+        How many readings no value of the unknown explains.
+    count
+        Of all readings.
     """
 
     below: int
@@ -116,8 +121,10 @@ def simulate_readings(truth: ReadingTruth, draws: int, seed: int) -> tuple[Float
 def outcome(truth: ReadingTruth, draws: int, seed: int) -> CoverageOutcome:
     """Return what comes of a case.
 
-    Raises:
-        RuntimeError: ``estimate`` itself gives another interval for one of the first readings.
+    Raises
+    ------
+    RuntimeError
+        ``estimate`` itself gives another interval for one of the first readings.
     """
     case = truth.case
     points, rows = simulate_readings(truth, draws, seed)

@@ -29,10 +29,14 @@ REACH_SD = 3.0  # of a nuisance: beyond it lie 0.3 % of the draws, which are dra
 class Press:
     """One press of the probe.
 
-    Attributes:
-        x: of its axis, m.
-        blank: whether there is no tumour.
-        stiff: whether its stiffness is read, too.
+    Attributes
+    ----------
+    x
+        Of its axis, m.
+    blank
+        Whether there is no tumour.
+    stiff
+        Whether its stiffness is read, too.
     """
 
     x: float = 0.0
@@ -44,19 +48,32 @@ class Press:
 class ReadingCase:
     """What is simulated, and what is asked about it.
 
-    Attributes:
-        kind: of the four kinds of the table.
-        name: of the case.
-        scene: with the nuisances' priors in its numbers.
-        unknown: as in ``probe_design.estimate``.
-        low, high: between which the unknown is drawn, evenly in its logarithm, SI.
-        noise: relative standard deviation of ratios.
-        stiffness_noise: of stiffnesses.
-        presses: of one set of readings.
-        nuisances: relative standard deviations by name.
-        evaluator: of the truth.
-        accuracy: asked of it.
-        nodes: along the unknown, and along each nuisance.
+    Attributes
+    ----------
+    kind
+        Of the four kinds of the table.
+    name
+        Of the case.
+    scene
+        With the nuisances' priors in its numbers.
+    unknown
+        As in ``probe_design.estimate``.
+    low, high
+        Between which the unknown is drawn, evenly in its logarithm, SI.
+    noise
+        Relative standard deviation of ratios.
+    stiffness_noise
+        Of stiffnesses.
+    presses
+        Of one set of readings.
+    nuisances
+        Relative standard deviations by name.
+    evaluator
+        Of the truth.
+    accuracy
+        Asked of it.
+    nodes
+        Along the unknown, and along each nuisance.
     """
 
     kind: str
@@ -98,9 +115,12 @@ class ReadingCase:
     def readings(self, point: Sequence[float], moduli: Floats | None = None) -> Floats:
         """Return ln ratio of each press, then ln stiffness of those whose stiffness is read, shape (n, k).
 
-        Args:
-            point: of the box.
-            moduli: n of the target, in place of the point's; left out: the scene's own, n = 1.
+        Parameters
+        ----------
+        point
+            Of the box.
+        moduli
+            n of the target, in place of the point's; left out: the scene's own, n = 1.
         """
         scene, readings_by_key = self.scene_at(point), dict[tuple[float, bool], Floats]()
         for press in self.presses:
@@ -127,9 +147,12 @@ class ReadingCase:
 class ReadingTruth:
     """All readings of a case as a polynomial on its box.
 
-    Attributes:
-        case: which.
-        coefficients: of products of Chebyshev polynomials, one axis for each coordinate and the last for the readings.
+    Attributes
+    ----------
+    case
+        which.
+    coefficients
+        Of products of Chebyshev polynomials, one axis for each coordinate and the last for the readings.
     """
 
     case: ReadingCase

@@ -76,8 +76,10 @@ class Edge:
 def outline(scene: Scene) -> list[Edge]:
     """Return the meridian plane's edges, r >= 0.
 
-    Raises:
-        ValueError: the scene is not axisymmetric, its tissue has no end, or its contact may open.
+    Raises
+    ------
+    ValueError
+        The scene is not axisymmetric, its tissue has no end, or its contact may open.
     """
     off_axis = len(scene.inclusion) > 1 or any(body.x or body.y or body.diameter is None for body in scene.inclusion)
     off_axis = off_axis or scene.placement != type(scene.placement)() or scene.probe.groove is not None

@@ -149,8 +149,10 @@ class FiniteStrain:
     def press(self, last_indentation: float, indentation: float) -> None:
         """Go on from one indentation to another, in proportion, where Newton's method fails in two steps.
 
-        Raises:
-            ArithmeticError: it fails in the smallest ones too.
+        Raises
+        ------
+        ArithmeticError
+            It fails in the smallest ones too.
         """
         kept = self.state.vec.FV().NumPy().copy()
         try:

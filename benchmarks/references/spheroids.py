@@ -45,8 +45,10 @@ class Arc(Edge):
 def semi_axes(body: Inclusion) -> Point:
     """Return the radii of equator and pole.
 
-    Raises:
-        ValueError: the body is not a spheroid about a vertical axis.
+    Raises
+    ------
+    ValueError
+        The body is not a spheroid about a vertical axis.
     """
     if body.diameters is None or body.diameters[0] != body.diameters[1] or any(body.orientation):
         raise ValueError("the reference takes one inclusion with diameters [a, a, c] that is not turned")

@@ -39,11 +39,16 @@ STARTUP_SECONDS = 40.0  # s that are no answer's: reading, planning and drawing,
 class Attempt:
     """What is asked.
 
-    Attributes:
-        words: of the command line, after the program's name.
-        said: what was damaged, for the list of failures.
-        seconds: after which it counts as a hang.
-        held: limits of the process by their names in ``resource``, such as RLIMIT_DATA, bytes.
+    Attributes
+    ----------
+    words
+        Of the command line, after the program's name.
+    said
+        What was damaged, for the list of failures.
+    seconds
+        After which it counts as a hang.
+    held
+        Limits of the process by their names in ``resource``, such as RLIMIT_DATA, bytes.
     """
 
     words: tuple[str, ...]

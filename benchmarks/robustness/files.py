@@ -21,11 +21,16 @@ LIMITS = ("--time", f"{ANSWER_SECONDS:g} s")
 class Readable:
     """A kind of file.
 
-    Attributes:
-        suffix: of its name.
-        words: that have the program read it, ``FILE`` for its name.
-        right: a right one: tables, or bytes.
-        seconds: after which it counts as a hang.
+    Attributes
+    ----------
+    suffix
+        Of its name.
+    words
+        That have the program read it, ``FILE`` for its name.
+    right
+        A right one: tables, or bytes.
+    seconds
+        After which it counts as a hang.
     """
 
     suffix: str

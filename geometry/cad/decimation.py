@@ -19,10 +19,14 @@ def decimate(surface: pyvista.PolyData) -> tuple[pyvista.PolyData, float] | None
 
     Quadric error metrics: M. Garland, P. S. Heckbert, Proc. SIGGRAPH 1997, 209-216.
 
-    Args:
-        surface: a ``pyvista.PolyData`` of triangles.
+    Parameters
+    ----------
+    surface
+        A ``pyvista.PolyData`` of triangles.
 
-    Returns:
+    Returns
+    -------
+    tuple[pyvista.PolyData, float] | None
         Fewer triangles and how far they are from surface, see ``hausdorff_distance``; None where there are not so many, or where
         fewer do not stay within ``MAX_RELATIVE_DISTANCE``, or are open where the surface is closed.
     """

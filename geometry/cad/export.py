@@ -31,20 +31,32 @@ def export_parts(
     model; the files take their names together, only after all have passed. ``parts.json`` beside them tells which design they
     are of and what in them the scene leaves open; see ``geometry.cad.parts_record``. Its path follows those of the parts.
 
-    Args:
-        probe: the probe to be built.
-        folder: for the files, made if needed.
-        force: whether parts of another design that are there are replaced, with all that was written about it.
-        question_digest: digest of the question that the probe is the answer to, for the record.
-        other_files: what else tells of design, a drawing say: by name what writes it to the path that it is given. These files
-            take their places with the parts, and their paths come last.
-        edge_radius: of the blocks' lower edges in m, the scene's ``contact.edge_radius``; 0: sharp.
+    Parameters
+    ----------
+    probe
+        The probe to be built.
+    folder
+        For the files, made if needed.
+    force
+        Whether parts of another design that are there are replaced, with all that was written about it.
+    question_digest
+        Digest of the question that the probe is the answer to, for the record.
+    other_files
+        What else tells of design, a drawing say: by name what writes it to the path that it is given. These files take their
+        places with the parts, and their paths come last.
+    edge_radius
+        Of the blocks' lower edges in m, the scene's ``contact.edge_radius``; 0: sharp.
 
-    Raises:
-        ExportError: a file deviates from the parameters by more than ``step_check.RELATIVE_TOLERANCE``; no file is left.
-        InputError: the folder holds another design; see also ``solids.build_parts``.
-        MissingLibrary: see ``solids.load_cadquery``.
-        OSError: the folder cannot be written.
+    Raises
+    ------
+    ExportError
+        A file deviates from the parameters by more than ``step_check.RELATIVE_TOLERANCE``; no file is left.
+    InputError
+        The folder holds another design; see also ``solids.build_parts``.
+    MissingLibrary
+        See ``solids.load_cadquery``.
+    OSError
+        The folder cannot be written.
     """
     old_record = parts_record.read_record(folder) if force else parts_record.check_same_design(folder, probe, edge_radius)
     same_design_record = (

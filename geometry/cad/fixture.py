@@ -38,13 +38,20 @@ FIXTURE_PARTS = ("pin", "ring", "sleeve")
 class FixtureSizes:
     """Dimensions in mm.
 
-    Attributes:
-        pin: radius.
-        ring: inner and outer radius of its face.
-        carrier: radius, which is the base's.
-        bore: radius of the sleeve's.
-        sleeve: its length: grip, rise, blocks and films, grip.
-        slot: its width.
+    Attributes
+    ----------
+    pin
+        radius.
+    ring
+        Inner and outer radius of its face.
+    carrier
+        Radius, which is the base's.
+    bore
+        Radius of the sleeve's.
+    sleeve
+        Its length: grip, rise, blocks and films, grip.
+    slot
+        Its width.
     """
 
     pin: float
@@ -58,8 +65,10 @@ class FixtureSizes:
 def find_fixture_sizes(probe: Probe) -> FixtureSizes:
     """Derive the fixture from the probe.
 
-    Raises:
-        InputError: a block is too narrow for what is aligned to 0.05 mm.
+    Raises
+    ------
+    InputError
+        A block is too narrow for what is aligned to 0.05 mm.
     """
     scale, base = solids.MM_PER_M, base_sizes(probe)
     pin = probe.inner_radius * scale - EDGE_MARGIN_MM

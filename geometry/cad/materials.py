@@ -18,11 +18,16 @@ PVDF_DENSITY = 1780.0
 class PartMaterial:
     """A part's material.
 
-    Attributes:
-        name: in the catalogue, or of the kind of material.
-        properties: required properties, with units.
-        density: in kg/m^3; None where it is not known.
-        process: how the part is made, a name in ``geometry/workshop/processes.toml``.
+    Attributes
+    ----------
+    name
+        In the catalogue, or of the kind of material.
+    properties
+        Required properties, with units.
+    density
+        In kg/m^3; None where it is not known.
+    process
+        How the part is made, a name in ``geometry/workshop/processes.toml``.
     """
 
     name: str

@@ -14,13 +14,20 @@ from geometry.scenes.probe import Probe
 class PartMeasures:
     """Measured or expected sizes of a solid, in mm.
 
-    Attributes:
-        volume: in mm^3.
-        ends: (z, area) of each plane face normal to z, from below.
-        radii: of each cylindrical face about z, from the smallest.
-        walls: (y, x of the centre, area) of each plane face normal to y.
-        off_axis: largest distance of a cylinder's or torus's axis from the z axis.
-        edges: (radius of the circle of centres, edge radius, z of that circle, area) of each toroidal face about z.
+    Attributes
+    ----------
+    volume
+        In mm^3.
+    ends
+        (z, area) of each plane face normal to z, from below.
+    radii
+        Of each cylindrical face about z, from the smallest.
+    walls
+        (y, x of the centre, area) of each plane face normal to y.
+    off_axis
+        Largest distance of a cylinder's or torus's axis from the z axis.
+    edges
+        (radius of the circle of centres, edge radius, z of that circle, area) of each toroidal face about z.
     """
 
     volume: float

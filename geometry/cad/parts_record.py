@@ -29,12 +29,18 @@ FileName = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)]
 class PartsRecord(BaseModel):
     """Content of ``parts.json``, the record of the files in its folder.
 
-    Attributes:
-        design: digest of the probe's numbers, see ``compute_design_digest``.
-        assumed: dimensions that the scene leaves open, by the keys that would give them.
-        files: SHA-256 of the parts and of other files of this design, by name.
-        asked: digest of the design question that the design solves, if there is one.
-        provenance: what made the newest of the files, see ``geometry.provenance.block``.
+    Attributes
+    ----------
+    design
+        Digest of the probe's numbers, see ``compute_design_digest``.
+    assumed
+        Dimensions that the scene leaves open, by the keys that would give them.
+    files
+        SHA-256 of the parts and of other files of this design, by name.
+    asked
+        Digest of the design question that the design solves, if there is one.
+    provenance
+        What made the newest of the files, see ``geometry.provenance.block``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -78,12 +84,18 @@ def build_record(
 ) -> PartsRecord:
     """Return the record of new parts.
 
-    Args:
-        probe: whose.
-        drafts: where each file is now, by the name that it will have.
-        old_record: the record of the same design in the same folder, whose other files stay valid.
-        question: see ``PartsRecord``.
-        edge_radius: of the blocks' lower edges, m.
+    Parameters
+    ----------
+    probe
+        whose.
+    drafts
+        Where each file is now, by the name that it will have.
+    old_record
+        The record of the same design in the same folder, whose other files stay valid.
+    question
+        See ``PartsRecord``.
+    edge_radius
+        Of the blocks' lower edges, m.
     """
     old_files, question_digest = ({}, question) if old_record is None else (old_record.files, question or old_record.asked)
     assumed = {key: str(format_mm(length)) for key, length in assumed_sizes(probe).items()}
@@ -95,8 +107,10 @@ def build_record(
 def check_same_design(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRecord | None:
     """Return the record of the parts in a folder, which are this probe's with these edges, or None where it holds none.
 
-    Raises:
-        InputError: it holds parts of another design, or parts whose design is unknown.
+    Raises
+    ------
+    InputError
+        It holds parts of another design, or parts whose design is unknown.
     """
     record = find_record(folder)
     if record is not None and record.design != compute_design_digest(probe, edge_radius):
@@ -107,8 +121,10 @@ def check_same_design(folder: Path, probe: Probe, edge_radius: float = 0.0) -> P
 def check_same_question(folder: Path, question: str) -> None:
     """Refuse a folder that holds parts of another design question, before the work.
 
-    Raises:
-        InputError: it does, or their design is unknown.
+    Raises
+    ------
+    InputError
+        It does, or their design is unknown.
     """
     record = find_record(folder)
     if record is not None and record.asked != question:
@@ -118,8 +134,10 @@ def check_same_question(folder: Path, question: str) -> None:
 def find_record(folder: Path) -> PartsRecord | None:
     """Return the record of the parts in a folder, or None where it holds none.
 
-    Raises:
-        InputError: the record is missing, damaged, or one of other files than those that are there.
+    Raises
+    ------
+    InputError
+        The record is missing, damaged, or one of other files than those that are there.
     """
     present = [name for name in PART_FILES if os.path.lexists(folder / name)]
     if not present and not os.path.lexists(folder / RECORD_NAME):

@@ -58,8 +58,10 @@ class CadQuery(Protocol):
 def load_cadquery() -> CadQuery:
     """Import cadquery and return it.
 
-    Raises:
-        MissingLibrary: a system library such as ``libGL.so.1`` is absent; the text names the package to install.
+    Raises
+    ------
+    MissingLibrary
+        A system library such as ``libGL.so.1`` is absent; the text names the package to install.
     """
     try:
         with (
@@ -95,9 +97,12 @@ def build_inner_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:
 def build_outer_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:
     """Build the tube, its lower edges round by ``edge_radius`` (m), with its groove at the film end.
 
-    Raises:
-        ExportError: the groove does not leave one body.
-        InputError: the groove reaches down into the round edges.
+    Raises
+    ------
+    ExportError
+        The groove does not leave one body.
+    InputError
+        The groove reaches down into the round edges.
     """
     tube = _build_block(probe.hole_radius, probe.tube_radius, probe.tube_height, edge_radius)
     if probe.groove is None:
@@ -117,8 +122,10 @@ def build_inner_film(probe: Probe) -> cadquery.Solid:
 def build_outer_film(probe: Probe) -> cadquery.Solid:
     """Build the ring of film on the outer block, open above the groove so that the inner film's lead can leave.
 
-    Raises:
-        ExportError: the groove does not leave one body.
+    Raises
+    ------
+    ExportError
+        The groove does not leave one body.
     """
     thickness, bottom = film_thickness(probe), probe.tube_height
     ring = _build_ring(probe.hole_radius, probe.tube_radius, bottom, bottom + thickness)
@@ -130,8 +137,10 @@ def build_base(probe: Probe) -> cadquery.Solid:
 
     A boss reaches down to a shorter inner block, a recess takes a longer one; both keep half the gap to the blocks.
 
-    Raises:
-        InputError: see ``base_sizes``.
+    Raises
+    ------
+    InputError
+        See ``base_sizes``.
     """
     sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, find_film_tops(probe)
     flange = max(low, side) + sizes.step_height
@@ -144,14 +153,21 @@ def build_base(probe: Probe) -> cadquery.Solid:
 def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, cadquery.Solid]:
     """Build all solids, by their names: inner, outer, film-inner and film-outer where there are films, base.
 
-    Args:
-        probe: whose.
-        edge_radius: of the blocks' lower edges in m, a scene's ``contact.edge_radius``; 0: sharp.
+    Parameters
+    ----------
+    probe
+        whose.
+    edge_radius
+        Of the blocks' lower edges in m, a scene's ``contact.edge_radius``; 0: sharp.
 
-    Raises:
-        ExportError: the modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
-        InputError: see ``build_outer_block`` and ``base_sizes``.
-        MissingLibrary: see ``load_cadquery``.
+    Raises
+    ------
+    ExportError
+        The modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
+    InputError
+        See ``build_outer_block`` and ``base_sizes``.
+    MissingLibrary
+        See ``load_cadquery``.
     """
     load_cadquery()
     films = {} if probe.film is None else {"film-inner": build_inner_film, "film-outer": build_outer_film}

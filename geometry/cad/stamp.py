@@ -17,11 +17,16 @@ LENGTH_UNIT_NAME = "millimetres"
 class Stamp:
     """Origin of a file.
 
-    Attributes:
-        design: digest of the probe's numbers, see ``geometry.cad.parts_record.compute_design_digest``.
-        program: name and version.
-        materials: of the parts, by their names; parts without a known material are missing.
-        provenance: what made the file, see ``geometry.provenance.block``.
+    Attributes
+    ----------
+    design
+        Digest of the probe's numbers, see ``geometry.cad.parts_record.compute_design_digest``.
+    program
+        Name and version.
+    materials
+        Of the parts, by their names; parts without a known material are missing.
+    provenance
+        What made the file, see ``geometry.provenance.block``.
     """
 
     design: str

@@ -29,8 +29,10 @@ Row = tuple[str, float, float, float]  # quantity, found, expected, and the size
 def check_files(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0) -> None:
     """Compare the files of all parts and of the assembly, by their names, with the probe and the radius of its lower edges (m).
 
-    Raises:
-        ExportError: a file deviates from the parameters by more than ``RELATIVE_TOLERANCE``.
+    Raises
+    ------
+    ExportError
+        A file deviates from the parameters by more than ``RELATIVE_TOLERANCE``.
     """
     expected = compute_expected_bodies(probe, edge_radius)
     measured = {name: check_part_file(drafts[name], name, body) for name, body in expected.items()}

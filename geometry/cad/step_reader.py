@@ -27,8 +27,10 @@ def read_step(path: Path) -> list[Part]:
 
     The parts of an assembly are named ``assembly/part``; a colour that is missing is NaN.
 
-    Raises:
-        ExportError: the file declares another unit, or the reader stops.
+    Raises
+    ------
+    ExportError
+        The file declares another unit, or the reader stops.
     """
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.STEPCAFControl import STEPCAFControl_Reader

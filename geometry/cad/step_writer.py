@@ -30,8 +30,10 @@ FIXED_TIMESTAMP = "1970-01-01T00:00:00"  # in place of a date, which the format 
 def write_step(shapes: Mapping[str, cadquery.Shape], path: Path, stamp: Stamp) -> None:
     """Write one solid, or several as the components of an assembly, with their names, colours and materials.
 
-    Raises:
-        ExportError: the writer stops.
+    Raises
+    ------
+    ExportError
+        The writer stops.
     """
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.Interface import Interface_Static

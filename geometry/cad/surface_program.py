@@ -23,7 +23,9 @@ MAX_TURN_RAD = 0.2  # rad: by how much neighbouring triangles' normals may diffe
 def run(arguments: Arrays) -> Arrays:
     """Read the file ``name`` (of kind ".stl", ".step" or ".stp" by its ``suffix``).
 
-    Returns:
+    Returns
+    -------
+    Arrays
         Points (n, 3), mm, and triangles (t, 3); if there are very many, also ``few_points`` and ``few_triangles`` of a coarser
         surface and ``off``, its distance from the file's surface, mm: see ``geometry.cad.decimation.decimate``.
     """

@@ -27,10 +27,14 @@ class ProbeError(Exception):
 class InputError(ProbeError, ValueError):
     """A value that the toolkit refuses.
 
-    Args:
-        key: where the value stands, such as ``probe.gap``.
-        value: the value as it was given.
-        allowed: what is accepted.
+    Parameters
+    ----------
+    key
+        Where the value stands, such as ``probe.gap``.
+    value
+        The value as it was given.
+    allowed
+        What is accepted.
     """
 
     exit_code = 2

@@ -22,13 +22,17 @@ _OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.E
 def write_whole(path: Path, once: bool = False) -> Iterator[Path]:
     """Yield a temporary file name next to ``path`` that replaces it, flushed to disk, if the block succeeds.
 
-    Args:
-        path: of the file.
-        once: whether a file that is there by then stays, whoever wrote it; of several processes the first one wins.
+    Parameters
+    ----------
+    path
+        Of the file.
+    once
+        Whether a file that is there by then stays, whoever wrote it; of several processes the first one wins.
 
-    Example:
-        >>> with write_whole(Path("table.txt")) as draft:  # doctest: +SKIP
-        ...     draft.write_text("whole")
+    Examples
+    --------
+    >>> with write_whole(Path("table.txt")) as draft:  # doctest: +SKIP
+    ...     draft.write_text("whole")
     """
     with write_together(path.parent, [path.name], once) as folder:
         yield folder / path.name  # keeps the suffix, from which some writers choose the format
@@ -41,8 +45,10 @@ def write_together(folder: Path, names: Sequence[str], once: bool = False) -> It
     They are flushed to disk before, and a signal that ends the program waits until they are moved. A kill in between, which
     nothing can put off, leaves the first ones new and the last ones old. With ``once`` files that are there by then stay.
 
-    Raises:
-        OSError: a file cannot be written, is missing, or a folder is in its place.
+    Raises
+    ------
+    OSError
+        A file cannot be written, is missing, or a folder is in its place.
     """
     with _make_folder(folder):
         drafts = Path(tempfile.mkdtemp(prefix=f".{names[0][:50]}.", dir=folder))
@@ -95,9 +101,12 @@ def _place_once(draft: Path, path: Path) -> None:
 def check_writable(folder: Path, key: str = "output") -> None:
     """Check that files can be written into ``folder``, without making it; ``key`` names it in messages.
 
-    Raises:
-        InputError: it cannot be a folder to write to: a file is in the way, the user has no right to, or the like.
-        OSError: it could be, but for a full disk or another failure.
+    Raises
+    ------
+    InputError
+        It cannot be a folder to write to: a file is in the way, the user has no right to, or the like.
+    OSError
+        It could be, but for a full disk or another failure.
     """
     try:
         with tempfile.TemporaryFile(dir=_find_existing_folder(folder)):

@@ -10,9 +10,10 @@ DEFAULT_DIGITS = 6  # as ``:g`` has them
 def format_minimum(value: float, digits: int = DEFAULT_DIGITS) -> str:
     """Format a lower limit, rounded up to ``digits`` significant digits.
 
-    Example:
-        >>> format_minimum(0.010067, 2)
-        '0.011'
+    Examples
+    --------
+    >>> format_minimum(0.010067, 2)
+    '0.011'
     """
     return _round_to_text(Decimal(repr(float(value))), ROUND_CEILING, digits)
 
@@ -20,9 +21,10 @@ def format_minimum(value: float, digits: int = DEFAULT_DIGITS) -> str:
 def format_maximum(value: float, digits: int = DEFAULT_DIGITS) -> str:
     """Format an upper limit, rounded down to ``digits`` significant digits.
 
-    Example:
-        >>> format_maximum(0.010067, 2)
-        '0.01'
+    Examples
+    --------
+    >>> format_maximum(0.010067, 2)
+    '0.01'
     """
     return _round_to_text(Decimal(repr(float(value))), ROUND_FLOOR, digits)
 

@@ -22,9 +22,12 @@ LIBRARY_MEMORY_BYTES = 0.25e9  # bytes of a process that has loaded what it need
 class Limits:
     """Limits of one evaluation.
 
-    Attributes:
-        memory: bytes, including those of the libraries.
-        seconds: from the request to the result.
+    Attributes
+    ----------
+    memory
+        Bytes, including those of the libraries.
+    seconds
+        From the request to the result.
     """
 
     memory: float = 2e9
@@ -76,8 +79,10 @@ def find_seconds_left() -> float:
 def check_time(work: str, seconds: float = 0.0) -> None:
     """Refuse work that takes ``seconds`` if less time is left; with 0 s refuse to continue.
 
-    Raises:
-        LimitReached: there is less time than that.
+    Raises
+    ------
+    LimitReached
+        There is less time than that.
     """
     if find_seconds_left() > seconds:
         return
@@ -94,8 +99,10 @@ def fits_in_memory(size: float) -> bool:
 def check_memory(work: str, size: float) -> None:
     """Refuse work that needs ``size`` bytes in addition to the libraries.
 
-    Raises:
-        LimitReached: that is more than is allowed.
+    Raises
+    ------
+    LimitReached
+        That is more than is allowed.
     """
     if fits_in_memory(size):
         return

@@ -18,14 +18,21 @@ _LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
 def read_text(path: Path | str, key: str, kind: str = "a TOML file", max_bytes: int = LARGEST_FILE) -> str:
     """Return the text of a file.
 
-    Args:
-        path: of the file.
-        key: stands for the key in messages, such as "scene file".
-        kind: of files that are allowed, for messages.
-        max_bytes: bytes that it may have; no more are read.
+    Parameters
+    ----------
+    path
+        Of the file.
+    key
+        Stands for the key in messages, such as "scene file".
+    kind
+        Of files that are allowed, for messages.
+    max_bytes
+        Bytes that it may have; no more are read.
 
-    Raises:
-        InputError: it cannot be read, is too large or no UTF-8 text.
+    Raises
+    ------
+    InputError
+        It cannot be read, is too large or no UTF-8 text.
     """
     try:
         return read_bytes(path, key, kind, max_bytes).decode("utf-8-sig").replace("\r\n", "\n")
@@ -58,13 +65,19 @@ def _open_without_waiting(path: str, flags: int) -> int:
 def parse_tables(text: str, name: str, allowed: str) -> JsonObject:
     """Parse TOML text to its tables.
 
-    Args:
-        text: of any content.
-        name: where it is from, for messages.
-        allowed: what is accepted, likewise.
+    Parameters
+    ----------
+    text
+        Of any content.
+    name
+        Where it is from, for messages.
+    allowed
+        What is accepted, likewise.
 
-    Raises:
-        InputError: it is no TOML.
+    Raises
+    ------
+    InputError
+        It is no TOML.
     """
     if _LONG_KEY.search(text):
         raise InputError(name, Words("a line with 100 dots"), f"{allowed} with fewer dots in each line")

@@ -27,12 +27,18 @@ _MAX_PAIRS = 1_000_000  # of points and groups, or points and triangles, that ar
 class WindingTree:
     """Groups of triangles, each of two groups down to the smallest: group k's are 2 k + 1 and 2 k + 2.
 
-    Attributes:
-        corners: of the triangles, in the groups' order, (t, 3, 3).
-        starts: where each of the smallest groups begins, and the last one ends, (leaves + 1,).
-        centre: of the groups, weighted by area, (groups, 3).
-        radius: of the ball about the centre that holds a group, (groups,).
-        dipole: the sum of n, a triangle's normal as long as its area, (groups, 3).
+    Attributes
+    ----------
+    corners
+        Of the triangles, in the groups' order, (t, 3, 3).
+    starts
+        Where each of the smallest groups begins, and the last one ends, (leaves + 1,).
+    centre
+        Of the groups, weighted by area, (groups, 3).
+    radius
+        Of the ball about the centre that holds a group, (groups,).
+    dipole
+        The sum of n, a triangle's normal as long as its area, (groups, 3).
     """
 
     corners: Points

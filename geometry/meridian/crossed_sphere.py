@@ -38,8 +38,10 @@ def count_terrain_interfaces(angles: Numeric) -> tuple[int, int]:
 
     Interfaces close to each other are of the same sort: between the two the widest gap is chosen.
 
-    Args:
-        angles: above the horizon at which interfaces meet the sphere, falling, shape (n,).
+    Parameters
+    ----------
+    angles
+        Above the horizon at which interfaces meet the sphere, falling, shape (n,).
     """
     upper = _count_at_pole(angles)
     return upper, _count_at_pole(-angles[upper:][::-1])
@@ -70,12 +72,18 @@ def spread_apart(wanted: list[int], last: int) -> tuple[int, ...]:
 class Cap:
     """Interfaces that are terrain at one pole, from the pole on.
 
-    Attributes:
-        rows: numbers of their levels.
-        starts: numbers of the box's columns at which they begin, among ``CrossedBox.lines``.
-        flat: whether each meets the sphere so near to the pole that little is cut towards it.
-        sign: 1 at the upper pole, -1 at the lower.
-        end: the level of the box's end at this pole.
+    Attributes
+    ----------
+    rows
+        Numbers of their levels.
+    starts
+        Numbers of the box's columns at which they begin, among ``CrossedBox.lines``.
+    flat
+        Whether each meets the sphere so near to the pole that little is cut towards it.
+    sign
+        1 at the upper pole, -1 at the lower.
+    end
+        The level of the box's end at this pole.
     """
 
     rows: tuple[int, ...]
@@ -94,10 +102,14 @@ class Cap:
 class CrossedBox:
     """Numbers of lines.
 
-    Attributes:
-        lines: of the box's radii.
-        sides: of the levels of interfaces that are rays, from below.
-        caps: lower and upper.
+    Attributes
+    ----------
+    lines
+        Of the box's radii.
+    sides
+        Of the levels of interfaces that are rays, from below.
+    caps
+        Lower and upper.
     """
 
     lines: tuple[int, ...]
@@ -135,10 +147,14 @@ class CrossedBox:
 class BoxLines:
     """Where they lie, all of the shape (..., radii, levels); what is beyond the box's sides counts nothing.
 
-    Attributes:
-        across: radii of the box's points.
-        met: angles above the horizon at which the rays to them, or the columns below or above them, meet the sphere.
-        core_radii, core_heights: of the core's points, above the centre.
+    Attributes
+    ----------
+    across
+        Radii of the box's points.
+    met
+        Angles above the horizon at which the rays to them, or the columns below or above them, meet the sphere.
+    core_radii, core_heights
+        Of the core's points, above the centre.
     """
 
     across: Numeric
@@ -155,12 +171,18 @@ def place_box_lines(box: CrossedBox, radii: Numeric, levels: Numeric, centre: Nu
     none is, else at most half-way from the next interface to the terrain. On the terrain beyond the sphere the
     angles on the sphere are linear in those on the terrain.
 
-    Args:
-        box: its numbers.
-        radii: of all radii, shape (..., radii).
-        levels: of all levels, shape (..., levels).
-        centre: the sphere's height, shape (...,).
-        radius: the sphere's, shape (...,).
+    Parameters
+    ----------
+    box
+        Its numbers.
+    radii
+        Of all radii, shape (..., radii).
+    levels
+        Of all levels, shape (..., levels).
+    centre
+        The sphere's height, shape (...,).
+    radius
+        The sphere's, shape (...,).
     """
     lines, count = np.array(box.lines), levels.shape[-1]
     centre, radius = (np.asarray(value)[..., None] for value in (centre, radius))

@@ -47,17 +47,24 @@ Cell = tuple[int, Body, tuple[Vertex, ...], tuple[int, int]]  # shape, body, ver
 class Topology:
     """Elements by the lines of their cells; the same for all sections of a kind.
 
-    Attributes:
-        layout: numbers of the lines.
-        shape: TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, in its CORE, or between columns on an ARCH
-            of it or an interface (STRIP), see ``geometry.meridian.crossed_sphere``; shape (n,).
-        vertices: radius and level of the cell's corners, counter-clockwise; in a ring, of its side of the box, twice;
-            shape (n, 4, 2).
-        circles: the two circles of the cell in a ring, the two levels between which its columns stand, shape (n, 2).
-        corners: the element's in the cell's unit square, counter-clockwise, shape (n, 4, 2).
-        body: of ``Body``, shape (n,).
-        columns: rectangles come first, those between the same two radii one after the other: numbers of the first of each such
-            run, and how many rectangles there are.
+    Attributes
+    ----------
+    layout
+        Numbers of the lines.
+    shape
+        TENSOR between lines, OUTSIDE or INSIDE the sphere between rays, in its CORE, or between columns on an ARCH of it or an
+        interface (STRIP), see ``geometry.meridian.crossed_sphere``; shape (n,).
+    vertices
+        Radius and level of the cell's corners, counter-clockwise; in a ring, of its side of the box, twice; shape (n, 4, 2).
+    circles
+        The two circles of the cell in a ring, the two levels between which its columns stand, shape (n, 2).
+    corners
+        The element's in the cell's unit square, counter-clockwise, shape (n, 4, 2).
+    body
+        Of ``Body``, shape (n,).
+    columns
+        Rectangles come first, those between the same two radii one after the other: numbers of the first of each such run, and
+        how many rectangles there are.
     """
 
     layout: MeshTopology

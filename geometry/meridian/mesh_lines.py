@@ -34,22 +34,36 @@ MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines e
 class Kind:
     """The features that determine a mesh's topology; ordinary designs with the same layers and box share one.
 
-    Attributes:
-        columns, rows: cells between neighbouring breaks of radii and of the tissue's levels on the coarsest mesh.
-        blocks: rows of inner and outer block.
-        rings: rings of cells between sphere and box, and between core and sphere.
-        box: how many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
-        edges: whether the blocks' edges are round.
-        lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
-            the box and below it, round the core; rows under the surface as many as their growth requires.
-        layers: interfaces of the tissue above the sphere, across it and below it.
-        caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on: between which breaks
-            of radii they meet it, how many eighths of the columns there lie nearer to the axis, and whether nearly at the pole.
-        ends: whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
-        thin: whether the tissue above sphere or floor is thin.
-        films: layers between block and base: 0, 1 (film) or 2 (film and adhesive).
-        base: None for a rigid one, else the sign of inner less outer height.
-        flange: whether an elastic base reaches beyond the tube.
+    Attributes
+    ----------
+    columns, rows
+        Cells between neighbouring breaks of radii and of the tissue's levels on the coarsest mesh.
+    blocks
+        Rows of inner and outer block.
+    rings
+        Rings of cells between sphere and box, and between core and sphere.
+    box
+        How many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
+    edges
+        Whether the blocks' edges are round.
+    lean
+        Whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across the box
+        and below it, round the core; rows under the surface as many as their growth requires.
+    layers
+        Interfaces of the tissue above the sphere, across it and below it.
+    caps
+        Of interfaces that cross the sphere near its lower and its upper pole, each from the pole on: between which breaks of
+        radii they meet it, how many eighths of the columns there lie nearer to the axis, and whether nearly at the pole.
+    ends
+        Whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
+    thin
+        Whether the tissue above sphere or floor is thin.
+    films
+        Layers between block and base: 0, 1 (film) or 2 (film and adhesive).
+    base
+        None for a rigid one, else the sign of inner less outer height.
+    flange
+        Whether an elastic base reaches beyond the tube.
     """
 
     columns: tuple[int, ...]
@@ -89,12 +103,18 @@ class MeridianFineness:
 class MeshLines:
     """The lines of one mesh, or of many meshes of one layout at once.
 
-    Attributes:
-        radii: of the vertical lines, shape (..., radii).
-        levels: heights z of the horizontal lines, shape (..., levels).
-        outside, inside: where circles cut the rays from sphere to box and from core to sphere, 0 to 1, shape (..., circles).
-        centre, sphere: the sphere's height and radius, shape (...,).
-        box: the lines of the sphere's box, shape (..., radii, levels).
+    Attributes
+    ----------
+    radii
+        Of the vertical lines, shape (..., radii).
+    levels
+        Heights z of the horizontal lines, shape (..., levels).
+    outside, inside
+        Where circles cut the rays from sphere to box and from core to sphere, 0 to 1, shape (..., circles).
+    centre, sphere
+        The sphere's height and radius, shape (...,).
+    box
+        The lines of the sphere's box, shape (..., radii, levels).
     """
 
     radii: Numeric
@@ -109,19 +129,30 @@ class MeshLines:
 class MeshTopology:
     """Numbers of the lines between which the cells lie; the same for all sections of a kind.
 
-    Attributes:
-        column: numbers of the radii called axis, inner, hole, tube, side, with a sphere box, and with round edges those where
-            faces end, inner edge, hole edge and tube edge.
-        row: numbers of the levels called floor, surface and, with a sphere, low and high (the box's).
-        interfaces: numbers of the levels of the tissue's interfaces, from the surface downwards.
-        merged: rows below the surface, by the number of their upper level, in which lines end: triples of columns become one,
-            their middle meets the level ``middles`` within the row; the columns' four lines.
-        inner, outer: numbers of the levels of each block from the surface to its base, film layers included.
-        bridge, flange: numbers of the radii of an elastic base across the gap and from the tube to the flange's edge.
-        boss: numbers of the levels of an elastic base between the lower and the higher film.
-        base: from there to the top.
-        rings: number of rings of cells between sphere and box, and between core and sphere.
-        crossed: lines of the box round a sphere that interfaces cross; None where none does.
+    Attributes
+    ----------
+    column
+        Numbers of the radii called axis, inner, hole, tube, side, with a sphere box, and with round edges those where faces end,
+        inner edge, hole edge and tube edge.
+    row
+        Numbers of the levels called floor, surface and, with a sphere, low and high (the box's).
+    interfaces
+        Numbers of the levels of the tissue's interfaces, from the surface downwards.
+    merged
+        Rows below the surface, by the number of their upper level, in which lines end: triples of columns become one, their
+        middle meets the level ``middles`` within the row; the columns' four lines.
+    inner, outer
+        Numbers of the levels of each block from the surface to its base, film layers included.
+    bridge, flange
+        Numbers of the radii of an elastic base across the gap and from the tube to the flange's edge.
+    boss
+        Numbers of the levels of an elastic base between the lower and the higher film.
+    base
+        From there to the top.
+    rings
+        Number of rings of cells between sphere and box, and between core and sphere.
+    crossed
+        Lines of the box round a sphere that interfaces cross; None where none does.
     """
 
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:

@@ -28,10 +28,14 @@ class Breaks:
 class SphereBox:
     """The box 0 <= r <= edge, low <= z <= high round a sphere, and sizes to grade to.
 
-    Attributes:
-        radius, depth: the sphere's.
-        above, below: from the sphere's poles to the box.
-        pole: size of cells at the poles.
+    Attributes
+    ----------
+    radius, depth
+        The sphere's.
+    above, below
+        From the sphere's poles to the box.
+    pole
+        Size of cells at the poles.
     """
 
     radius: Numeric

@@ -15,10 +15,14 @@ from geometry.meridian.section import Body, Section
 class GapWalls:
     """Sides of elements on the walls at the gap, from their lower ends upwards; the same for all sections of a kind.
 
-    Attributes:
-        elements: one for each side, the inner block's, then those of the tube's hole, shape (m,).
-        sides: which of the element's it is, by ``ELEMENT_SIDES``, shape (m,).
-        inner: how many are the inner block's.
+    Attributes
+    ----------
+    elements
+        One for each side, the inner block's, then those of the tube's hole, shape (m,).
+    sides
+        Which of the element's it is, by ``ELEMENT_SIDES``, shape (m,).
+    inner
+        How many are the inner block's.
     """
 
     elements: Ints

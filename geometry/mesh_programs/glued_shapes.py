@@ -23,10 +23,14 @@ Indices = NDArray[np.int64]
 class Pieces:
     """Straight-sided tetrahedra of shapes that are glued together.
 
-    Attributes:
-        points: (n, 3) in m.
-        tetrahedra: (t, 4) in VTK's order.
-        piece: number of the piece that each tetrahedron lies in, (t,), from 0.
+    Attributes
+    ----------
+    points
+        (n, 3) in m.
+    tetrahedra
+        (t, 4) in VTK's order.
+    piece
+        Number of the piece that each tetrahedron lies in, (t,), from 0.
     """
 
     points: Points
@@ -38,17 +42,28 @@ class Pieces:
 class GluedShapes:
     """Shapes that may overlap, in m; each connected region that lies in the same shapes is a piece.
 
-    Attributes:
-        cylinders: vertical cylinders: x, y, lower and upper z, radius; (k, 5).
-        tubes: vertical tubes: x, y, lower and upper z, radius of the hole, outer radius; (k, 6).
-        boxes: lower and upper corners, (k, 6).
-        grooves: boxes that cut the first tube in two, (k, 6).
-        ellipsoids: centre, and the matrix whose columns are the semi-axes, row by row, (k, 12).
-        cuts: depths of planes that cut the last box, or the last cylinder if there is none, (k,).
-        half: whether only y >= 0 is meshed.
-        sizes: points and the maximum edge lengths there, (k, 4).
-        grading: netgen's grading, from 0 to 1: how fast edge lengths may grow.
-        smoothing: number of netgen's optimisation steps.
+    Attributes
+    ----------
+    cylinders
+        Vertical cylinders: x, y, lower and upper z, radius; (k, 5).
+    tubes
+        Vertical tubes: x, y, lower and upper z, radius of the hole, outer radius; (k, 6).
+    boxes
+        Lower and upper corners, (k, 6).
+    grooves
+        Boxes that cut the first tube in two, (k, 6).
+    ellipsoids
+        Centre, and the matrix whose columns are the semi-axes, row by row, (k, 12).
+    cuts
+        Depths of planes that cut the last box, or the last cylinder if there is none, (k,).
+    half
+        Whether only y >= 0 is meshed.
+    sizes
+        Points and the maximum edge lengths there, (k, 4).
+    grading
+        Netgen's grading, from 0 to 1: how fast edge lengths may grow.
+    smoothing
+        Number of netgen's optimisation steps.
     """
 
     cylinders: Points
@@ -65,8 +80,10 @@ class GluedShapes:
     def mesh(self, patience: float) -> Pieces:
         """Mesh all pieces in a child process that uses one core and ends after ``patience`` s.
 
-        Raises:
-            TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.
+        Raises
+        ------
+        TooLong, Failure, KeyboardInterrupt
+            See ``geometry.processes.programs.run_program``.
         """
         arrays = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
         return Pieces(**run_program(_PROGRAM, arrays, min(patience, find_seconds_left()), get_limits().memory))

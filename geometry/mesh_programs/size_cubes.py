@@ -19,10 +19,14 @@ _CHILD_OFFSETS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in 
 class SizeCubes:
     """Cubes that cover the meshed region, in m.
 
-    Attributes:
-        middles: centres of the cubes, (n, 3).
-        edges: edge lengths of the cubes, (n,).
-        sizes: sizes of tetrahedra requested at the centres, (n,).
+    Attributes
+    ----------
+    middles
+        Centres of the cubes, (n, 3).
+    edges
+        Edge lengths of the cubes, (n,).
+    sizes
+        Sizes of tetrahedra requested at the centres, (n,).
     """
 
     middles: Points
@@ -35,12 +39,16 @@ def build_size_cubes(
 ) -> SizeCubes:
     """Subdivide a cube until its parts are no larger than a fraction of the sizes requested at their centres.
 
-    Args:
-        sizes: function that returns the requested lengths at points (n, 3).
-        is_near: function that returns which points (n, 3) lie in the meshed region or within a distance of it; other cubes
-            are left out.
-        centre: centre of the first cube, (3,).
-        edge: edge length of the first cube.
+    Parameters
+    ----------
+    sizes
+        Function that returns the requested lengths at points (n, 3).
+    is_near
+        Function that returns which points (n, 3) lie in the meshed region or within a distance of it; other cubes are left out.
+    centre
+        Centre of the first cube, (3,).
+    edge
+        Edge length of the first cube.
     """
     cubes, accepted = centre[None, :], []
     while len(cubes):

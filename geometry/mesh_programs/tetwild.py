@@ -18,15 +18,22 @@ _PROGRAM = Path(__file__).with_name("tetwild_program.py")
 def tetrahedralize(arrays: Mapping[str, object], patience: float) -> tuple[Points, NDArray[np.int64]]:
     """Call ``pytetwild.tetrahedralize`` in a child process that uses one core; several threads may call it at once.
 
-    Args:
-        arrays: arguments of ``tetrahedralize`` by name, arrays or numbers.
-        patience: seconds after which the process is ended, unless the limits of the evaluation end it sooner.
+    Parameters
+    ----------
+    arrays
+        Arguments of ``tetrahedralize`` by name, arrays or numbers.
+    patience
+        Seconds after which the process is ended, unless the limits of the evaluation end it sooner.
 
-    Returns:
+    Returns
+    -------
+    tuple[Points, NDArray[np.int64]]
         Points (n, 3) in the unit of the given points, and tetrahedra (t, 4) in VTK's order.
 
-    Raises:
-        TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.
+    Raises
+    ------
+    TooLong, Failure, KeyboardInterrupt
+        See ``geometry.processes.programs.run_program``.
     """
     mesh = run_program(_PROGRAM, arrays, min(patience, find_seconds_left()), get_limits().memory)
     return mesh["points"], mesh["tetrahedra"].astype(np.int64)

@@ -69,7 +69,7 @@ class Child:
         Whether it leads a group of its own, which Ctrl-C of a terminal does not reach, and which is killed as a whole with
         the processes that it started (on Windows it alone). Else it belongs to this process's group, and works in its folder.
 
-    Raises:
+    Raises
     ------
     Failure
         No process can be started.
@@ -130,7 +130,7 @@ class Child:
     def receive(self) -> Any:
         """Return the next part of the result of the request, or ``END`` after the last.
 
-        Raises:
+        Raises
         ------
         TooLong
             It exceeded the limit of the enclosing ``limit_time``, or its own.

@@ -58,7 +58,7 @@ class DaskExecutor(Generic[Item, Row]):
         log : callable
             Called with a line when the scheduler is lost and when it returns.
 
-        Raises:
+        Raises
         ------
         InputError
             There is no scheduler at the address.

@@ -37,12 +37,18 @@ class Job(Protocol[ItemIn, Row]):
 class Outcome(Generic[Row]):
     """The result of a batch of items.
 
-    Attributes:
-        rows: of the first items.
-        unfinished: number of items after these that the worker evaluated when it ended; 0 if it did not end.
-        failure: how the worker ended.
-        is_late: whether the worker was killed because it took too long.
-        refusal: why no worker can evaluate any item.
+    Attributes
+    ----------
+    rows
+        Of the first items.
+    unfinished
+        Number of items after these that the worker evaluated when it ended; 0 if it did not end.
+    failure
+        How the worker ended.
+    is_late
+        Whether the worker was killed because it took too long.
+    refusal
+        Why no worker can evaluate any item.
     """
 
     rows: tuple[Row, ...] = ()

@@ -23,7 +23,7 @@ class ChildThreads(ThreadPoolExecutor):
 
     Threads cannot be interrupted: without this Ctrl-C would wait until they are done.
 
-    Examples:
+    Examples
     --------
     >>> with ChildThreads(2) as threads:  # doctest: +SKIP
     ...     results = [threads.submit(run_program, *one) for one in questions]
@@ -78,12 +78,12 @@ def run_program(program: Path, request: object, seconds: float, memory: float | 
     memory : float or None
         Bytes that it may hold, where the system can see to that (Linux).
 
-    Returns:
+    Returns
     -------
     object
         What ``run`` returns.
 
-    Raises:
+    Raises
     ------
     TooLong
         It took longer than ``seconds``.

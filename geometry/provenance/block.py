@@ -59,10 +59,14 @@ _request: ContextVar[Request | None] = ContextVar("asked", default=None)
 def record_command(words: Sequence[str], scene: Path | None = None, **settings: object) -> Iterator[None]:
     """Record a command line in the provenance of everything made inside the block.
 
-    Args:
-        words: the words after the program's name; the files that they name are read at once, for their digests.
-        scene: the scene's file, if there is one.
-        settings: ``evaluator``, ``accuracy`` and ``seed``, if they are requested.
+    Parameters
+    ----------
+    words
+        The words after the program's name; the files that they name are read at once, for their digests.
+    scene
+        The scene's file, if there is one.
+    settings
+        ``evaluator``, ``accuracy`` and ``seed``, if they are requested.
     """
     digests = {
         file_name: compute_file_digest(Path(file_name)) for word in words for file_name in (word, *re.split("[=,]", word)[:2])
@@ -91,11 +95,16 @@ def build_provenance(
 ) -> Provenance:
     """Return the provenance block.
 
-    Args:
-        scene: the evaluated scene, if it is a single one; default: the scene of the command line.
-        evaluator: the evaluator requested or used; an evaluator on the command line takes precedence.
-        accuracy: the accuracy requested; the command line takes precedence.
-        seed: the seed of the random numbers; the command line takes precedence.
+    Parameters
+    ----------
+    scene
+        The evaluated scene, if it is a single one; default: the scene of the command line.
+    evaluator
+        The evaluator requested or used; an evaluator on the command line takes precedence.
+    accuracy
+        The accuracy requested; the command line takes precedence.
+    seed
+        The seed of the random numbers; the command line takes precedence.
     """
     request = _request.get() or NO_REQUEST
     settings = {"evaluator": evaluator, "accuracy": accuracy, "seed": seed} | request.settings

@@ -51,8 +51,10 @@ def build_picture_metadata(kind: str, block: Provenance | None = None) -> dict[s
 def read_block(path: Path) -> tuple[Provenance, dict[str, object]]:
     """Return the provenance block of a file or folder, and the numbers that it documents.
 
-    Raises:
-        InputError: the file or folder cannot be read, or holds no block.
+    Raises
+    ------
+    InputError
+        The file or folder cannot be read, or holds no block.
     """
     if path.is_dir():
         path = next((path / name for name in RECORD_FILES if (path / name).is_file()), path / RECORD_FILES[0])

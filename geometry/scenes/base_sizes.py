@@ -13,10 +13,14 @@ from geometry.scenes.probe import Probe, format_mm
 class BaseSizes:
     """Dimensions of the base in m: a step of the tube's radius below a wider flange; without a flange a disc of that radius.
 
-    Attributes:
-        flange_radius: radius of the flange; the tube's where there is none.
-        thickness: of the flange, or of the disc.
-        step_height: from the higher of the two films to the flange, so that the flange stays whole; 0 without one.
+    Attributes
+    ----------
+    flange_radius
+        Radius of the flange; the tube's where there is none.
+    thickness
+        Of the flange, or of the disc.
+    step_height
+        From the higher of the two films to the flange, so that the flange stays whole; 0 without one.
     """
 
     flange_radius: float
@@ -30,8 +34,10 @@ def base_sizes(probe: Probe) -> BaseSizes:
     A rigid base of which neither the flange's radius nor the step's height is given has no flange. An elastic one has:
     the evaluators model it with one.
 
-    Raises:
-        InputError: the flange is narrower than the tube.
+    Raises
+    ------
+    InputError
+        The flange is narrower than the tube.
     """
     base, radius = probe.base, probe.tube_radius
     thickness = max(0.3 * radius, 1e-3) if base.thickness is None else base.thickness
@@ -54,8 +60,10 @@ def has_flange(probe: Probe) -> bool:
 def assumed_sizes(probe: Probe) -> dict[str, float]:
     """Return the dimensions (m) of the probe's parts that the scene leaves open, by the keys that would give them.
 
-    Raises:
-        InputError: see ``base_sizes``.
+    Raises
+    ------
+    InputError
+        See ``base_sizes``.
     """
     keys = ("flange_radius", "thickness", "step_height") if has_flange(probe) else ("thickness",)
     sizes = base_sizes(probe)

@@ -42,11 +42,16 @@ MODULUS_DIGITS = 4  # of a modulus: enough for values known to some per cent at 
 class PublishedModulus:
     """One published value of Young's modulus.
 
-    Attributes:
-        youngs_modulus: Pa.
-        method: of the test.
-        source, licence: of the value.
-        scatter: standard deviation between samples, Pa; 0 where none is given.
+    Attributes
+    ----------
+    youngs_modulus
+        Pa.
+    method
+        Of the test.
+    source, licence
+        Of the value.
+    scatter
+        Standard deviation between samples, Pa; 0 where none is given.
     """
 
     youngs_modulus: float
@@ -66,17 +71,28 @@ class PublishedModulus:
 class CatalogueMaterial:
     """A material to buy, or to cast by a recipe.
 
-    Attributes:
-        name: as in the catalogue, with its recipe.
-        kind: its use: blocks and phantoms, the base, the films.
-        about: description.
-        youngs_modulus: the value to take, Pa.
-        log_sd: standard deviation of its natural logarithm: its tolerance until the part itself is measured.
-        tolerance: the source of ``log_sd``.
-        published: the values that it rests on; of a recipe, without thinner or at the ratio.
-        process: how parts of it are made, a name in ``geometry/workshop/processes.toml``.
-        numbers: the other keys of its table: ``poisson_ratio``, or of a film ``thickness``, ``d31`` and ``d33``.
-        recipe: what its recipe may be, in words; empty where it has none.
+    Attributes
+    ----------
+    name
+        As in the catalogue, with its recipe.
+    kind
+        Its use: blocks and phantoms, the base, the films.
+    about
+        description.
+    youngs_modulus
+        The value to take, Pa.
+    log_sd
+        Standard deviation of its natural logarithm: its tolerance until the part itself is measured.
+    tolerance
+        The source of ``log_sd``.
+    published
+        The values that it rests on; of a recipe, without thinner or at the ratio.
+    process
+        How parts of it are made, a name in ``geometry/workshop/processes.toml``.
+    numbers
+        The other keys of its table: ``poisson_ratio``, or of a film ``thickness``, ``d31`` and ``d33``.
+    recipe
+        What its recipe may be, in words; empty where it has none.
     """
 
     name: str
@@ -94,8 +110,10 @@ class CatalogueMaterial:
     def poisson_ratio(self) -> float:
         """Poisson's ratio; ``source`` says whether it is assumed.
 
-        Raises:
-            InputError: the material is a film's, whose Poisson's ratio no evaluator uses.
+        Raises
+        ------
+        InputError
+            The material is a film's, whose Poisson's ratio no evaluator uses.
         """
         if "poisson_ratio" not in self.numbers:
             raise InputError("material", self.name, "an elastomer or a base material, which have a Poisson's ratio")
@@ -166,13 +184,19 @@ class CatalogueMaterial:
 def find_material(name: str, *, thinner: float | None = None, ratio: float | None = None) -> CatalogueMaterial:
     """Return a built-in material.
 
-    Args:
-        name: as ``list_materials`` has it; a recipe may follow: ``"ecoflex-00-10 with 30 % thinner"``, ``"sylgard-184 20:1"``.
-        thinner: share of thinner, 0.3 for 30 %, in place of one in the name.
-        ratio: parts of base to one of agent, likewise.
+    Parameters
+    ----------
+    name
+        As ``list_materials`` has it; a recipe may follow: ``"ecoflex-00-10 with 30 % thinner"``, ``"sylgard-184 20:1"``.
+    thinner
+        Share of thinner, 0.3 for 30 %, in place of one in the name.
+    ratio
+        Parts of base to one of agent, likewise.
 
-    Raises:
-        InputError: no material has that name, or no recipe is known with these numbers.
+    Raises
+    ------
+    InputError
+        No material has that name, or no recipe is known with these numbers.
     """
     plain, share, parts = parse_name(name)
     if plain not in read_catalogue():
@@ -200,12 +224,17 @@ def fill_in(table: object, numbers: bool = True) -> object:
     The name takes the catalogue's spelling. Numbers that the table has stay: they were measured of what was cast or bought. A
     modulus may lie up to ``MAX_DEVIATIONS`` sd of ln E from the catalogue's, a Poisson's ratio up to ``MAX_POISSON_DIFFERENCE``.
 
-    Args:
-        table: of a scene file; what is no table, or names no material, is returned as it is.
-        numbers: whether the table takes numbers, as that of a rigid base does not.
+    Parameters
+    ----------
+    table
+        Of a scene file; what is no table, or names no material, is returned as it is.
+    numbers
+        Whether the table takes numbers, as that of a rigid base does not.
 
-    Raises:
-        InputError: there is no such material, it has no Poisson's ratio, or a number beside the name is not one of it.
+    Raises
+    ------
+    InputError
+        There is no such material, it has no Poisson's ratio, or a number beside the name is not one of it.
     """
     if not isinstance(table, Mapping) or not isinstance(table.get("material"), str):
         return table
@@ -224,10 +253,14 @@ def fill_in(table: object, numbers: bool = True) -> object:
 def set_number(table: JsonObject, key: str, value: float) -> None:
     """Set a number of a part's table; remove the material's name if the number is no longer the catalogue's.
 
-    Args:
-        table: of a block, tissue, layer, inclusion or base, or any other.
-        key: in it.
-        value: SI.
+    Parameters
+    ----------
+    table
+        Of a block, tissue, layer, inclusion or base, or any other.
+    key
+        In it.
+    value
+        SI.
     """
     if key in CATALOGUE_NUMBERS and table.get(key) != value:
         table.pop("material", None)

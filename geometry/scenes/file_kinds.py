@@ -27,14 +27,21 @@ _USES = {
 def check_kind(data: Mapping[str, object], name: str, kind: str, allowed: str) -> None:
     """Refuse a file that another command reads, and name what reads it.
 
-    Args:
-        data: the tables of the file.
-        name: of the file, for the message.
-        kind: that is wanted, a key of ``_SECTIONS``.
-        allowed: what such a file has, for the message.
+    Parameters
+    ----------
+    data
+        The tables of the file.
+    name
+        Of the file, for the message.
+    kind
+        That is wanted, a key of ``_SECTIONS``.
+    allowed
+        What such a file has, for the message.
 
-    Raises:
-        InputError: the file has tables of another kind, and none of its own.
+    Raises
+    ------
+    InputError
+        The file has tables of another kind, and none of its own.
     """
     other = next((file_kind for file_kind, sections in _SECTIONS.items() if sections & data.keys()), kind)
     if other == kind or (kind in ("design file", "sweep file") and other == "design or sweep file"):

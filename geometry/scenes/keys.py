@@ -33,10 +33,14 @@ _EXCLUSIVE_KEYS = (
 class Key:
     """One key of a scene file.
 
-    Attributes:
-        name: as the user wrote it.
-        path: table names, list indices and the key, from the top of a scene file.
-        quantity: the quantity that its values are; None for keys without a unit.
+    Attributes
+    ----------
+    name
+        As the user wrote it.
+    path
+        Table names, list indices and the key, from the top of a scene file.
+    quantity
+        The quantity that its values are; None for keys without a unit.
     """
 
     name: str
@@ -56,8 +60,10 @@ class Key:
     def read_bare_value(self, entry: object) -> Value:
         """Convert a value that Python code gives to SI units.
 
-        Raises:
-            InputError: see ``read_value``; or the number is so large that its unit must be missing.
+        Raises
+        ------
+        InputError
+            See ``read_value``; or the number is so large that its unit must be missing.
         """
         if self.quantity is not None:
             try:
@@ -69,8 +75,10 @@ class Key:
     def read_value(self, entry: object, name: str, units_required: bool) -> Value:
         """Convert an entry to a value in SI units; ``name`` stands in messages.
 
-        Raises:
-            InputError: the entry is not a finite number, text or boolean, its unit does not fit, or a required unit is missing.
+        Raises
+        ------
+        InputError
+            The entry is not a finite number, text or boolean, its unit does not fit, or a required unit is missing.
         """
         if isinstance(entry, bool) or (isinstance(entry, str) and self.quantity is None):
             return entry
@@ -86,13 +94,19 @@ class Key:
 def find_key(name: str, base: Mapping[str, object], model: type[BaseModel]) -> Key:
     """Find a key of a scene by its name.
 
-    Args:
-        name: such as ``probe.gap``, ``inclusion[0].depth``; ``inclusion.depth`` where there is one inclusion.
-        base: the tables of the scene.
-        model: of the tables, ``geometry.scenes.scene.Scene``.
+    Parameters
+    ----------
+    name
+        Such as ``probe.gap``, ``inclusion[0].depth``; ``inclusion.depth`` where there is one inclusion.
+    base
+        The tables of the scene.
+    model
+        Of the tables, ``geometry.scenes.scene.Scene``.
 
-    Raises:
-        InputError: no scene has such a key, or this scene does not have the table that contains it.
+    Raises
+    ------
+    InputError
+        No scene has such a key, or this scene does not have the table that contains it.
     """
     parts = [_KEY_PART_PATTERN.fullmatch(part) for part in name.split(".")]
     if None in parts:

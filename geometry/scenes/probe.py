@@ -50,13 +50,20 @@ def _build_quiet_field(default: object) -> Any:
 class Material(Frozen):
     """An isotropic elastic material, by its numbers or by its name in the catalogue.
 
-    Attributes:
-        youngs_modulus: of the material; the storage modulus E' where it is lossy; left out: the named material's.
-        poisson_ratio: likewise.
-        loss_factor: tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
-        material: a name of the catalogue; a number beside it is a measured one, see ``geometry.scenes.catalogue.fill_in``.
-        law: at finite strain, which evaluator contact alone models; its small strains have the modulus and Poisson's ratio above.
-        c2_over_c1, c3_over_c1: Yeoh's constants C2 and C3 over C1, half the shear modulus.
+    Attributes
+    ----------
+    youngs_modulus
+        Of the material; the storage modulus E' where it is lossy; left out: the named material's.
+    poisson_ratio
+        likewise.
+    loss_factor
+        Tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
+    material
+        A name of the catalogue; a number beside it is a measured one, see ``geometry.scenes.catalogue.fill_in``.
+    law
+        At finite strain, which evaluator contact alone models; its small strains have the modulus and Poisson's ratio above.
+    c2_over_c1, c3_over_c1
+        Yeoh's constants C2 and C3 over C1, half the shear modulus.
     """
 
     youngs_modulus: Modulus
@@ -97,14 +104,22 @@ class Base(Frozen):
     Rigid, or elastic with a modulus and a Poisson ratio. The dimensions serve the CAD model, and the
     solver where the base is elastic; see ``geometry.scenes.base_sizes`` for what holds where they are left out.
 
-    Attributes:
-        rigid: whether the base does not give way.
-        youngs_modulus: of an elastic base.
-        poisson_ratio: of an elastic base.
-        material: a name of the catalogue; it gives an elastic base its numbers, and of a rigid one says what it is made of.
-        flange_radius: at least the probe's outer radius.
-        thickness: of the flange.
-        step_height: from the upper face of the higher of the two films to the flange's lower face.
+    Attributes
+    ----------
+    rigid
+        Whether the base does not give way.
+    youngs_modulus
+        Of an elastic base.
+    poisson_ratio
+        Of an elastic base.
+    material
+        A name of the catalogue; it gives an elastic base its numbers, and of a rigid one says what it is made of.
+    flange_radius
+        At least the probe's outer radius.
+    thickness
+        Of the flange.
+    step_height
+        From the upper face of the higher of the two films to the flange's lower face.
     """
 
     rigid: bool = False
@@ -133,9 +148,12 @@ class Base(Frozen):
 class Groove(Frozen):
     """The channel for the inner film's lead: cut radially through the +x side of the outer block's film end.
 
-    Attributes:
-        width: less than the hole's diameter.
-        depth: from the film end, less than the outer block's height.
+    Attributes
+    ----------
+    width
+        Less than the hole's diameter.
+    depth
+        From the film end, less than the outer block's height.
     """
 
     width: PartLength
@@ -149,13 +167,20 @@ class Film(Frozen):
     gives no ``psi1``, ``psi2`` of eq. (12): zero means that lateral stresses add no charge.
     The adhesive counts in the solvers only: it is not part of the CAD model's stack.
 
-    Attributes:
-        thickness: of the film.
-        youngs_modulus: of the film.
-        d31, d32, d33: charge per force along length, breadth and thickness.
-        psi1, psi2: lateral over vertical stress in the film, the paper's eq. (12).
-        adhesive_thickness: of the layer that holds the film, between block and base together.
-        adhesive_modulus: of it; left out: the film's.
+    Attributes
+    ----------
+    thickness
+        Of the film.
+    youngs_modulus
+        Of the film.
+    d31, d32, d33
+        Charge per force along length, breadth and thickness.
+    psi1, psi2
+        Lateral over vertical stress in the film, the paper's eq. (12).
+    adhesive_thickness
+        Of the layer that holds the film, between block and base together.
+    adhesive_modulus
+        Of it; left out: the film's.
     """
 
     thickness: PartLength = 110e-6
@@ -180,14 +205,22 @@ class Probe(Frozen):
     ``inner`` is the paper's block 2 (solid), ``outer`` its block 1 (tube). Exactly one of
     ``area_ratio`` (A2/A1) and ``outer_radius`` is given, and either ``height`` or both block heights.
 
-    Attributes:
-        inner_radius: of the inner block.
-        area_ratio: end area of the inner over that of the outer block; or ``outer_radius``.
-        outer_radius: of the outer block; or ``area_ratio``.
-        gap: between the blocks, so that the hole's radius is inner_radius + gap.
-        height: of both blocks; or one for each.
-        inner_height: of the inner block.
-        outer_height: of the outer block.
+    Attributes
+    ----------
+    inner_radius
+        Of the inner block.
+    area_ratio
+        End area of the inner over that of the outer block; or ``outer_radius``.
+    outer_radius
+        Of the outer block; or ``area_ratio``.
+    gap
+        Between the blocks, so that the hole's radius is inner_radius + gap.
+    height
+        Of both blocks; or one for each.
+    inner_height
+        Of the inner block.
+    outer_height
+        Of the outer block.
     """
 
     inner_radius: PartLength

@@ -17,10 +17,14 @@ _NAME_PATTERN = re.compile(
 class Thinned:
     """Measured moduli of a product with thinner.
 
-    Attributes:
-        thinner: shares added to parts A and B, as the database has them ("A + B + 12.5 % T"), rising.
-        youngs_modulus: of each, Pa.
-        scatter: standard deviation of each, Pa.
+    Attributes
+    ----------
+    thinner
+        Shares added to parts A and B, as the database has them ("A + B + 12.5 % T"), rising.
+    youngs_modulus
+        Of each, Pa.
+    scatter
+        Standard deviation of each, Pa.
     """
 
     thinner: tuple[float, ...]
@@ -35,8 +39,10 @@ class Thinned:
 
             sd = (sd_sample^2 + (ln E_cubic - ln E_line)^2)^(1/2).   (SC.4)
 
-        Raises:
-            InputError: the share was not measured, and lies between none that were.
+        Raises
+        ------
+        InputError
+            The share was not measured, and lies between none that were.
         """
         if not self.thinner[0] <= share <= self.thinner[-1]:
             allowed = f"a share of thinner from {self.thinner[0]:g} to {self.thinner[-1]:g}, as measured: nothing is extrapolated"
@@ -57,10 +63,14 @@ class Thinned:
 class MixingRatio:
     """A modulus by the ratio of base to agent: E = ``modulus`` / ratio, for ratios that were measured.
 
-    Attributes:
-        low, high: the smallest and the largest measured ratio.
-        usual: the ratio used where none is given.
-        modulus: Pa.
+    Attributes
+    ----------
+    low, high
+        The smallest and the largest measured ratio.
+    usual
+        The ratio used where none is given.
+    modulus
+        Pa.
     """
 
     low: float
@@ -71,8 +81,10 @@ class MixingRatio:
     def compute_youngs_modulus(self, ratio: float) -> float:
         """Return E at a ratio, Pa.
 
-        Raises:
-            InputError: the ratio was not measured.
+        Raises
+        ------
+        InputError
+            The ratio was not measured.
         """
         if not self.low <= ratio <= self.high:
             allowed = f"parts of base to one of agent, from {self.low:g} to {self.high:g}, as measured: nothing is extrapolated"
@@ -83,8 +95,10 @@ class MixingRatio:
 def parse_name(text: str) -> tuple[str, float | None, float | None]:
     """Return name, fraction of thinner and mixing ratio of ``"ecoflex-00-10 with 30 % thinner"`` or ``"sylgard-184 20:1"``.
 
-    Raises:
-        InputError: the recipe has text in place of a number.
+    Raises
+    ------
+    InputError
+        The recipe has text in place of a number.
     """
     match = _NAME_PATTERN.fullmatch(text.strip())
     groups: dict[str, str] = match.groupdict() if match else {"name": text}

@@ -28,8 +28,10 @@ Indentation = Annotated[float, Quantity("indentation", "m", "um", 0.0, 10.0)]
 class Layer(Material):
     """A layer of the tissue, bonded to what is above and below it.
 
-    Attributes:
-        thickness: below the layer above, or below the surface.
+    Attributes
+    ----------
+    thickness
+        Below the layer above, or below the surface.
     """
 
     thickness: Length
@@ -60,14 +62,22 @@ class _Layered(Material):
 class CylinderTissue(_Layered):
     """A round piece of tissue, bonded to the table.
 
-    Attributes:
-        shape: of the tissue; it determines the other keys.
-        youngs_modulus: of the tissue below its layers.
-        poisson_ratio: likewise.
-        loss_factor: likewise, tan delta.
-        law, c2_over_c1, c3_over_c1: likewise.
-        radius: of the piece.
-        depth: from its top to the table.
+    Attributes
+    ----------
+    shape
+        Of the tissue; it determines the other keys.
+    youngs_modulus
+        Of the tissue below its layers.
+    poisson_ratio
+        likewise.
+    loss_factor
+        Likewise, tan delta.
+    law, c2_over_c1, c3_over_c1
+        likewise.
+    radius
+        Of the piece.
+    depth
+        From its top to the table.
     """
 
     shape: Literal["cylinder"]
@@ -78,15 +88,24 @@ class CylinderTissue(_Layered):
 class BlockTissue(_Layered):
     """A rectangular piece of tissue, bonded to the table.
 
-    Attributes:
-        shape: of the tissue; it determines the other keys.
-        youngs_modulus: of the tissue below its layers.
-        poisson_ratio: likewise.
-        loss_factor: likewise, tan delta.
-        law, c2_over_c1, c3_over_c1: likewise.
-        length: along x.
-        breadth: along y.
-        depth: from its top to the table.
+    Attributes
+    ----------
+    shape
+        Of the tissue; it determines the other keys.
+    youngs_modulus
+        Of the tissue below its layers.
+    poisson_ratio
+        likewise.
+    loss_factor
+        Likewise, tan delta.
+    law, c2_over_c1, c3_over_c1
+        likewise.
+    length
+        Along x.
+    breadth
+        Along y.
+    depth
+        From its top to the table.
     """
 
     shape: Literal["block"]
@@ -98,12 +117,18 @@ class BlockTissue(_Layered):
 class HalfSpaceTissue(_Layered):
     """Tissue without an end.
 
-    Attributes:
-        shape: of the tissue; it determines the other keys.
-        youngs_modulus: of the tissue below its layers.
-        poisson_ratio: likewise.
-        loss_factor: likewise, tan delta.
-        law, c2_over_c1, c3_over_c1: likewise.
+    Attributes
+    ----------
+    shape
+        Of the tissue; it determines the other keys.
+    youngs_modulus
+        Of the tissue below its layers.
+    poisson_ratio
+        likewise.
+    loss_factor
+        Likewise, tan delta.
+    law, c2_over_c1, c3_over_c1
+        likewise.
     """
 
     shape: Literal["half-space"]
@@ -127,14 +152,22 @@ TISSUE_MODELS: dict[str, type[BaseModel]] = {"cylinder": CylinderTissue, "block"
 class Inclusion(Material):
     """A body inside the tissue: a sphere, an ellipsoid or a closed surface from a file.
 
-    Attributes:
-        diameter: of a sphere.
-        diameters: of an ellipsoid, along axes turned by ``orientation``.
-        orientation: rz, ry, rx in degrees about fixed axes.
-        surface: file name of an STL or STEP surface, in place of a diameter.
-        depth: from the tissue's surface to the centre.
-        x, y: the centre beside the tissue's axis.
-        target: whether ``log_sensitivity`` refers to this one.
+    Attributes
+    ----------
+    diameter
+        Of a sphere.
+    diameters
+        Of an ellipsoid, along axes turned by ``orientation``.
+    orientation
+        Rz, ry, rx in degrees about fixed axes.
+    surface
+        File name of an STL or STEP surface, in place of a diameter.
+    depth
+        From the tissue's surface to the centre.
+    x, y
+        The centre beside the tissue's axis.
+    target
+        Whether ``log_sensitivity`` refers to this one.
     """
 
     diameter: Length | None = None
@@ -160,10 +193,14 @@ class Inclusion(Material):
 class Contact(Frozen):
     """What holds between the blocks' ends and the tissue.
 
-    Attributes:
-        interface: how they hold together.
-        friction: Coulomb's coefficient, where they may open.
-        edge_radius: of the blocks' lower edges; a face ends as far from its walls.
+    Attributes
+    ----------
+    interface
+        How they hold together.
+    friction
+        Coulomb's coefficient, where they may open.
+    edge_radius
+        Of the blocks' lower edges; a face ends as far from its walls.
     """
 
     interface: Interface = "bonded"
@@ -180,9 +217,12 @@ class Contact(Frozen):
 class Placement(Frozen):
     """Where the probe's axis meets the tissue.
 
-    Attributes:
-        x, y: from the middle of the tissue's top.
-        tilt: about the y axis, + lowers the +x side.
+    Attributes
+    ----------
+    x, y
+        From the middle of the tissue's top.
+    tilt
+        About the y axis, + lowers the +x side.
     """
 
     x: Position = 0.0
@@ -193,9 +233,12 @@ class Placement(Frozen):
 class Load(Frozen):
     """How the base is pressed: by a force, or by an indentation.
 
-    Attributes:
-        force: on the base.
-        indentation: of the base, less than the tissue's depth.
+    Attributes
+    ----------
+    force
+        On the base.
+    indentation
+        Of the base, less than the tissue's depth.
     """
 
     force: Force | None = None
@@ -232,12 +275,17 @@ class Scene(Frozen):
     def from_tables(cls, tables: Mapping[str, object], units_required: bool = False) -> Self:
         """Build a scene from the tables of a scene file.
 
-        Args:
-            tables: the tables; quantities are texts with units or SI numbers.
-            units_required: whether a number without a unit is refused where a unit belongs, as in files.
+        Parameters
+        ----------
+        tables
+            The tables; quantities are texts with units or SI numbers.
+        units_required
+            Whether a number without a unit is refused where a unit belongs, as in files.
 
-        Raises:
-            InputError: a value is missing or not allowed.
+        Raises
+        ------
+        InputError
+            A value is missing or not allowed.
         """
         try:
             return cls.model_validate(tables, context={"units_required": units_required})
@@ -247,21 +295,27 @@ class Scene(Frozen):
     def replace(self, changes: Mapping[str, Value]) -> Self:
         """Return the scene with other values; the scene itself stays as it is.
 
-        Args:
-            changes: new values by the keys of the scene file: ``probe.gap``, ``tissue.layer[0].thickness``,
-                ``inclusion[1].depth``, or ``inclusion.depth`` where there is one inclusion. A value is a text with its unit,
-                ``"0.2 mm"``, or an SI number.
+        Parameters
+        ----------
+        changes
+            New values by the keys of the scene file: ``probe.gap``, ``tissue.layer[0].thickness``, ``inclusion[1].depth``, or
+            ``inclusion.depth`` where there is one inclusion. A value is a text with its unit, ``"0.2 mm"``, or an SI number.
 
-        Returns:
+        Returns
+        -------
+        Self
             The new scene. A key that excludes a new one is gone, as ``area_ratio`` where ``outer_radius`` is new; a varied
             material has lost its name.
 
-        Raises:
-            InputError: there is no such key, or the new scene is not allowed.
+        Raises
+        ------
+        InputError
+            There is no such key, or the new scene is not allowed.
 
-        Example:
-            >>> scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01}).probe.gap  # doctest: +SKIP
-            0.0002
+        Examples
+        --------
+        >>> scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01}).probe.gap  # doctest: +SKIP
+        0.0002
         """
         tables = self.model_dump(exclude_unset=True)
         keys = [find_key(name, tables, Scene) for name in changes]

@@ -15,8 +15,10 @@ from geometry.scenes.scene import Scene
 def read_scene(path: Path | str) -> Scene:
     """Read the scene file at ``path``; names of surface files in it are relative to its folder.
 
-    Raises:
-        InputError: the file is missing, no TOML, empty, or says something that is not allowed.
+    Raises
+    ------
+    InputError
+        The file is missing, no TOML, empty, or says something that is not allowed.
     """
     scene, folder = scene_from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
     if all(body.surface is None for body in scene.inclusion):
@@ -31,8 +33,10 @@ def read_scene(path: Path | str) -> Scene:
 def load_scene(scene: Scene | Path | str) -> Scene:
     """Return a scene as it is, or read it from a file.
 
-    Raises:
-        InputError: it is neither a scene nor the name of a file, or the file cannot be read.
+    Raises
+    ------
+    InputError
+        It is neither a scene nor the name of a file, or the file cannot be read.
     """
     if isinstance(scene, Scene):
         return scene
@@ -71,8 +75,10 @@ def scene_to_toml(scene: Scene) -> str:
 def find_scene(entry: object, folder: Path) -> Scene:
     """Return the scene given by another file's key ``scene``: a ``Scene``, the name of a file in a folder, or its tables.
 
-    Raises:
-        InputError: it gives no scene, or one that is not allowed.
+    Raises
+    ------
+    InputError
+        It gives no scene, or one that is not allowed.
     """
     if isinstance(entry, Scene):
         return entry

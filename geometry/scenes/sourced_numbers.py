@@ -13,10 +13,14 @@ MAX_LINE_CHARACTERS = 118  # characters of a line
 class Number:
     """A number of a tissue or a material.
 
-    Attributes:
-        value: as a scene file has it, with its unit.
-        source: the publication, or "assumed" and why.
-        scatter: between people or samples, as published; empty for what is assumed.
+    Attributes
+    ----------
+    value
+        As a scene file has it, with its unit.
+    source
+        The publication, or "assumed" and why.
+    scatter
+        Between people or samples, as published; empty for what is assumed.
     """
 
     value: str | float

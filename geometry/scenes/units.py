@@ -49,12 +49,18 @@ UNIT_FACTORS = {
 class Quantity:
     """A physical quantity as a pydantic annotation: text with a unit in files, an SI float in Python.
 
-    Args:
-        name: what it is, for messages ("length").
-        si: its SI unit, as pint reads it.
-        unit: the unit in which it is written and shown.
-        low, high: the bounds, SI.
-        bare: the size, SI, above which a number that Python code gives without a unit has surely lost one.
+    Parameters
+    ----------
+    name
+        What it is, for messages ("length").
+    si
+        Its SI unit, as pint reads it.
+    unit
+        The unit in which it is written and shown.
+    low, high
+        The bounds, SI.
+    bare
+        The size, SI, above which a number that Python code gives without a unit has surely lost one.
     """
 
     name: str
@@ -109,8 +115,10 @@ class Quantity:
     def read(self, key: str, entry: object, units_required: bool = True) -> float:
         """Return the SI value that is given for a key.
 
-        Raises:
-            InputError: it is no such quantity, or out of range.
+        Raises
+        ------
+        InputError
+            It is no such quantity, or out of range.
         """
         try:
             return self.convert(entry, units_required)
@@ -151,8 +159,10 @@ MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
 def read_number(key: str, entry: object, allowed: str) -> float:
     """Return a number, also from a text; its range is checked by the caller.
 
-    Raises:
-        InputError: it is none; ``allowed`` says what is one.
+    Raises
+    ------
+    InputError
+        It is none; ``allowed`` says what is one.
     """
     if entry is None:
         raise InputError(key, Words("missing"), allowed)
@@ -167,8 +177,10 @@ def read_number(key: str, entry: object, allowed: str) -> float:
 def read_fraction(key: str, entry: object, allowed: str) -> float:
     """Return a fraction from a number or a text such as ``"0.02"`` or ``"2 %"``; its range is checked by the caller.
 
-    Raises:
-        InputError: it is none; ``allowed`` says what is one.
+    Raises
+    ------
+    InputError
+        It is none; ``allowed`` says what is one.
     """
     text = entry.strip() if isinstance(entry, str) else entry
     if not isinstance(text, str) or not text.endswith("%"):

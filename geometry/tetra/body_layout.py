@@ -62,18 +62,30 @@ class Ellipsoid:
 class BodyLayout:
     """Lengths in m, in the probe's axes: origin on its axis in the tissue's top plane, z out of the tissue.
 
-    Attributes:
-        inner, hole, tube: radii of the solid cylinder, the hole and the tube.
-        inner_height, outer_height: of the blocks.
-        groove: half its width and its depth, or None.
-        centre: the tissue's axis, (2,).
-        tissue_radius: of round tissue, or None for a block.
-        sides: half the length and half the breadth of a block.
-        depth: of the tissue.
-        interfaces: depths of the planes between its layers, from the surface downwards.
-        wall: radius of the reference cylinder where it is not the tissue's own side, or None.
-        inclusions: in the scene's order.
-        half: whether only y >= 0 is meshed.
+    Attributes
+    ----------
+    inner, hole, tube
+        Radii of the solid cylinder, the hole and the tube.
+    inner_height, outer_height
+        Of the blocks.
+    groove
+        Half its width and its depth, or None.
+    centre
+        The tissue's axis, (2,).
+    tissue_radius
+        Of round tissue, or None for a block.
+    sides
+        Half the length and half the breadth of a block.
+    depth
+        Of the tissue.
+    interfaces
+        Depths of the planes between its layers, from the surface downwards.
+    wall
+        Radius of the reference cylinder where it is not the tissue's own side, or None.
+    inclusions
+        In the scene's order.
+    half
+        Whether only y >= 0 is meshed.
     """
 
     inner: float
@@ -118,8 +130,10 @@ class BodyLayout:
 def check_fit(layout: BodyLayout, names: tuple[str, ...], extent: float) -> None:
     """Refuse bodies that leave the tissue or overlap; ``names`` of their files, "" without; ``extent`` of the tissue in m.
 
-    Raises:
-        Refusal: of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue is too small for a body.
+    Raises
+    ------
+    Refusal
+        Of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue is too small for a body.
     """
     for index, (body, name) in enumerate(zip(layout.inclusions, names, strict=True)):
         left = _describe_excess(layout, body)

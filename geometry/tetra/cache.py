@@ -46,23 +46,36 @@ def read_or_make_mesh(
 
     A cache that cannot be read or written costs time only. It keeps nothing of a mesh that was not finished.
 
-    Args:
-        scene: the scene.
-        fineness: ``ROUGH_FINENESS``, ``COARSE_FINENESS``, ``FINE_FINENESS`` or other sizes.
-        half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
-        tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
-            reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
-        reference_radius: of the reference cylinder about the probe's axis, in m; left out, the tissue's own side where it is
-            coaxial, else as large as there is room for.
+    Parameters
+    ----------
+    scene
+        The scene.
+    fineness
+        ``ROUGH_FINENESS``, ``COARSE_FINENESS``, ``FINE_FINENESS`` or other sizes.
+    half
+        Mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
+    tissue_extent
+        Radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that reaches further
+        becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
+    reference_radius
+        Of the reference cylinder about the probe's axis, in m; left out, the tissue's own side where it is coaxial, else as large
+        as there is room for.
 
-    Returns:
+    Returns
+    -------
+    TetMesh
         The mesh, nodes in m.
 
-    Raises:
-        InputError: a surface file that cannot be used.
-        Refusal: see ``geometry.tetra.layout.build_layout``.
-        SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
-        KeyboardInterrupt: Ctrl-C, at once.
+    Raises
+    ------
+    InputError
+        A surface file that cannot be used.
+    Refusal
+        See ``geometry.tetra.layout.build_layout``.
+    SolveError
+        No mesh passed the checks, or pytetwild failed; the text says why.
+    KeyboardInterrupt
+        Ctrl-C, at once.
     """
     layout = build_layout(scene, half, find_extent(scene, tissue_extent), reference_radius)
     path = find_cache_folder() / f"{compute_key(layout, fineness)}.mesh"

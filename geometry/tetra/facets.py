@@ -35,14 +35,22 @@ def halve_triangles(
     An edge is cut while its middle lies, in the mesher's space, beside its surface's image by more than a tenth of the size of
     the tetrahedra wanted there, or of the distance to an inclusion. What is closed stays so: all triangles of an edge are cut.
 
-    Args:
-        points: (n, 3) of the scene, in m.
-        triangles: (t, 3) of all surfaces.
-        layout: the bodies.
-        fineness: of the tetrahedra.
-        space: the mesher's.
+    Parameters
+    ----------
+    points
+        (n, 3) of the scene, in m.
+    triangles
+        (t, 3) of all surfaces.
+    layout
+        The bodies.
+    fineness
+        Of the tetrahedra.
+    space
+        The mesher's.
 
-    Returns:
+    Returns
+    -------
+    tuple[Points, Triangles]
         The points, with those added behind them, and the triangles.
     """
     outer = [

@@ -35,13 +35,20 @@ _MAX_MOVE_RELATIVE = 0.5  # of its shortest edge: how far a corner moves to wher
 class LayeredCells:
     """Straight tetrahedra that no plane between layers crosses.
 
-    Attributes:
-        points: (n, 3) in m.
-        cells: (t, 4).
-        parent: of each the tetrahedron that it was cut from, (t,).
-        layer: of each, as in ``TetMesh``, (t,).
-        faces: between bodies, between layers and outside, (f, 3).
-        chosen: the surface that each face stands for, (f,).
+    Attributes
+    ----------
+    points
+        (n, 3) in m.
+    cells
+        (t, 4).
+    parent
+        Of each the tetrahedron that it was cut from, (t,).
+    layer
+        Of each, as in ``TetMesh``, (t,).
+    faces
+        Between bodies, between layers and outside, (f, 3).
+    chosen
+        The surface that each face stands for, (f,).
     """
 
     points: Points
@@ -63,16 +70,25 @@ def cut_by_planes(
 ) -> LayeredCells:
     """Cut straight tetrahedra (t, 4) of bodies (t,) by all planes between layers.
 
-    Args:
-        layout: the bodies.
-        surfaces: all exact ones, the planes between layers last.
-        points: corners, (n, 3).
-        cells: (t, 4).
-        body: of each tetrahedron.
-        member: which surfaces each corner lies on, (n, surfaces).
+    Parameters
+    ----------
+    layout
+        The bodies.
+    surfaces
+        All exact ones, the planes between layers last.
+    points
+        Corners, (n, 3).
+    cells
+        (t, 4).
+    body
+        Of each tetrahedron.
+    member
+        Which surfaces each corner lies on, (n, surfaces).
 
-    Raises:
-        SolveError: bodies touch that do not in the scene.
+    Raises
+    ------
+    SolveError
+        Bodies touch that do not in the scene.
     """
     parent, first = np.arange(len(cells)), len(surfaces) - len(layout.interfaces)
     for plane, depth in enumerate(layout.interfaces, first):

@@ -35,17 +35,25 @@ def find_extent(scene: Scene, tissue_extent: float | None) -> float:
 def build_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> BodyLayout:
     """Read a scene into its bodies in the probe's axes.
 
-    Args:
-        scene: the scene.
-        half: whether only y >= 0 is meshed.
-        tissue_extent: radius and depth in m that stand for a half-space's; other tissue that reaches further to its sides
-            becomes a cylinder of that radius about the probe's axis, and deeper tissue becomes as deep. See ``find_extent``.
-        reference_radius: of the reference cylinder in m; None for the tissue's own side where that is coaxial, else a large one.
+    Parameters
+    ----------
+    scene
+        The scene.
+    half
+        Whether only y >= 0 is meshed.
+    tissue_extent
+        Radius and depth in m that stand for a half-space's; other tissue that reaches further to its sides becomes a cylinder of
+        that radius about the probe's axis, and deeper tissue becomes as deep. See ``find_extent``.
+    reference_radius
+        Of the reference cylinder in m; None for the tissue's own side where that is coaxial, else a large one.
 
-    Raises:
-        InputError: a surface file that cannot be read.
-        Refusal: half of a scene that is not its own mirror image, a reference cylinder or an extent out of range, or bodies
-            that leave the tissue or overlap.
+    Raises
+    ------
+    InputError
+        A surface file that cannot be read.
+    Refusal
+        Half of a scene that is not its own mirror image, a reference cylinder or an extent out of range, or bodies that leave the
+        tissue or overlap.
     """
     probe, placement = scene.probe, scene.placement
     if half and not is_mirror_symmetric(scene):

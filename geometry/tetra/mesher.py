@@ -93,13 +93,19 @@ class Mesher:
 def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:
     """Mesh regular layouts by netgen; others, and those of which it makes no mesh that passes the checks, by pytetwild.
 
-    Returns:
+    Returns
+    -------
+    tuple[TetMesh, Timing]
         The mesh with the smallest volume error of those that passed the checks, and how long all trials took.
 
-    Raises:
-        SolveError: none passed, or pytetwild took longer than its limit twice; the text says why.
-        LimitReached: the time is over before there is a mesh.
-        KeyboardInterrupt: Ctrl-C, at once.
+    Raises
+    ------
+    SolveError
+        None passed, or pytetwild took longer than its limit twice; the text says why.
+    LimitReached
+        The time is over before there is a mesh.
+    KeyboardInterrupt
+        Ctrl-C, at once.
     """
     if is_regular(layout):
         with suppress(SolveError):

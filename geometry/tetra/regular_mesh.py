@@ -42,9 +42,12 @@ def is_regular(layout: BodyLayout) -> bool:
 def mesh_regular_layout(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, patience: float) -> TetMesh:
     """Mesh a regular layout; ``space`` says how sizes grow far away, ``patience`` is in s.
 
-    Raises:
-        TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.
-        SolveError: a piece is in no body, or in two.
+    Raises
+    ------
+    TooLong, Failure, KeyboardInterrupt
+        See ``geometry.processes.programs.run_program``.
+    SolveError
+        A piece is in no body, or in two.
     """
     pieces = build_shapes(layout, fineness, space).mesh(patience)
     body, is_beyond, layer = _label_pieces(layout, space, choose_corners(layout, fineness.corners), pieces)

@@ -28,15 +28,24 @@ _OUTSIDE_DISTANCE_FACTOR = 1.1  # times the tissue's size: from where on points 
 class TetraFineness:
     """Sizes of tetrahedra relative to the bodies', and how they grow.
 
-    Attributes:
-        groove: at the groove, over its width or depth, whichever is less.
-        rim: at the gap's rims, over the solid cylinder's radius.
-        block: in the blocks, over that radius.
-        wall: in the tube's wall and along the blocks' heights, over these.
-        sphere: at inclusions, over their smallest radius.
-        layer: between inclusion and surface or interface, over their distance, and in layers of tissue, over their thickness.
-        growth: with the distance from all these.
-        corners: of the polygons that stand for circles, a multiple of 4.
+    Attributes
+    ----------
+    groove
+        At the groove, over its width or depth, whichever is less.
+    rim
+        At the gap's rims, over the solid cylinder's radius.
+    block
+        In the blocks, over that radius.
+    wall
+        In the tube's wall and along the blocks' heights, over these.
+    sphere
+        At inclusions, over their smallest radius.
+    layer
+        Between inclusion and surface or interface, over their distance, and in layers of tissue, over their thickness.
+    growth
+        With the distance from all these.
+    corners
+        Of the polygons that stand for circles, a multiple of 4.
     """
 
     groove: float

@@ -21,12 +21,18 @@ _MAX_LENGTH_PER_BODY_DISTANCE = 0.5  # of their distance from an inclusion's mid
 class MeshSpace:
     """A one-to-one map of the scene, in the probe's axes, to the mesher's space; lengths in m.
 
-    Attributes:
-        radii: 0, the solid cylinder's, the hole's and the tube's radius, and a radius for the rest: (5,), rising.
-        moved: by how much each of them grows towards the mesher's space: (5,), its first and last two zero.
-        rising: by how much they grow further with each m of height above the tissue: (5,).
-        fade: depth of tissue at which the widened gap has faded.
-        linear_radius: distance from the origin beyond which lengths shrink, as the logarithm does.
+    Attributes
+    ----------
+    radii
+        0, the solid cylinder's, the hole's and the tube's radius, and a radius for the rest: (5,), rising.
+    moved
+        By how much each of them grows towards the mesher's space: (5,), its first and last two zero.
+    rising
+        By how much they grow further with each m of height above the tissue: (5,).
+    fade
+        Depth of tissue at which the widened gap has faded.
+    linear_radius
+        Distance from the origin beyond which lengths shrink, as the logarithm does.
     """
 
     radii: tuple[float, ...]
@@ -77,10 +83,14 @@ class MeshSpace:
 class Spacing:
     """The maximum length of triangle edges on the tissue's faces.
 
-    Attributes:
-        linear_radius: distance from the probe beyond which lengths shrink in the mesher's space.
-        bodies: middles of inclusions, (b, 3).
-        largest: what they are nowhere above.
+    Attributes
+    ----------
+    linear_radius
+        Distance from the probe beyond which lengths shrink in the mesher's space.
+    bodies
+        Middles of inclusions, (b, 3).
+    largest
+        What they are nowhere above.
     """
 
     linear_radius: float

@@ -41,12 +41,18 @@ _DISTANCE_TOLERANCE = 0.1  # relative
 class Sheet:
     """A triangulated surface in the probe's axes, in m.
 
-    Attributes:
-        points: (n, 3).
-        triangles: (t, 3) indices of points.
-        centre: the inclusion's, (3,).
-        fewer: triangles that follow a surface of very many, or None where there are none.
-        decimation_error: how far these are from it.
+    Attributes
+    ----------
+    points
+        (n, 3).
+    triangles
+        (t, 3) indices of points.
+    centre
+        The inclusion's, (3,).
+    fewer
+        Triangles that follow a surface of very many, or None where there are none.
+    decimation_error
+        How far these are from it.
     """
 
     points: Points
@@ -138,8 +144,10 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
     A surface that is open, crosses itself or is turned inside out is accepted if its winding numbers still distinguish inside
     from outside.
 
-    Raises:
-        InputError: the file cannot be read, holds no triangles, or does not define an inside.
+    Raises
+    ------
+    InputError
+        The file cannot be read, holds no triangles, or does not define an inside.
     """
     check_surface_name(name, key)
     content = read_bytes(name, key, "an STL or STEP file", LARGEST_FILE)
@@ -160,8 +168,10 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
 def _read_triangles(suffix: str, content: bytes) -> Arrays:
     """Return the result of ``geometry/cad/surface_program.py`` for a file; the latest results are cached.
 
-    Raises:
-        Failure: it cannot be read.
+    Raises
+    ------
+    Failure
+        It cannot be read.
     """
     with tempfile.TemporaryDirectory(prefix="surface-", ignore_cleanup_errors=True) as folder:
         path = Path(folder, f"surface{suffix}")

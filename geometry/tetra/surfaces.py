@@ -29,13 +29,19 @@ _OCTAHEDRON_FACES = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 
 class Corners:
     """Directions, seen from the probe's axis, of the corners of the polygons that stand for circles.
 
-    Attributes:
-        hole: at the solid cylinder and the hole, (n,), rising from -pi to pi or, for half a scene, from 0 to pi.
-        tube: at the tube's outside.
-        side: at the reference cylinder and the tissue's side.
-        hole_radius: of the hole's polygon, drawn round the circle and not into it: nodes that go from it to the circle stretch
-            the tube's tetrahedra there, which they would flatten otherwise.
-        across: index of the middle (+x) and how many corners from it the groove's sides lie, 0 without a groove.
+    Attributes
+    ----------
+    hole
+        At the solid cylinder and the hole, (n,), rising from -pi to pi or, for half a scene, from 0 to pi.
+    tube
+        At the tube's outside.
+    side
+        At the reference cylinder and the tissue's side.
+    hole_radius
+        Of the hole's polygon, drawn round the circle and not into it: nodes that go from it to the circle stretch the tube's
+        tetrahedra there, which they would flatten otherwise.
+    across
+        Index of the middle (+x) and how many corners from it the groove's sides lie, 0 without a groove.
     """
 
     hole: Points
@@ -62,12 +68,18 @@ def choose_corners(layout: BodyLayout, count: int) -> Corners:
 def build_surfaces(layout: BodyLayout, turns: Corners, linear_radius: float, rows: int, sphere: int) -> Soup:
     """Build all surfaces but the plane of symmetry.
 
-    Args:
-        layout: the bodies.
-        turns: directions of the polygons' corners.
-        linear_radius: distance beyond which lengths shrink in the mesher's space.
-        rows: of quadrilaterals down round tissue.
-        sphere: triangles to a right angle of an ellipsoid.
+    Parameters
+    ----------
+    layout
+        The bodies.
+    turns
+        Directions of the polygons' corners.
+    linear_radius
+        Distance beyond which lengths shrink in the mesher's space.
+    rows
+        Of quadrilaterals down round tissue.
+    sphere
+        Triangles to a right angle of an ellipsoid.
     """
     soups = [*_build_blocks(layout, turns), *_build_tissue(layout, turns, linear_radius, rows)]
     for body in layout.inclusions:

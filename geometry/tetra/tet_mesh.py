@@ -20,15 +20,22 @@ FACE_CORNERS = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # opposit
 class TetMesh:
     """Quadratic tetrahedra in the probe's axes: origin on its axis in the tissue's top plane, z out of the tissue.
 
-    Attributes:
-        nodes: (n, 3) in m.
-        elements: (t, 10) indices of nodes in VTK's order: four corners, then the middles of ``EDGE_CORNERS``.
-        body: (t,) ``INNER_BODY``, ``OUTER_BODY``, ``GROOVE_BODY`` (the groove), ``TISSUE_BODY``, ``BEYOND_BODY`` (tissue
-            outside the reference cylinder) or ``FIRST_INCLUSION_BODY`` + the inclusion's index in the scene.
-        beyond: (t,) whether the element lies outside the reference cylinder: all of ``BEYOND_BODY``, and inclusions there.
-        layer: (t,) the layer of tissue that the element lies in, or whose place an inclusion takes: 1 for the first below the
-            surface and so on, 0 for the tissue's own material and the blocks.
-        half: whether only the half y >= 0 of a mirror-symmetric scene is meshed.
+    Attributes
+    ----------
+    nodes
+        (n, 3) in m.
+    elements
+        (t, 10) indices of nodes in VTK's order: four corners, then the middles of ``EDGE_CORNERS``.
+    body
+        (t,) ``INNER_BODY``, ``OUTER_BODY``, ``GROOVE_BODY`` (the groove), ``TISSUE_BODY``, ``BEYOND_BODY`` (tissue outside the
+        reference cylinder) or ``FIRST_INCLUSION_BODY`` + the inclusion's index in the scene.
+    beyond
+        (t,) whether the element lies outside the reference cylinder: all of ``BEYOND_BODY``, and inclusions there.
+    layer
+        (t,) the layer of tissue that the element lies in, or whose place an inclusion takes: 1 for the first below the surface
+        and so on, 0 for the tissue's own material and the blocks.
+    half
+        Whether only the half y >= 0 of a mirror-symmetric scene is meshed.
     """
 
     nodes: Points

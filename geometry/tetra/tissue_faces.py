@@ -34,12 +34,18 @@ _MIN_BOUNDARY_DISTANCE, _MIN_POINT_DISTANCE = (
 class Face:
     """A part of the tissue's surface, rolled out into a plane.
 
-    Attributes:
-        lift: points (n, 2) of the plane to the scene (n, 3).
-        bound: (n, 2) on its convex boundary.
-        clear: how far points (n, 2) are inside the boundary.
-        feet: (f, 2) nearest to inclusions and probe; seen from these, the first direction stands for all.
-        hole: (n, 2) corners of a ring about the origin that it leaves out, or none.
+    Attributes
+    ----------
+    lift
+        Points (n, 2) of the plane to the scene (n, 3).
+    bound
+        (n, 2) on its convex boundary.
+    clear
+        How far points (n, 2) are inside the boundary.
+    feet
+        (f, 2) nearest to inclusions and probe; seen from these, the first direction stands for all.
+    hole
+        (n, 2) corners of a ring about the origin that it leaves out, or none.
     """
 
     lift: Callable[[Points], Points]

@@ -27,13 +27,20 @@ def write_assembly_order(
 ) -> str:  # fmt: skip
     """Return the Markdown page with the order of assembly.
 
-    Args:
-        probe: the probe to be built.
-        stamp: stamp of the design.
-        patterns: patterns of the films.
-        moulds: moulds of the cast blocks.
-        budget: see ``geometry.workshop.tolerance.Budget``.
-        scatter: contributions to the ratio's scatter, see ``geometry.workshop.csv_lists.compute_scatter_of_ratio``.
+    Parameters
+    ----------
+    probe
+        The probe to be built.
+    stamp
+        Stamp of the design.
+    patterns
+        Patterns of the films.
+    moulds
+        Moulds of the cast blocks.
+    budget
+        See ``geometry.workshop.tolerance.Budget``.
+    scatter
+        Contributions to the ratio's scatter, see ``geometry.workshop.csv_lists.compute_scatter_of_ratio``.
     """
     steps = [
         *_list_casting_steps(probe, moulds),

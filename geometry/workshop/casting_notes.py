@@ -15,9 +15,12 @@ from geometry.workshop.tolerance import CASTING_PROCESS, MACHINING_PROCESS, Budg
 def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:
     """Return the notes on a cast block's drawing, one line each.
 
-    Args:
-        mould: the block's mould.
-        budget: the ratio's budget, with the standard deviation of the block's modulus.
+    Parameters
+    ----------
+    mould
+        The block's mould.
+    budget
+        The ratio's budget, with the standard deviation of the block's modulus.
     """
     sizes = [
         f"{name} {format_number(size)} \N{PLUS-MINUS SIGN}{format_deviation(_find_mould_deviation(size))}"

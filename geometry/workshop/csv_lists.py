@@ -73,12 +73,18 @@ def _describe_adhesive(probe: Probe) -> tuple[str, str, str, str]:
 class HeldDimension:
     """A dimension with the tolerance that its drawing states.
 
-    Attributes:
-        measure: the dimension as drawn.
-        part: the part on whose drawing it stands.
-        held: its tolerance.
-        log_sensitivity: d ln ratio / d ln size; None where the ratio does not depend on the size, or this is unknown.
-        wanted: deviation in mm that the ratio's budget allows; None in the same cases.
+    Attributes
+    ----------
+    measure
+        The dimension as drawn.
+    part
+        The part on whose drawing it stands.
+    held
+        Its tolerance.
+    log_sensitivity
+        d ln ratio / d ln size; None where the ratio does not depend on the size, or this is unknown.
+    wanted
+        Deviation in mm that the ratio's budget allows; None in the same cases.
     """
 
     measure: Measure

@@ -33,11 +33,16 @@ STANDARD_SCALES = [
 def draw_part(part: PartView, stamp: Stamp, budget: Budget, extra: tuple[str, ...] = ()) -> DrawingSheet:
     """Draw a part on a sheet of suitable size at a suitable scale.
 
-    Args:
-        part: the part to be drawn.
-        stamp: stamp of the design.
-        budget: see ``geometry.workshop.tolerance.Budget``.
-        extra: notes in addition to those on assumed sizes.
+    Parameters
+    ----------
+    part
+        The part to be drawn.
+    stamp
+        Stamp of the design.
+    budget
+        See ``geometry.workshop.tolerance.Budget``.
+    extra
+        Notes in addition to those on assumed sizes.
     """
     note_lines = [*extra, *_list_assumptions(part)]
     material = stamp.materials.get(part.name)

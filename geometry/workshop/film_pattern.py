@@ -45,12 +45,18 @@ Pattern = dict[str, tuple[Loop, ...]]
 class FilmPattern:
     """The pattern of a film.
 
-    Attributes:
-        name: name of the film.
-        layers: outlines by layer.
-        inset: distance between the electrodes and the edge, mm.
-        active: area where both electrodes face each other, over the area of the block's end that the film covers.
-        exit: where its leads leave: "groove", "gap", "outside", or "" where they cannot.
+    Attributes
+    ----------
+    name
+        Name of the film.
+    layers
+        Outlines by layer.
+    inset
+        Distance between the electrodes and the edge, mm.
+    active
+        Area where both electrodes face each other, over the area of the block's end that the film covers.
+    exit
+        Where its leads leave: "groove", "gap", "outside", or "" where they cannot.
     """
 
     name: str

@@ -14,15 +14,24 @@ from geometry.scenes.probe import Probe
 class Millimetres:
     """A probe's dimensions in mm; 0 for a groove, films or round edges that it does not have.
 
-    Attributes:
-        r2, ri, ro: radii of the inner block, the hole and the tube.
-        h2, h1: heights of the inner and the outer block.
-        t: thickness of the films.
-        half_width, depth: half the groove's width, and its depth.
-        edge: radius of the blocks' lower edges.
-        low, side: heights of the base's lower faces over the inner and the outer block.
-        rf: radius of the flange; that of the tube without a flange.
-        flange_bottom, top: heights of the flange's lower and upper face.
+    Attributes
+    ----------
+    r2, ri, ro
+        Radii of the inner block, the hole and the tube.
+    h2, h1
+        Heights of the inner and the outer block.
+    t
+        Thickness of the films.
+    half_width, depth
+        Half the groove's width, and its depth.
+    edge
+        Radius of the blocks' lower edges.
+    low, side
+        Heights of the base's lower faces over the inner and the outer block.
+    rf
+        Radius of the flange; that of the tube without a flange.
+    flange_bottom, top
+        Heights of the flange's lower and upper face.
     """
 
     r2: float
@@ -55,8 +64,10 @@ class Millimetres:
 def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
     """Return a probe's dimensions in mm; ``edge_radius`` is that of the blocks' lower edges, m.
 
-    Raises:
-        InputError: see ``geometry.scenes.base_sizes.base_sizes``.
+    Raises
+    ------
+    InputError
+        See ``geometry.scenes.base_sizes.base_sizes``.
     """
     sizes, (low, side), mm = base_sizes(probe), solids.find_film_tops(probe), solids.MM_PER_M
     flange_bottom = max(low, side) * mm + sizes.step_height * mm

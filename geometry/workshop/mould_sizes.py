@@ -37,15 +37,24 @@ MAX_POUR_RADIUS_MM, MAX_VENT_RADIUS_MM = 1.5, 0.5  # mm: radii of the holes, sma
 class MouldSizes:
     """The sizes of a mould, mm.
 
-    Attributes:
-        name: name of the block.
-        inner, outer: radii of the cavity at its floor and at the parting plane; ``inner`` is 0 for the solid block.
-        height: height of the cavity.
-        edge: radius of the round edges at the floor.
-        half_width, depth: half width and depth of the rib that forms the groove.
-        pour, vent: radii of the holes in the lid.
-        draft: draft angle of the walls, rad.
-        shrinkage: linear shrinkage.
+    Attributes
+    ----------
+    name
+        Name of the block.
+    inner, outer
+        Radii of the cavity at its floor and at the parting plane; ``inner`` is 0 for the solid block.
+    height
+        Height of the cavity.
+    edge
+        Radius of the round edges at the floor.
+    half_width, depth
+        Half width and depth of the rib that forms the groove.
+    pour, vent
+        Radii of the holes in the lid.
+    draft
+        Draft angle of the walls, rad.
+    shrinkage
+        Linear shrinkage.
     """
 
     name: str
@@ -91,14 +100,21 @@ def compute_mould_sizes(
 ) -> tuple[MouldSizes, ...]:
     """Return the moulds of the inner and the outer block.
 
-    Args:
-        probe: the probe.
-        edge_radius: radius of the blocks' lower edges, m.
-        shrinkage: linear shrinkage of the elastomer while it cures.
-        draft: largest draft angle of the walls, rad; see ``choose_draft``.
+    Parameters
+    ----------
+    probe
+        The probe.
+    edge_radius
+        Radius of the blocks' lower edges, m.
+    shrinkage
+        Linear shrinkage of the elastomer while it cures.
+    draft
+        Largest draft angle of the walls, rad; see ``choose_draft``.
 
-    Raises:
-        InputError: shrinkage or draft is outside its range.
+    Raises
+    ------
+    InputError
+        Shrinkage or draft is outside its range.
     """
     if not 0 <= shrinkage <= MAX_SHRINKAGE:
         raise InputError("shrinkage", Words(f"{shrinkage:g}"), f"a number from 0 to {MAX_SHRINKAGE:g}: of every length")

@@ -42,10 +42,14 @@ def format_file_name(mould: MouldSizes, half: str) -> str:
 def write_half(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
     """Build a half, write it as STEP and check the file.
 
-    Raises:
-        ExportError: the modeller fails, or the file's volume differs from the formulas.
-        MissingLibrary: see ``geometry.cad.solids.load_cadquery``.
-        OSError: the file cannot be written.
+    Raises
+    ------
+    ExportError
+        The modeller fails, or the file's volume differs from the formulas.
+    MissingLibrary
+        See ``geometry.cad.solids.load_cadquery``.
+    OSError
+        The file cannot be written.
     """
     name = f"mould-{mould.name}-{half}"
     solids.load_cadquery()

@@ -31,14 +31,21 @@ HATCH_OF_PART = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-out
 def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
     """Write the overview of a probe as a PNG of 2400 x 1350 pixels, dimensions in mm; return ``path``.
 
-    Args:
-        probe: the probe to be drawn.
-        path: path of the PNG.
-        edge_radius: radius of the blocks' lower edges, m; 0: sharp.
+    Parameters
+    ----------
+    probe
+        The probe to be drawn.
+    path
+        Path of the PNG.
+    edge_radius
+        Radius of the blocks' lower edges, m; 0: sharp.
 
-    Raises:
-        ExportError, InputError, MissingLibrary: see ``solids.build_parts``.
-        OSError: the file cannot be written.
+    Raises
+    ------
+    ExportError, InputError, MissingLibrary
+        See ``solids.build_parts``.
+    OSError
+        The file cannot be written.
     """
     shapes = solids.build_parts(probe, edge_radius)
     from matplotlib.backends.backend_agg import FigureCanvasAgg

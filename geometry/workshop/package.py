@@ -23,9 +23,12 @@ from geometry.workshop.tolerance import CASTING_PROCESS, NO_BUDGET, Budget
 class Casting:
     """Settings for casting the blocks.
 
-    Attributes:
-        shrinkage: linear shrinkage of the elastomer while it cures.
-        draft: largest draft angle of the moulds' walls, rad; see ``geometry.workshop.mould_sizes.choose_draft``.
+    Attributes
+    ----------
+    shrinkage
+        Linear shrinkage of the elastomer while it cures.
+    draft
+        Largest draft angle of the moulds' walls, rad; see ``geometry.workshop.mould_sizes.choose_draft``.
     """
 
     shrinkage: float = mould_sizes.DEFAULT_SHRINKAGE
@@ -42,14 +45,21 @@ def build_writers(
 
     They are the argument ``other_files`` of ``geometry.cad.export.export_parts``.
 
-    Args:
-        probe: the probe to be built.
-        edge_radius: radius of the blocks' lower edges, m.
-        budget: the deviations that the ratio allows the dimensions.
-        casting: settings for casting the blocks.
+    Parameters
+    ----------
+    probe
+        The probe to be built.
+    edge_radius
+        Radius of the blocks' lower edges, m.
+    budget
+        The deviations that the ratio allows the dimensions.
+    casting
+        Settings for casting the blocks.
 
-    Raises:
-        InputError: a setting for casting is outside its range; see also ``geometry.scenes.base_sizes.base_sizes``.
+    Raises
+    ------
+    InputError
+        A setting for casting is outside its range; see also ``geometry.scenes.base_sizes.base_sizes``.
     """
     stamp = build_stamp(probe, edge_radius)
     views = {**build_part_views(probe, edge_radius), "assembly": build_assembly_view(probe, edge_radius)}

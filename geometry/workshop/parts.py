@@ -33,15 +33,21 @@ DRAWING_TITLES = {
 class Measure:
     """A dimension.
 
-    Attributes:
-        name: name of the probe's dimension, such as "inner_radius".
-        start, end: two points of the part, mm; the dimension is their horizontal distance, or, to the left or right of the
-            section or in the plan, their vertical one.
-        place: below the section, left or right of it, or right of the view from above.
-        prefix: text before the number: a diameter sign, or empty.
-        assumed: whether the scene does not give it.
-        auxiliary: whether it follows from others, on this or a part's drawing; it stands in parentheses, without deviation
-            (ISO 129-1).
+    Attributes
+    ----------
+    name
+        Name of the probe's dimension, such as "inner_radius".
+    start, end
+        Two points of the part, mm; the dimension is their horizontal distance, or, to the left or right of the section or in the
+        plan, their vertical one.
+    place
+        Below the section, left or right of it, or right of the view from above.
+    prefix
+        Text before the number: a diameter sign, or empty.
+    assumed
+        Whether the scene does not give it.
+    auxiliary
+        Whether it follows from others, on this or a part's drawing; it stands in parentheses, without deviation (ISO 129-1).
     """
 
     name: str
@@ -70,17 +76,28 @@ class Measure:
 class PartView:
     """The drawn lines and dimensions of a part, in its own coordinates: z upwards in the section, y in the view from above.
 
-    Attributes:
-        name: name of the part.
-        cut: outlines in the section y = 0, each with the angle of its hatching in degrees.
-        seen: visible lines behind the section.
-        plan: outlines seen from above.
-        hidden: radii of circles that are hidden in the view from above.
-        plan_lines: lines seen from above.
-        measures: the dimensions.
-        seats: points of faces that are bonded, and whether the faces point up.
-        edge: radius of round lower edges, and the right one's centre; None for sharp edges.
-        items: points of the parts of an assembly, from above, in the order of its list.
+    Attributes
+    ----------
+    name
+        Name of the part.
+    cut
+        Outlines in the section y = 0, each with the angle of its hatching in degrees.
+    seen
+        Visible lines behind the section.
+    plan
+        Outlines seen from above.
+    hidden
+        Radii of circles that are hidden in the view from above.
+    plan_lines
+        Lines seen from above.
+    measures
+        The dimensions.
+    seats
+        Points of faces that are bonded, and whether the faces point up.
+    edge
+        Radius of round lower edges, and the right one's centre; None for sharp edges.
+    items
+        Points of the parts of an assembly, from above, in the order of its list.
     """
 
     name: str

@@ -15,17 +15,28 @@ Table = tuple[tuple[float, float], ...]
 class Process:
     """A manufacturing process; deviations are ±, mm.
 
-    Attributes:
-        name: name in ``processes.toml``, such as "casting".
-        about: description.
-        general: text of the title block on sizes without a deviation.
-        source: source of the deviations.
-        roughness, bonded: roughness of the faces, and of faces that are bonded.
-        fixed: upper limits of size, each with its deviation.
-        closure: the same for sizes across the parting plane of a mould; empty: as ``fixed``.
-        relative, minimum: deviation over size, and smallest deviation, beyond the tables; 0 and 0: no deviation there.
-        smallest: size below which the tables have no deviation.
-        finest, finest_source: the smallest deviations that can be ordered, and their source; empty: none below the usual.
+    Attributes
+    ----------
+    name
+        Name in ``processes.toml``, such as "casting".
+    about
+        description.
+    general
+        Text of the title block on sizes without a deviation.
+    source
+        Source of the deviations.
+    roughness, bonded
+        Roughness of the faces, and of faces that are bonded.
+    fixed
+        Upper limits of size, each with its deviation.
+    closure
+        The same for sizes across the parting plane of a mould; empty: as ``fixed``.
+    relative, minimum
+        Deviation over size, and smallest deviation, beyond the tables; 0 and 0: no deviation there.
+    smallest
+        Size below which the tables have no deviation.
+    finest, finest_source
+        The smallest deviations that can be ordered, and their source; empty: none below the usual.
     """
 
     name: str

@@ -46,9 +46,12 @@ DIAMETER_SIGN = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 class DrawingSheet:
     """A sheet of a standard size at a scale.
 
-    Attributes:
-        size: "A4" or "A3", upright.
-        scale: millimetres of paper per millimetre of the part.
+    Attributes
+    ----------
+    size
+        "A4" or "A3", upright.
+    scale
+        Millimetres of paper per millimetre of the part.
     """
 
     size: str

@@ -19,12 +19,18 @@ NOTE_SPACING_MM = 4.0  # between two lines of notes
 class Title:
     """The entries of a title block.
 
-    Attributes:
-        name: name of the part.
-        file: name of the drawing's files without suffix.
-        material: material of the part.
-        stamp: stamp of the design.
-        process: manufacturing process; None for an assembly, whose parts have one each.
+    Attributes
+    ----------
+    name
+        Name of the part.
+    file
+        Name of the drawing's files without suffix.
+    material
+        Material of the part.
+    stamp
+        Stamp of the design.
+    process
+        Manufacturing process; None for an assembly, whose parts have one each.
     """
 
     name: str

@@ -21,11 +21,16 @@ DEVIATION_PER_SD = math.sqrt(3)
 class Tolerance:
     """The ± deviation allowed for a size.
 
-    Attributes:
-        size: the size, mm.
-        deviation: the deviation, mm.
-        source: standard or requirement from which it follows.
-        is_stated: whether the drawing states it next to the size.
+    Attributes
+    ----------
+    size
+        The size, mm.
+    deviation
+        The deviation, mm.
+    source
+        Standard or requirement from which it follows.
+    is_stated
+        Whether the drawing states it next to the size.
     """
 
     size: float
@@ -38,13 +43,20 @@ class Tolerance:
 class Scatter:
     """A number other than a dimension that scatters the ratio: a modulus, a Poisson's ratio or a film's gain.
 
-    Attributes:
-        name: key of the scene file, or of a film's gain.
-        words: description of the number.
-        nominal: nominal value with its unit.
-        sd: its standard deviation relative to the nominal value.
-        ratio: relative standard deviation of the ratio due to it.
-        source: source of ``sd``.
+    Attributes
+    ----------
+    name
+        Key of the scene file, or of a film's gain.
+    words
+        Description of the number.
+    nominal
+        Nominal value with its unit.
+    sd
+        Its standard deviation relative to the nominal value.
+    ratio
+        Relative standard deviation of the ratio due to it.
+    source
+        Source of ``sd``.
     """
 
     name: str
@@ -59,12 +71,18 @@ class Scatter:
 class Budget:
     """The deviations that the ratio of the two stresses allows the dimensions, and the other sources of its scatter.
 
-    Attributes:
-        percent: standard deviation allowed for the ratio, in percent, by dimensions, moduli and gains together.
-        deviations: deviation allowed for a block's dimension, mm, by its name; of the radius for a diameter.
-        sensitivities: d ln ratio / d ln size, by the same names.
-        scatter: the numbers that no drawing limits.
-        remark: reason why there is no budget.
+    Attributes
+    ----------
+    percent
+        Standard deviation allowed for the ratio, in percent, by dimensions, moduli and gains together.
+    deviations
+        Deviation allowed for a block's dimension, mm, by its name; of the radius for a diameter.
+    sensitivities
+        d ln ratio / d ln size, by the same names.
+    scatter
+        The numbers that no drawing limits.
+    remark
+        Reason why there is no budget.
     """
 
     percent: float = 0.0
@@ -93,12 +111,18 @@ def find_tolerance(
     A machined size for which the standard has no deviation, or one above a tenth of the size, gets a tenth. Castings and prints
     state their process's deviation next to each size, since no bound makes them more accurate.
 
-    Args:
-        size: the size.
-        bound: the deviation that the ratio allows.
-        radius: whether the size is the radius of an edge.
-        process: the manufacturing process of the part.
-        closure: whether the size crosses the parting plane of a mould.
+    Parameters
+    ----------
+    size
+        The size.
+    bound
+        The deviation that the ratio allows.
+    radius
+        Whether the size is the radius of an edge.
+    process
+        The manufacturing process of the part.
+    closure
+        Whether the size crosses the parting plane of a mould.
     """
     made = find_process(process)
     if process != MACHINING_PROCESS:

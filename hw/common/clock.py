@@ -13,8 +13,10 @@ MIN_ELAPSED_S = 2.0  # s of stream before the rates are compared: a shorter one 
 class Clock:
     """Compare sample indices with arrival times, from the first chunk of a stream to the last.
 
-    Args:
-        rate: as the device states it, Hz.
+    Parameters
+    ----------
+    rate
+        As the device states it, Hz.
     """
 
     def __init__(self, rate: float) -> None:

@@ -19,8 +19,10 @@ class Drain:
     The iterating thread may be interrupted at any point. ``SimpleQueue`` is written in C for that reason: a queue or event
     written in Python could keep its lock for ever, and the thread would wait for it.
 
-    Args:
-        transport: read by this object only, from now on.
+    Parameters
+    ----------
+    transport
+        Read by this object only, from now on.
     """
 
     def __init__(self, transport: Transport) -> None:

@@ -14,9 +14,12 @@ BYTES_PER_VALUE = 60  # peak memory per number of a column, measured with 1e7 ro
 class ReadLimits:
     """Limits of reading one file.
 
-    Attributes:
-        memory: bytes, the libraries' own included.
-        seconds: from opening to the last sample.
+    Attributes
+    ----------
+    memory
+        Bytes, the libraries' own included.
+    seconds
+        From opening to the last sample.
     """
 
     memory: float = 2e9
@@ -25,12 +28,17 @@ class ReadLimits:
     def check_values(self, name: str, values: int) -> None:
         """Refuse a file whose columns claim more values than the memory can hold.
 
-        Args:
-            name: of the file, for the message.
-            values: numbers in all columns that are read.
+        Parameters
+        ----------
+        name
+            Of the file, for the message.
+        values
+            Numbers in all columns that are read.
 
-        Raises:
-            InvalidSource: they need more than ``memory``.
+        Raises
+        ------
+        InvalidSource
+            They need more than ``memory``.
         """
         needed = values * BYTES_PER_VALUE + LIBRARY_MEMORY_BYTES
         if needed > self.memory:

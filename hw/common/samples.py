@@ -21,10 +21,14 @@ NOTE_KEYS = ("cut", "damaged", "clock", "unrecorded")  # keys of a source's rema
 class Gap:
     """Consecutive samples that were lost.
 
-    Attributes:
-        first: index of the first lost sample.
-        count: number of lost samples; -1 if unknown (the device restarted). An unknown gap takes up one index.
-        reason: what happened.
+    Attributes
+    ----------
+    first
+        Index of the first lost sample.
+    count
+        Number of lost samples; -1 if unknown (the device restarted). An unknown gap takes up one index.
+    reason
+        What happened.
     """
 
     first: int
@@ -36,15 +40,24 @@ class Gap:
 class Samples:
     """Samples of all channels over a part of the stream.
 
-    Attributes:
-        rate: samples per second and channel, Hz.
-        channels: names of the columns: ("inner", "outer") or with "force".
-        index: (n,) index of each row since the start of the stream, increasing; it jumps only at gaps.
-        volts: (n, channels) at the input of the converter.
-        saturated: (n, channels) whether a value is at the end of the converter's range, or its amplifier was saturated.
-        gaps: what was lost, in order; a gap belongs to the part whose samples follow it.
-        overruns: number of overflows of its own buffer that the device reported.
-        source: origin of the samples: serial, firmware, transport, started (ISO 8601, UTC), scale (V per count).
+    Attributes
+    ----------
+    rate
+        Samples per second and channel, Hz.
+    channels
+        Names of the columns: ("inner", "outer") or with "force".
+    index
+        (n,) index of each row since the start of the stream, increasing; it jumps only at gaps.
+    volts
+        (n, channels) at the input of the converter.
+    saturated
+        (n, channels) whether a value is at the end of the converter's range, or its amplifier was saturated.
+    gaps
+        What was lost, in order; a gap belongs to the part whose samples follow it.
+    overruns
+        Number of overflows of its own buffer that the device reported.
+    source
+        Origin of the samples: serial, firmware, transport, started (ISO 8601, UTC), scale (V per count).
     """
 
     rate: float
@@ -90,9 +103,12 @@ class Samples:
     def require_complete(self) -> Samples:
         """Return the samples unchanged if none was lost, as a calibration requires.
 
-        Raises:
-            Overrun: the device lost samples.
-            TransferError: samples were lost on the way, or the source has a remark.
+        Raises
+        ------
+        Overrun
+            The device lost samples.
+        TransferError
+            Samples were lost on the way, or the source has a remark.
         """
         if self.overruns:
             raise Overrun(f"the device's buffer ran over {self.overruns} times: ask for a lower rate, or free the computer")

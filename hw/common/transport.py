@@ -14,11 +14,16 @@ from hw.common.samples import Samples
 class Chunk:
     """The result of one read, unchanged.
 
-    Attributes:
-        data: the bytes; empty when nothing came in time.
-        stream: the stream's number, as sent to the device with START.
-        note: what happened before the read: the reason of a gap that may follow.
-        time: when the read returned, s since an arbitrary moment; None: not known.
+    Attributes
+    ----------
+    data
+        The bytes; empty when nothing came in time.
+    stream
+        The stream's number, as sent to the device with START.
+    note
+        What happened before the read: the reason of a gap that may follow.
+    time
+        When the read returned, s since an arbitrary moment; None: not known.
     """
 
     data: bytes
@@ -31,14 +36,22 @@ class Chunk:
 class Header:
     """The data needed to decode chunks, and their origin.
 
-    Attributes:
-        kind: "frames" (the vendor stream) or "waveforms" (an oscilloscope's).
-        rate: Hz.
-        channels: names, in the order of the columns.
-        scale: volts per count of each channel.
-        size: bytes in a frame; 0 for waveforms.
-        stream: number of the first stream.
-        source: serial, firmware, transport, started and whatever else is known of the origin.
+    Attributes
+    ----------
+    kind
+        "frames" (the vendor stream) or "waveforms" (an oscilloscope's).
+    rate
+        Hz.
+    channels
+        Names, in the order of the columns.
+    scale
+        Volts per count of each channel.
+    size
+        Bytes in a frame; 0 for waveforms.
+    stream
+        Number of the first stream.
+    source
+        Serial, firmware, transport, started and whatever else is known of the origin.
     """
 
     kind: str

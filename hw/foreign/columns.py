@@ -35,11 +35,16 @@ _ENTRY_PATTERN = re.compile(rf"(?P<name>.+?)(?:\s+(?P<number>{NUMBER_PATTERN}))?
 class Column:
     """A column that the user selects.
 
-    Attributes:
-        text: as it was written. It may be a name with blanks, which only the file's own names can show.
-        name: of the column, or its number from 1.
-        worth: value of the number 1 in the column, V, or s for times; None: the file's own unit.
-        scaled: whether the user gave a factor with the unit, which may differ from the file's unit.
+    Attributes
+    ----------
+    text
+        As it was written. It may be a name with blanks, which only the file's own names can show.
+    name
+        Of the column, or its number from 1.
+    worth
+        Value of the number 1 in the column, V, or s for times; None: the file's own unit.
+    scaled
+        Whether the user gave a factor with the unit, which may differ from the file's unit.
     """
 
     text: str
@@ -52,10 +57,14 @@ class Column:
 class ColumnMap:
     """The user's information on a file, in addition to its contents; everything may be left out.
 
-    Attributes:
-        columns: selected columns by ``inner``, ``outer``, ``force``, ``time``.
-        rate: samples per second, Hz.
-        range: voltage at and beyond which values count as saturated, V.
+    Attributes
+    ----------
+    columns
+        Selected columns by ``inner``, ``outer``, ``force``, ``time``.
+    rate
+        Samples per second, Hz.
+    range
+        Voltage at and beyond which values count as saturated, V.
     """
 
     columns: dict[str, Column] = field(default_factory=dict)
@@ -66,8 +75,10 @@ class ColumnMap:
     def from_texts(cls, texts: Sequence[str] = (), rate: str | None = None) -> ColumnMap:
         """Read texts of the command line: ``KEY=COLUMN`` or names of TOML files; later ones override earlier ones.
 
-        Raises:
-            InvalidSource: no such key, unit or file.
+        Raises
+        ------
+        InvalidSource
+            No such key, unit or file.
         """
         known = cls()
         for text in texts:
@@ -110,8 +121,10 @@ class ColumnMap:
 def parse_column(key: str, text: str) -> Column:
     """Read a column from ``CH1``, ``CH1 mV`` or ``CH1 0.5 mV``.
 
-    Raises:
-        InvalidSource: the text is empty, or its factor is out of range.
+    Raises
+    ------
+    InvalidSource
+        The text is empty, or its factor is out of range.
     """
     if not text:
         raise build_refusal(f"column {key}", repr(text), COLUMN_EXAMPLE)
@@ -157,8 +170,10 @@ def _read_entry(label: str, key: str, value: object) -> Column:
 def resolve_channel_numbers(columns: ColumnMap) -> dict[str, int]:
     """Return the instrument's channel number of each signal: inner 1, outer 2, unless they are mapped.
 
-    Raises:
-        InvalidSource: a text is not a channel's number, or a channel is used twice.
+    Raises
+    ------
+    InvalidSource
+        A text is not a channel's number, or a channel is used twice.
     """
     texts = {"inner": "1", "outer": "2"} | {key: column.text for key, column in columns.columns.items()}
     for key, text in texts.items():

@@ -36,11 +36,16 @@ _INLINE_INTERVAL = re.compile(rf"tinc\s*=\s*({NUMBER_PATTERN})", re.IGNORECASE)
 class TextLayout:
     """The layout of a text file.
 
-    Attributes:
-        delimiter: separator of cells; None for blanks.
-        comma: whether decimals have a comma.
-        width: number of cells in a row of numbers.
-        begin: index of the first row of numbers, from 0.
+    Attributes
+    ----------
+    delimiter
+        Separator of cells; None for blanks.
+    comma
+        Whether decimals have a comma.
+    width
+        Number of cells in a row of numbers.
+    begin
+        Index of the first row of numbers, from 0.
     """
 
     delimiter: str | None
@@ -56,8 +61,10 @@ class TextLayout:
 def read_csv(path: Path) -> ColumnTable:
     """Read a text file of columns.
 
-    Raises:
-        InvalidSource: the file cannot be read, or has no rows of numbers.
+    Raises
+    ------
+    InvalidSource
+        The file cannot be read, or has no rows of numbers.
     """
     lines = _read_text(path).splitlines()
     while lines and not lines[-1].strip().strip(",;"):
@@ -189,8 +196,10 @@ def _read_rate(lines: list[str], head: list[list[str]]) -> float | None:
 
     The interval is in s unless a unit follows. It stands to the right of its name, below it, or in the same cell.
 
-    Raises:
-        InvalidSource: the text after the interval is no unit of time.
+    Raises
+    ------
+    InvalidSource
+        The text after the interval is no unit of time.
     """
     intervals = [float(match[1]) for line in lines if (match := _INLINE_INTERVAL.search(line))]
     for index, row in enumerate(head):

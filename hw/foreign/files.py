@@ -43,13 +43,19 @@ def is_self_describing(path: Path, limits: ReadLimits) -> bool:
 def open_file(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     """Open a file as a source of samples.
 
-    Args:
-        path: ends in .csv, .txt, .tsv, .dat, .wav, .h5 or .hdf5.
-        columns: the user's information on its columns.
-        limits: memory and time for an HDF5 file, whose few bytes can claim any number of samples.
+    Parameters
+    ----------
+    path
+        Ends in .csv, .txt, .tsv, .dat, .wav, .h5 or .hdf5.
+    columns
+        The user's information on its columns.
+    limits
+        Memory and time for an HDF5 file, whose few bytes can claim any number of samples.
 
-    Raises:
-        InvalidSource: the file cannot be read, or information is missing.
+    Raises
+    ------
+    InvalidSource
+        The file cannot be read, or information is missing.
     """
     if not os.path.isfile(path):
         hint = (

@@ -30,12 +30,18 @@ READER_PROGRAM = Path(__file__).with_name("hdf5_program.py")
 class Dataset:
     """The description of a dataset of numbers; its data are not read yet.
 
-    Attributes:
-        path: within the file, ``group/name``.
-        shape: of one or two dimensions.
-        unit: as text; empty where none is stated.
-        whole: whether all its values are stored, uncompressed: HDF5 returns zeros for values that were never written.
-        written: whether any value is stored.
+    Attributes
+    ----------
+    path
+        Within the file, ``group/name``.
+    shape
+        Of one or two dimensions.
+    unit
+        As text; empty where none is stated.
+    whole
+        Whether all its values are stored, uncompressed: HDF5 returns zeros for values that were never written.
+    written
+        Whether any value is stored.
     """
 
     path: str
@@ -48,17 +54,26 @@ class Dataset:
 class Hdf5File:
     """An HDF5 file, read by a child process; a context manager that ends the process.
 
-    Args:
-        path: of the file.
-        limits: memory and time for all requests together.
+    Parameters
+    ----------
+    path
+        Of the file.
+    limits
+        Memory and time for all requests together.
 
-    Attributes:
-        attributes: texts and numbers of the file's root.
-        datasets: descriptions by path.
-        gaps: (first, count, reason) if the file is a recording of this project.
+    Attributes
+    ----------
+    attributes
+        Texts and numbers of the file's root.
+    datasets
+        Descriptions by path.
+    gaps
+        (first, count, reason) if the file is a recording of this project.
 
-    Raises:
-        InvalidSource: the file is not HDF5, is damaged, refers to data outside itself, exceeds a limit, or h5py is missing.
+    Raises
+    ------
+    InvalidSource
+        The file is not HDF5, is damaged, refers to data outside itself, exceeds a limit, or h5py is missing.
     """
 
     def __init__(self, path: Path, limits: ReadLimits) -> None:
@@ -89,8 +104,10 @@ class Hdf5File:
     ) -> list[NDArray[np.float64 | np.int64 | np.uint8]]:
         """Return rows ``begin`` to ``end`` of datasets, each given by its path and a matrix column or None.
 
-        Raises:
-            InvalidSource: the rows cannot be read within the limits.
+        Raises
+        ------
+        InvalidSource
+            The rows cannot be read within the limits.
         """
         request = {"datasets": list(datasets), "begin": begin, "end": end}
         with suppress(OSError):  # that the process has ended shows in _receive

@@ -13,8 +13,10 @@ from hw.common.errors import InvalidSource
 def load_h5py() -> Any:
     """Import and return h5py; only programs that read or write HDF5 load it.
 
-    Raises:
-        InvalidSource: h5py is not installed.
+    Raises
+    ------
+    InvalidSource
+        h5py is not installed.
     """
     try:
         return import_module("h5py")

@@ -36,13 +36,19 @@ RATES_APART = 1e-4  # relative difference of stated rate and times: rounding of 
 class Hdf5Recorder:
     """Write samples to a draft file that gets its name when it is closed; an existing file is never overwritten.
 
-    Args:
-        path: of the new file.
-        header: of the source.
+    Parameters
+    ----------
+    path
+        Of the new file.
+    header
+        Of the source.
 
-    Raises:
-        FileExistsError: the file exists.
-        InvalidSource: h5py is not installed.
+    Raises
+    ------
+    FileExistsError
+        The file exists.
+    InvalidSource
+        h5py is not installed.
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
@@ -76,8 +82,10 @@ class Hdf5Recorder:
     def write_samples(self, samples: Samples) -> None:
         """Append samples.
 
-        Raises:
-            OSError: the disk is full, or another fault; nothing is left of the file.
+        Raises
+        ------
+        OSError
+            The disk is full, or another fault; nothing is left of the file.
         """
         self._check_disk()
         end = self._file["index"].shape[0] + len(samples)
@@ -93,8 +101,10 @@ class Hdf5Recorder:
     def close(self) -> None:
         """Write the source's properties, and give the file its name; without samples no file remains.
 
-        Raises:
-            OSError: the disk is full, the name was taken meanwhile, or another fault; nothing is left of the file.
+        Raises
+        ------
+        OSError
+            The disk is full, the name was taken meanwhile, or another fault; nothing is left of the file.
         """
         if self._disk.closed:
             return
@@ -139,12 +149,17 @@ class Hdf5Recorder:
 class Hdf5Replay(FileTransport):
     """A transport that replays an HDF5 recording.
 
-    Args:
-        file: a recording of this project (``is_recording``); ``close`` closes it.
-        limits: of memory and time.
+    Parameters
+    ----------
+    file
+        A recording of this project (``is_recording``); ``close`` closes it.
+    limits
+        Of memory and time.
 
-    Raises:
-        InvalidSource: the recording has another version, is damaged, or claims more samples than the memory can hold.
+    Raises
+    ------
+    InvalidSource
+        The recording has another version, is damaged, or claims more samples than the memory can hold.
     """
 
     def __init__(self, file: Hdf5File, limits: ReadLimits) -> None:

@@ -17,12 +17,17 @@ MAX_MATRIX_COLUMNS = 16  # a wider matrix is a picture, not channels
 def build_table(file: Hdf5File, limits: ReadLimits) -> ColumnTable:
     """Build a table of an HDF5 file; columns are named ``group/name``, or ``group/name[1]`` in a matrix.
 
-    Args:
-        file: must stay open until the table is read.
-        limits: of memory and time.
+    Parameters
+    ----------
+    file
+        Must stay open until the table is read.
+    limits
+        Of memory and time.
 
-    Raises:
-        InvalidSource: the file holds no columns of numbers.
+    Raises
+    ------
+    InvalidSource
+        The file holds no columns of numbers.
     """
     columns: list[tuple[str, str, int | None, str]] = []
     for dataset in file.datasets.values():

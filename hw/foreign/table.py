@@ -25,14 +25,22 @@ CHUNK_ROWS = 1 << 15  # rows of a chunk
 class ColumnTable:
     """The columns of a file, as the reader of its format provides them.
 
-    Attributes:
-        path: of the file, for messages.
-        names: of its columns; empty texts where they have none.
-        units: of its columns as the file states them; empty texts where it states none.
-        read: returns the columns of the given indices (from 0), shape (n, k); NaN where a value is missing.
-        rate: Hz, if the file states it without a column of times.
-        ends: lowest and highest number that a column can hold; values at or beyond them are saturated.
-        source: other properties for the header.
+    Attributes
+    ----------
+    path
+        Of the file, for messages.
+    names
+        Of its columns; empty texts where they have none.
+    units
+        Of its columns as the file states them; empty texts where it states none.
+    read
+        Returns the columns of the given indices (from 0), shape (n, k); NaN where a value is missing.
+    rate
+        Hz, if the file states it without a column of times.
+    ends
+        Lowest and highest number that a column can hold; values at or beyond them are saturated.
+    source
+        Other properties for the header.
     """
 
     path: str
@@ -63,8 +71,10 @@ class ColumnTable:
     def find_worth(self, key: str, number: int, wanted: Column) -> float:
         """Return the value of the number 1 in a column, V, or s for times.
 
-        Raises:
-            InvalidSource: the unit is not known, or file and user state different units.
+        Raises
+        ------
+        InvalidSource
+            The unit is not known, or file and user state different units.
         """
         units, stated = SECOND_UNITS if key == "time" else VOLT_UNITS, self.units[number]
         file_worth = units.get(stated)
@@ -92,12 +102,17 @@ class ColumnTable:
 class TableTransport(FileTransport):
     """A transport of a table's rows as volts.
 
-    Args:
-        table: columns of a file.
-        columns: the user's selection.
+    Parameters
+    ----------
+    table
+        Columns of a file.
+    columns
+        The user's selection.
 
-    Raises:
-        InvalidSource: information is missing or contradictory.
+    Raises
+    ------
+    InvalidSource
+        Information is missing or contradictory.
     """
 
     def __init__(self, table: ColumnTable, columns: ColumnMap) -> None:
@@ -186,13 +201,19 @@ class TableTransport(FileTransport):
 def fit_even_times(times: Floats, rows: Ints, path: str) -> tuple[float, Ints]:
     """Fit an even grid with gaps to times; return its rate in Hz and the index of each time.
 
-    Args:
-        times: (n,), s.
-        rows: (n,) rows of the file, from 0, for messages.
-        path: of the file, for messages.
+    Parameters
+    ----------
+    times
+        (n,), s.
+    rows
+        (n,) rows of the file, from 0, for messages.
+    path
+        Of the file, for messages.
 
-    Raises:
-        InvalidSource: the times do not increase, or are not evenly spaced.
+    Raises
+    ------
+    InvalidSource
+        The times do not increase, or are not evenly spaced.
     """
     steps = np.diff(times)
     reversals = np.flatnonzero(steps <= 0)

@@ -26,8 +26,10 @@ def build_refusal(key: str, value: object, allowed: str) -> InvalidSource:
 def read_quantity(key: str, text: object, units: dict[str, float], example: str) -> float:
     """Read a number with one of the units; return it in SI.
 
-    Raises:
-        InvalidSource: the text has no such unit, or no number.
+    Raises
+    ------
+    InvalidSource
+        The text has no such unit, or no number.
     """
     match = re.fullmatch(rf"({NUMBER_PATTERN})\s*(\S+)", str(text).strip())
     if match is None or match[2] not in units or not math.isfinite(float(match[1])):

@@ -28,10 +28,14 @@ def build_row_type(channels: int) -> np.dtype[np.void]:
 def pack_samples(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> bytes:
     """Encode samples as the bytes of a chunk.
 
-    Args:
-        index: (n,) index of each row since the start, increasing; it jumps where samples were lost.
-        volts: (n, channels), finite.
-        saturated: (n, channels), or one value for all.
+    Parameters
+    ----------
+    index
+        (n,) index of each row since the start, increasing; it jumps where samples were lost.
+    volts
+        (n, channels), finite.
+    saturated
+        (n, channels), or one value for all.
     """
     values = np.asarray(volts, dtype=float)
     data = np.zeros(len(values), build_row_type(values.shape[1]))
@@ -52,10 +56,14 @@ def encode_note(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
 def build_volts_header(rate: float, channels: tuple[str, ...] = CHANNEL_NAMES[:2], **source: object) -> Header:
     """Build the header of a source of volts.
 
-    Args:
-        rate: samples per second and channel, Hz.
-        channels: names of the columns: inner, outer and perhaps force.
-        source: properties of the source, such as ``transport`` and ``serial``.
+    Parameters
+    ----------
+    rate
+        Samples per second and channel, Hz.
+    channels
+        Names of the columns: inner, outer and perhaps force.
+    source
+        Properties of the source, such as ``transport`` and ``serial``.
     """
     return Header("volts", rate, channels, (1.0,) * len(channels), 0, 0, {"started": make_timestamp()} | source)
 
@@ -71,8 +79,10 @@ class VoltsDecoder:
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
         """Return the samples of a chunk.
 
-        Raises:
-            InvalidSource: incomplete rows, an index that does not increase, or values that are not finite.
+        Raises
+        ------
+        InvalidSource
+            Incomplete rows, an index that does not increase, or values that are not finite.
         """
         if len(data) % self._rows.itemsize:
             raise InvalidSource(f"{len(data)} bytes of volts: allowed: whole rows of {self._rows.itemsize} bytes")

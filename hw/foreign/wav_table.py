@@ -20,8 +20,10 @@ LARGEST_FILE = 400_000_000  # bytes; reading takes four times as much memory
 def read_wav(path: Path) -> ColumnTable:
     """Read a WAV file; its channels become columns of numbers from -1 to 1 of the full range.
 
-    Raises:
-        InvalidSource: the file is no WAV file, or was cut.
+    Raises
+    ------
+    InvalidSource
+        The file is no WAV file, or was cut.
     """
     from scipy.io import wavfile
 

@@ -36,16 +36,26 @@ class Scaling:
 class Dialect:
     """The SCPI commands of one family of oscilloscopes.
 
-    Attributes:
-        makers: words in the response to *IDN? that identify the family.
-        acquire: commands that take one acquisition.
-        finished: a query, and its response when the acquisition is complete.
-        select: commands that select channel {channel} for the next queries.
-        scaling: a query for the fields of ``Scaling``.
-        data: a query for the codes, as a definite-length block.
-        signed: whether codes are signed.
-        ends: codes at or beyond which a value is at the end of the range.
-        rate: commands that set a rate of {rate} Hz, or {division} s per division; empty where only the front panel sets it.
+    Attributes
+    ----------
+    makers
+        Words in the response to *IDN? that identify the family.
+    acquire
+        Commands that take one acquisition.
+    finished
+        A query, and its response when the acquisition is complete.
+    select
+        Commands that select channel {channel} for the next queries.
+    scaling
+        A query for the fields of ``Scaling``.
+    data
+        A query for the codes, as a definite-length block.
+    signed
+        Whether codes are signed.
+    ends
+        Codes at or beyond which a value is at the end of the range.
+    rate
+        Commands that set a rate of {rate} Hz, or {division} s per division; empty where only the front panel sets it.
     """
 
     makers: tuple[str, ...]
@@ -61,8 +71,10 @@ class Dialect:
     def read_scaling(self, answer: str) -> Scaling:
         """Read the scales from the response to ``scaling``.
 
-        Raises:
-            ProtocolError: the response has another form.
+        Raises
+        ------
+        ProtocolError
+            The response has another form.
         """
         try:
             fields = [float(word) for word in answer.replace(";", ",").split(",")]
@@ -126,8 +138,10 @@ DIALECTS = {"keysight": KEYSIGHT, "rigol": RIGOL, "tektronix": TEKTRONIX}
 def find_dialect(identity: str) -> str:
     """Return the name of the dialect for an oscilloscope's response to *IDN?.
 
-    Raises:
-        ProtocolError: no family is known for it.
+    Raises
+    ------
+    ProtocolError
+        No family is known for it.
     """
     for name, dialect in DIALECTS.items():
         if any(maker in identity.upper() for maker in dialect.makers):

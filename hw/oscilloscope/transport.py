@@ -37,15 +37,23 @@ _BY_STATUS: dict[str, type[HardwareError]] = {
 class ScopeTransport:
     """Take acquisitions from an open VISA resource.
 
-    Args:
-        resource: a pyvisa resource, or any object with ``query``, ``write``, ``query_binary_values`` and ``close``.
-        name: the resource string.
-        numbers: channel numbers by signal, in the order of the columns.
-        rate: requested rate, Hz; None: the rate of the present time base.
+    Parameters
+    ----------
+    resource
+        A pyvisa resource, or any object with ``query``, ``write``, ``query_binary_values`` and ``close``.
+    name
+        The resource string.
+    numbers
+        Channel numbers by signal, in the order of the columns.
+    rate
+        Requested rate, Hz; None: the rate of the present time base.
 
-    Raises:
-        HardwareError: the oscilloscope does not respond, or belongs to no known family.
-        InvalidSource: it does not sample at that rate.
+    Raises
+    ------
+    HardwareError
+        The oscilloscope does not respond, or belongs to no known family.
+    InvalidSource
+        It does not sample at that rate.
     """
 
     def __init__(self, resource: Any, name: str, numbers: dict[str, int] = FILM_CHANNELS, rate: float | None = None) -> None:
@@ -80,14 +88,21 @@ class ScopeTransport:
     def open(cls, name: str, numbers: dict[str, int] = FILM_CHANNELS, rate: float | None = None) -> ScopeTransport:
         """Open a resource by its full name, such as ``USB0::0x1AB1::0x04CE::DS1ZA1::INSTR``; resources are never listed.
 
-        Args:
-            name: the resource string.
-            numbers: channel numbers by signal.
-            rate: requested rate, Hz.
+        Parameters
+        ----------
+        name
+            The resource string.
+        numbers
+            Channel numbers by signal.
+        rate
+            Requested rate, Hz.
 
-        Raises:
-            InvalidSource: pyvisa is not installed, or does not know this kind of resource.
-            HardwareError: the resource cannot be opened.
+        Raises
+        ------
+        InvalidSource
+            Pyvisa is not installed, or does not know this kind of resource.
+        HardwareError
+            The resource cannot be opened.
         """
         try:
             visa = import_module("pyvisa")
@@ -104,8 +119,10 @@ class ScopeTransport:
     def read(self) -> Chunk:
         """Return the next acquisition.
 
-        Raises:
-            HardwareError: the oscilloscope does not respond, or was disconnected.
+        Raises
+        ------
+        HardwareError
+            The oscilloscope does not respond, or was disconnected.
         """
         first, self._first = self._first, None
         with translate_faults(self._name):
@@ -177,9 +194,12 @@ class WaveformDecoder:
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
         """Return the samples of one acquisition.
 
-        Raises:
-            ProtocolError: lengths or intervals of the channels differ from each other, or from the header.
-            InvalidSource: the recorded note has another form.
+        Raises
+        ------
+        ProtocolError
+            Lengths or intervals of the channels differ from each other, or from the header.
+        InvalidSource
+            The recorded note has another form.
         """
         acquisition = _parse_note(note, len(data))
         dialect = DIALECTS[acquisition.dialect]
@@ -213,9 +233,12 @@ class WaveformDecoder:
 def translate_faults(name: str, missing: str = "") -> Iterator[None]:
     """Translate exceptions of pyvisa, pyvisa-py and pyusb into subclasses of ``HardwareError``.
 
-    Args:
-        name: of the resource.
-        missing: message for opening, where pyvisa-py does not distinguish a missing device from denied access.
+    Parameters
+    ----------
+    name
+        Of the resource.
+    missing
+        Message for opening, where pyvisa-py does not distinguish a missing device from denied access.
     """
     try:
         yield

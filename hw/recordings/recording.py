@@ -36,8 +36,10 @@ MAX_SALVAGED_BYTES = 100_000  # bytes: frames are searched for in shorter damage
 class Recorder:
     """Write chunks to a new file; an existing file is never overwritten.
 
-    Raises:
-        FileExistsError: the file exists.
+    Raises
+    ------
+    FileExistsError
+        The file exists.
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
@@ -54,8 +56,10 @@ class Recorder:
     def write(self, chunk: Chunk) -> None:
         """Append a chunk, completely or not at all.
 
-        Raises:
-            OSError: the disk is full, or another fault; earlier records stay readable.
+        Raises
+        ------
+        OSError
+            The disk is full, or another fault; earlier records stay readable.
         """
         self._append_record(b"READ", chunk)
 
@@ -97,13 +101,19 @@ class Recorder:
 class Recording:
     """A recorded file that is read chunk by chunk.
 
-    Attributes:
-        header: how to decode it, and its origin.
-        cut: where the file was cut, as text, or None; set once all chunks are read.
-        damaged: byte positions of damaged records; complete once all chunks are read.
+    Attributes
+    ----------
+    header
+        How to decode it, and its origin.
+    cut
+        Where the file was cut, as text, or None; set once all chunks are read.
+    damaged
+        Byte positions of damaged records; complete once all chunks are read.
 
-    Raises:
-        InvalidSource: the file cannot be read, is not a recording, or has another version.
+    Raises
+    ------
+    InvalidSource
+        The file cannot be read, is not a recording, or has another version.
     """
 
     def __init__(self, path: Path | str) -> None:

@@ -28,7 +28,9 @@ def encode_answer(number: int, data: bytes = b"") -> bytes:
 def find_answer(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
     """Find the response to a request among the received bytes.
 
-    Returns:
+    Returns
+    -------
+    tuple[bool, bytes, bytes] | None
         Whether the request was granted, the response's data, and the remaining bytes, which belong to the stream; None if the
         response is not complete yet.
     """

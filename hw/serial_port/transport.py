@@ -35,15 +35,23 @@ _ERROR_BY_ERRNO: dict[int | None, type[HardwareError]] = {errno.ENOENT: NotFound
 class SerialTransport:
     """A transport that reads one probe on a serial port.
 
-    Args:
-        port: its name, ``/dev/ttyACM0`` or ``COM3``.
-        rate: requested rate, Hz; None: the present rate.
-        silence: time without a byte after which it gives up, s.
-        absence: time after a disconnection after which it gives up, s.
+    Parameters
+    ----------
+    port
+        Its name, ``/dev/ttyACM0`` or ``COM3``.
+    rate
+        Requested rate, Hz; None: the present rate.
+    silence
+        Time without a byte after which it gives up, s.
+    absence
+        Time after a disconnection after which it gives up, s.
 
-    Raises:
-        InvalidSource: pyserial is not installed, or the rate is out of range.
-        HardwareError: no such port, busy, access denied, or no probe responds.
+    Raises
+    ------
+    InvalidSource
+        Pyserial is not installed, or the rate is out of range.
+    HardwareError
+        No such port, busy, access denied, or no probe responds.
     """
 
     def __init__(self, port: str, rate: float | None = None, silence: float = 3.0, absence: float = 10.0) -> None:
@@ -65,8 +73,10 @@ class SerialTransport:
     def read(self) -> Chunk:
         """Return the received bytes, empty if none came in time. The first call starts the stream.
 
-        Raises:
-            HardwareError: the port was disconnected and did not come back, or no byte came for ``silence`` s.
+        Raises
+        ------
+        HardwareError
+            The port was disconnected and did not come back, or no byte came for ``silence`` s.
         """
         if not self._started:
             self._start()
@@ -153,9 +163,12 @@ class SerialTransport:
     def _ask(self, number: int, value: int = 0, data: int = 0) -> bytes:
         """Send a request and return the data of its response; bytes of the stream around it are kept for ``read``.
 
-        Raises:
-            Timeout: no response comes.
-            ProtocolError: the board refuses the request.
+        Raises
+        ------
+        Timeout
+            No response comes.
+        ProtocolError
+            The board refuses the request.
         """
         self._port.write(encode_request(number, value, data))
         limit = time.monotonic() + ANSWER_TIMEOUT_S

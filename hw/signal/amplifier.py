@@ -28,10 +28,14 @@ class ChargeAmplifier:
     A high-pass of first order: V = -Q / Cf * j w tau / (1 + j w tau), tau = Rf Cf (SI.1). V is the output in V, Q the charge in
     C, w the angular frequency in rad/s, tau the time constant in s.
 
-    Attributes:
-        resistance: feedback resistance Rf, ohm.
-        capacitance: feedback capacitance Cf, F.
-        resistance_tolerance, capacitance_tolerance: relative standard deviations of the parts, independent in each channel.
+    Attributes
+    ----------
+    resistance
+        Feedback resistance Rf, ohm.
+    capacitance
+        Feedback capacitance Cf, F.
+    resistance_tolerance, capacitance_tolerance
+        Relative standard deviations of the parts, independent in each channel.
     """
 
     resistance: float = 1e9
@@ -52,8 +56,10 @@ class ChargeAmplifier:
     def response(self, frequency: float) -> complex:
         """Return the complex response at a frequency (Hz), V/C, eq. SI.1.
 
-        Raises:
-            TooSlow: the frequency is far below the corner.
+        Raises
+        ------
+        TooSlow
+            The frequency is far below the corner.
         """
         if not frequency >= MIN_FREQUENCY_RATIO * self.corner:
             text = f"{frequency:.3g} Hz lies far below the charge amplifier's corner of {self.corner:.3g} Hz"
@@ -68,9 +74,12 @@ class ChargeAmplifier:
         capacitance, w and tau as in eq. SI.1. The error at the frequency of a calibration is subtracted, since the gains have
         absorbed it: where both frequencies are far above the corner nothing is left.
 
-        Args:
-            frequency: of the load, Hz.
-            calibrated_at: frequency of the calibration, Hz; None: gains are nominal.
+        Parameters
+        ----------
+        frequency
+            Of the load, Hz.
+        calibrated_at
+            Frequency of the calibration, Hz; None: gains are nominal.
         """
         d_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
         d_capacitance = d_resistance - 1

@@ -32,9 +32,12 @@ SAME_VOLTS = 5e-4  # relative: rounding and the scale of a sound file cause less
 class Fingerprint:
     """The fingerprint of a reading's first samples.
 
-    Attributes:
-        noise: 128 signs in hexadecimal for each beginning of ``BEGINNING_LENGTHS`` that the reading has; "" without noise.
-        volts: standard deviation of each film's voltage in each of them, V, inner and outer.
+    Attributes
+    ----------
+    noise
+        128 signs in hexadecimal for each beginning of ``BEGINNING_LENGTHS`` that the reading has; "" without noise.
+    volts
+        Standard deviation of each film's voltage in each of them, V, inner and outer.
     """
 
     noise: tuple[str, ...]

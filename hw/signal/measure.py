@@ -24,11 +24,16 @@ RELATIVE_STEP = 1e-6  # relative step of the central differences that propagate 
 class Losses:
     """The losses of a reading.
 
-    Attributes:
-        saturated: number of saturated rows, which are left out.
-        gaps: number of gaps.
-        overruns: number of overflows of the device's buffer.
-        notes: other remarks on the source.
+    Attributes
+    ----------
+    saturated
+        Number of saturated rows, which are left out.
+    gaps
+        Number of gaps.
+    overruns
+        Number of overflows of the device's buffer.
+    notes
+        Other remarks on the source.
     """
 
     saturated: int = 0
@@ -51,18 +56,30 @@ class Losses:
 class Measurement:
     """The amplitudes of one reading under a sinusoidal load; phases count from the middle of the record.
 
-    Attributes:
-        fit: of the volts.
-        charges: (2,) complex amplitudes of the films' charges, inner and outer, C.
-        covariance: of (re, im) of both charges in turn, C^2, shape (4, 4), due to noise and deviations of the waveform.
-        tolerance: likewise due to tolerances of the amplifiers' parts, common to all readings at this frequency.
-        force: amplitude of the reference force, N, or None without that channel.
-        force_sd: standard deviation of ``force`` due to noise, N.
-        saturated: number of saturated rows, which are left out.
-        lost: number of gaps in the record.
-        overruns: number of overflows of the device's buffer.
-        warnings: deviations of the waveform that the covariance counts, one line each.
-        force_doubt: relative error of ``force`` that a lag of the force channel may cause.
+    Attributes
+    ----------
+    fit
+        Of the volts.
+    charges
+        (2,) complex amplitudes of the films' charges, inner and outer, C.
+    covariance
+        Of (re, im) of both charges in turn, C^2, shape (4, 4), due to noise and deviations of the waveform.
+    tolerance
+        Likewise due to tolerances of the amplifiers' parts, common to all readings at this frequency.
+    force
+        Amplitude of the reference force, N, or None without that channel.
+    force_sd
+        Standard deviation of ``force`` due to noise, N.
+    saturated
+        Number of saturated rows, which are left out.
+    lost
+        Number of gaps in the record.
+    overruns
+        Number of overflows of the device's buffer.
+    warnings
+        Deviations of the waveform that the covariance counts, one line each.
+    force_doubt
+        Relative error of ``force`` that a lag of the force channel may cause.
     """
 
     fit: SineFit
@@ -120,15 +137,23 @@ def measure(
 ) -> Measurement:
     """Fit a sinusoidal load to samples and divide by the amplifier's response.
 
-    Args:
-        samples: with channels "inner" and "outer", and optionally "force".
-        amplifier: of each film's channel.
-        frequency: of the load, Hz; None: searched.
-        sensitivity: of the force channel, V/N; None: the channel is not used.
-        calibrated_at: frequency at which gains were calibrated, Hz.
+    Parameters
+    ----------
+    samples
+        With channels "inner" and "outer", and optionally "force".
+    amplifier
+        Of each film's channel.
+    frequency
+        Of the load, Hz; None: searched.
+    sensitivity
+        Of the force channel, V/N; None: the channel is not used.
+    calibrated_at
+        Frequency at which gains were calibrated, Hz.
 
-    Raises:
-        HardwareError: a channel is missing, no sinusoid can be fitted, or the load is not steady or too slow for the amplifier.
+    Raises
+    ------
+    HardwareError
+        A channel is missing, no sinusoid can be fitted, or the load is not steady or too slow for the amplifier.
     """
     used = samples.select_channels(choose_channels(samples, sensitivity is not None))
     return build_measurement(fit_sine(used, frequency), Losses.from_samples(used), amplifier, sensitivity, calibrated_at)
@@ -137,8 +162,10 @@ def measure(
 def choose_channels(samples: Samples, force: bool) -> tuple[str, ...]:
     """Choose the channels that a measurement uses: both films', and the force channel if ``force`` is true and it exists.
 
-    Raises:
-        Flawed: a film's channel is missing.
+    Raises
+    ------
+    Flawed
+        A film's channel is missing.
     """
     missing = [name for name in FILM_NAMES if name not in samples.channels]
     if missing:
@@ -155,8 +182,10 @@ def build_measurement(
 ) -> Measurement:
     """Build a measurement from a fit: divide by the amplifier's response. For the other arguments see ``measure``.
 
-    Raises:
-        HardwareError: no load exceeds the noise, it is not one steady sinusoid, or it is too slow for the amplifier.
+    Raises
+    ------
+    HardwareError
+        No load exceeds the noise, it is not one steady sinusoid, or it is too slow for the amplifier.
     """
     response = amplifier.response(fit.frequency)
     charges = fit.amplitudes[:2] / response
@@ -188,8 +217,10 @@ def _divide_covariance(response: complex, covariance: Floats) -> Floats:
 def check_measurement(measurement: Measurement, min_cycles: float) -> Measurement:
     """Return the measurement unchanged if a calibration may use it.
 
-    Raises:
-        Flawed: the reading has gaps, overruns, saturation, too few periods of the load, or no load.
+    Raises
+    ------
+    Flawed
+        The reading has gaps, overruns, saturation, too few periods of the load, or no load.
     """
     strength = _compute_strength(measurement.charges, measurement.covariance)
     flaws = {

@@ -23,9 +23,12 @@ MIN_MEAN_SQUARE = (
 def estimate_spike_error(residuals: Floats, period: float) -> Floats:
     """Return the error of each amplitude that outliers may cause, V, (channels,); bursts of outliers count as independent.
 
-    Args:
-        residuals: (n, channels) of a fit, V.
-        period: of the load, rows; outliers closer than half of it are one burst.
+    Parameters
+    ----------
+    residuals
+        (n, channels) of a fit, V.
+    period
+        Of the load, rows; outliers closer than half of it are one burst.
     """
     size = np.abs(residuals)
     outliers = size > OUTLIER_SD * SD_PER_MEDIAN * np.median(size, axis=0)
@@ -40,11 +43,16 @@ def estimate_spike_error(residuals: Floats, period: float) -> Floats:
 def estimate_bending_error(lines: Lines, t: Floats, fitted: Floats, residuals: Floats) -> Floats:
     """Return the error of each amplitude that a curved characteristic may cause, V, (channels,); 0 where none is significant.
 
-    Args:
-        lines: of the fit.
-        t: (n,) times from the middle of the record, s.
-        fitted: (n, channels) the fitted signal, V.
-        residuals: (n, channels), V.
+    Parameters
+    ----------
+    lines
+        Of the fit.
+    t
+        (n,) times from the middle of the record, s.
+    fitted
+        (n, channels) the fitted signal, V.
+    residuals
+        (n, channels), V.
     """
     scaled: Floats = np.asarray(fitted / np.maximum(np.abs(fitted).max(axis=0), np.finfo(float).tiny), dtype=float)
     errors = np.zeros(residuals.shape[1])

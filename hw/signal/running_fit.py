@@ -21,10 +21,14 @@ class RunningFit:
 
     A reading that is shorter than two pieces is fitted as one.
 
-    Args:
-        frequency: of the load, Hz.
-        force: whether the force channel is used if there is one.
-        rows: minimum rows in a piece.
+    Parameters
+    ----------
+    frequency
+        Of the load, Hz.
+    force
+        Whether the force channel is used if there is one.
+    rows
+        Minimum rows in a piece.
     """
 
     def __init__(self, frequency: float, force: bool, rows: int = MIN_PIECE_ROWS) -> None:
@@ -59,8 +63,10 @@ class RunningFit:
     def fit(self) -> SineFit:
         """Return the fit of all samples.
 
-        Raises:
-            HardwareError: the fault of the first piece that could not be fitted.
+        Raises
+        ------
+        HardwareError
+            The fault of the first piece that could not be fitted.
         """
         if self._waiting:
             self._fit_remaining()

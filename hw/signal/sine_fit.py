@@ -42,27 +42,47 @@ class TooShort(NoSine):
 class SineFit:
     """The fitted amplitudes a of v(t) = Re(a e^(j 2 pi f t)), t from the middle of the record.
 
-    Attributes:
-        frequency: f, Hz.
-        frequency_sd: standard deviation of ``frequency``, Hz.
-        amplitudes: (channels,), V.
-        covariance: of (re, im) of each channel in turn, V^2, shape (2 channels, 2 channels).
-        offsets: (channels,) constant term of the drift polynomial, V.
-        offsets_sd: (channels,) standard deviations of ``offsets``, V.
-        drift: (channels,) difference of the drift polynomial's maximum and minimum, V.
-        noise: (channels,) standard deviation of the residual, V.
-        density: covariance of the noise near f, as that of white noise of equal density at f, V^2, shape (channels, channels);
-            ``covariance`` is built from it.
-        variance: of re or im of an amplitude, relative to the variance of a sample's noise.
-        harmonics: (h, channels) harmonics of the load from the second on, V, with phases as ``amplitudes``.
-        spikes: (channels,) error of an amplitude that outliers may cause, V.
-        bending: (channels,) error that a curved characteristic may cause, from products of load and mains, V.
-        blocks: (k, channels) amplitudes of consecutive blocks, V.
-        blocks_variance: (k,) variance of their re and im, relative to that of a sample's noise.
-        mains: frequency of the mains, Hz, or None if not detected.
-        seconds: time from the first to the last sample, summed over stretches between gaps of unknown length.
-        rows: number of samples used.
-        left_out: number of samples in stretches too short to be fitted.
+    Attributes
+    ----------
+    frequency
+        f, Hz.
+    frequency_sd
+        Standard deviation of ``frequency``, Hz.
+    amplitudes
+        (channels,), V.
+    covariance
+        Of (re, im) of each channel in turn, V^2, shape (2 channels, 2 channels).
+    offsets
+        (channels,) constant term of the drift polynomial, V.
+    offsets_sd
+        (channels,) standard deviations of ``offsets``, V.
+    drift
+        (channels,) difference of the drift polynomial's maximum and minimum, V.
+    noise
+        (channels,) standard deviation of the residual, V.
+    density
+        Covariance of the noise near f, as that of white noise of equal density at f, V^2, shape (channels, channels);
+        ``covariance`` is built from it.
+    variance
+        Of re or im of an amplitude, relative to the variance of a sample's noise.
+    harmonics
+        (h, channels) harmonics of the load from the second on, V, with phases as ``amplitudes``.
+    spikes
+        (channels,) error of an amplitude that outliers may cause, V.
+    bending
+        (channels,) error that a curved characteristic may cause, from products of load and mains, V.
+    blocks
+        (k, channels) amplitudes of consecutive blocks, V.
+    blocks_variance
+        (k,) variance of their re and im, relative to that of a sample's noise.
+    mains
+        Frequency of the mains, Hz, or None if not detected.
+    seconds
+        Time from the first to the last sample, summed over stretches between gaps of unknown length.
+    rows
+        Number of samples used.
+    left_out
+        Number of samples in stretches too short to be fitted.
     """
 
     frequency: float
@@ -101,12 +121,17 @@ def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
 
     Rows that are saturated in any channel are left out. Neither these nor gaps are filled in.
 
-    Args:
-        samples: of one stretch.
-        frequency: of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
+    Parameters
+    ----------
+    samples
+        Of one stretch.
+    frequency
+        Of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
 
-    Raises:
-        NoSine: the record is too short, too slowly sampled, or has no sinusoid.
+    Raises
+    ------
+    NoSine
+        The record is too short, too slowly sampled, or has no sinusoid.
     """
     clean = _drop_saturated(samples)
     begin, end = (int(samples.index[k]) for k in (0, -1)) if len(samples.index) else (0, 0)

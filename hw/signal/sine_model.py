@@ -24,12 +24,18 @@ DRIFT_COEFFICIENTS = 4  # coefficients of the drift polynomial: up to t^3
 class Lines:
     """The columns of the model, eq. SI.3, by their frequencies in Hz.
 
-    Attributes:
-        load: frequency f of the load.
-        harmonics: number of harmonics of f, the fundamental included.
-        mains: frequency g of the mains, or None.
-        hums: number of harmonics of g, the fundamental included.
-        half: half of the record's length, s.
+    Attributes
+    ----------
+    load
+        Frequency f of the load.
+    harmonics
+        Number of harmonics of f, the fundamental included.
+    mains
+        Frequency g of the mains, or None.
+    hums
+        Number of harmonics of g, the fundamental included.
+    half
+        Half of the record's length, s.
     """
 
     load: float
@@ -65,12 +71,18 @@ class Lines:
 class Solution:
     """A least-squares solution at given frequencies.
 
-    Attributes:
-        coefficients: of the p columns, V, shape (p, channels).
-        inverse: inverse of the columns' normal matrix, shape (p, p).
-        noise: covariance of the residuals, V^2, shape (channels, channels).
-        step: correction of f and, if there are mains, of g, Hz.
-        step_sd: standard deviations of ``step``, Hz.
+    Attributes
+    ----------
+    coefficients
+        Of the p columns, V, shape (p, channels).
+    inverse
+        Inverse of the columns' normal matrix, shape (p, p).
+    noise
+        Covariance of the residuals, V^2, shape (channels, channels).
+    step
+        Correction of f and, if there are mains, of g, Hz.
+    step_sd
+        Standard deviations of ``step``, Hz.
     """
 
     coefficients: Floats
@@ -83,10 +95,14 @@ class Solution:
 def solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
     """Fit eq. SI.3 at the frequencies of ``lines``, and compute a Gauss-Newton correction of these.
 
-    Args:
-        lines: the columns.
-        t: (n,) times from the middle of the record, s.
-        volts: (n, channels).
+    Parameters
+    ----------
+    lines
+        The columns.
+    t
+        (n,) times from the middle of the record, s.
+    volts
+        (n, channels).
     """
     normal, right = build_normal_equations(lines, t, volts)
     inverse: Floats = np.asarray(np.linalg.inv(normal), dtype=float)

@@ -27,10 +27,14 @@ CLEAR_LINE_FACTOR = 100.0  # times the median power: so strong a line within tha
 class Spectrum:
     """A spectrum |sum_n w_n v_n e^(-j 2 pi f t_n)|^2 at evenly spaced frequencies f: v_n values, t_n times, w_n window.
 
-    Attributes:
-        frequencies: (k,), Hz.
-        power: (k, channels), V^2; or the complex sums, V.
-        width: of a line, 1 / length of the record, Hz.
+    Attributes
+    ----------
+    frequencies
+        (k,), Hz.
+    power
+        (k, channels), V^2; or the complex sums, V.
+    width
+        Of a line, 1 / length of the record, Hz.
     """
 
     frequencies: Floats
@@ -107,12 +111,18 @@ def estimate_density(samples: Samples, residual: Floats, frequency: float, fitte
     is more than the residual's variance suggests if noise rises towards low frequencies, and less if most of it is wandering
     mains. The estimate at f is used where it differs significantly from ``white``.
 
-    Args:
-        samples: of the record.
-        residual: (n, channels), V.
-        frequency: f, Hz.
-        fitted: frequencies that were fitted and removed from the residual, Hz.
-        white: covariance of the residual's samples, V^2.
+    Parameters
+    ----------
+    samples
+        Of the record.
+    residual
+        (n, channels), V.
+    frequency
+        f, Hz.
+    fitted
+        Frequencies that were fitted and removed from the residual, Hz.
+    white
+        Covariance of the residual's samples, V^2.
     """
     waves = compute_spectrum(samples, residual, padding=DENSITY_PADDING, hann=False, power=False)
     reach = NEIGHBOUR_LINES * waves.width

@@ -26,10 +26,14 @@ TREND_DEGREE = 3  # degree of the polynomial
 class Steadiness:
     """Changes during a record, as largest deviations from its mean; 0 where noise explains them.
 
-    Attributes:
-        load: change of the load's amplitude, relative.
-        phase: change of the load's phase, rad.
-        channels: (c,) change of each channel's amplitude in addition to the load's, V.
+    Attributes
+    ----------
+    load
+        Change of the load's amplitude, relative.
+    phase
+        Change of the load's phase, rad.
+    channels
+        (c,) change of each channel's amplitude in addition to the load's, V.
     """
 
     load: float
@@ -40,10 +44,14 @@ class Steadiness:
 def fit_blocks(lines: Lines, t: Floats, volts: Floats) -> tuple[Complexes, Floats]:
     """Fit consecutive blocks; return their amplitudes, (k, c), and variances relative to a sample's noise, (k,).
 
-    Args:
-        lines: the record's, fitted; phases count from its middle.
-        t: (n,) times from the middle of the record, s, increasing.
-        volts: (n, c).
+    Parameters
+    ----------
+    lines
+        The record's, fitted; phases count from its middle.
+    t
+        (n,) times from the middle of the record, s, increasing.
+    volts
+        (n, c).
     """
     unknowns = 2 * len(lines.frequencies) + DRIFT_COEFFICIENTS
     edges = np.linspace(-lines.half, lines.half, _count_blocks(lines, len(t), unknowns) + 1)
@@ -80,11 +88,16 @@ def _fit_block(lines: Lines, t: Floats, volts: Floats, middle: float, half: floa
 def assess_steadiness(amplitudes: Complexes, block_amplitudes: Complexes, variances: Floats, noise: Floats) -> Steadiness:
     """Find significant changes of the load and of single channels from the amplitudes of blocks.
 
-    Args:
-        amplitudes: of the whole record, (c,), V.
-        block_amplitudes: of its blocks, (k, c), V.
-        variances: of their re and im, relative to a sample's noise, (k,).
-        noise: variance of a sample of each channel, V^2, (c,).
+    Parameters
+    ----------
+    amplitudes
+        Of the whole record, (c,), V.
+    block_amplitudes
+        Of its blocks, (k, c), V.
+    variances
+        Of their re and im, relative to a sample's noise, (k,).
+    noise
+        Variance of a sample of each channel, V^2, (c,).
     """
     weights = 1 / np.maximum(noise, np.finfo(float).tiny)
     total = float((np.abs(amplitudes) ** 2 * weights).sum())

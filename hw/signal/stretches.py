@@ -23,12 +23,17 @@ FREQUENCY_TOLERANCE = 0.01  # largest relative difference of the stretches' freq
 def fit_sine(samples: Samples, frequency: float | None = None) -> SineFit:
     """Fit a sinusoidal load to all channels, stretch by stretch.
 
-    Args:
-        samples: of one reading.
-        frequency: of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
+    Parameters
+    ----------
+    samples
+        Of one reading.
+    frequency
+        Of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
 
-    Raises:
-        NoSine: the reading is too short, too slowly sampled, or has no sinusoid.
+    Raises
+    ------
+    NoSine
+        The reading is too short, too slowly sampled, or has no sinusoid.
     """
     parts = sorted(split_stretches(samples), key=len, reverse=True)
     fits = [fit_stretch(parts[0] if parts else samples, frequency)]
@@ -54,8 +59,10 @@ def split_stretches(samples: Samples) -> Iterator[Samples]:
 def combine_fits(fits: Sequence[SineFit]) -> SineFit:
     """Combine the fits of several stretches: means weighted by rows, in the phase of the first.
 
-    Raises:
-        NoSine: their frequencies differ by more than 1 %.
+    Raises
+    ------
+    NoSine
+        Their frequencies differ by more than 1 %.
     """
     if len(fits) == 1:
         return fits[0]

@@ -36,10 +36,14 @@ class Flawed(HardwareError):  # noqa: N818 - says what is wrong
 class Doubt:
     """Standard deviations that deviations of the waveform add to the noise.
 
-    Attributes:
-        common: relative, common to all amplitudes.
-        channels: (c,) independent in each channel's amplitude, V.
-        warnings: one line each.
+    Attributes
+    ----------
+    common
+        Relative, common to all amplitudes.
+    channels
+        (c,) independent in each channel's amplitude, V.
+    warnings
+        One line each.
     """
 
     common: float
@@ -55,13 +59,19 @@ class Doubt:
 def assess_waveform(fit: SineFit, channels: tuple[str, ...], response: Callable[[float], complex]) -> Doubt:
     """Assess a fit's waveform: refuse large deviations from a steady sine, and count small ones.
 
-    Args:
-        fit: of all channels.
-        channels: their names; the films are the first two.
-        response: of the films' amplifiers, V/C, as a function of frequency in Hz.
+    Parameters
+    ----------
+    fit
+        Of all channels.
+    channels
+        Their names; the films are the first two.
+    response
+        Of the films' amplifiers, V/C, as a function of frequency in Hz.
 
-    Raises:
-        Flawed: the load is not one steady sinusoid, or a channel is too nonlinear.
+    Raises
+    ------
+    Flawed
+        The load is not one steady sinusoid, or a channel is too nonlinear.
     """
     noise = np.diag(fit.density)
     steady = assess_steadiness(fit.amplitudes, fit.blocks, fit.blocks_variance, noise)

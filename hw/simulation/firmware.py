@@ -25,13 +25,18 @@ class Halted(Exception):  # noqa: N818 - a state of the endpoint
 class Fault:
     """A fault that occurs once.
 
-    Attributes:
-        kind: "drop" frames on the bus, "repeat" them, "corrupt" a bit in each, "cut" the first short, "overrun" in the device,
-            "stall" the endpoint, bus "error", "silence" (reads time out), "reset" (the device stays, but loses its stream),
-            "unplug" while the device counts on, "power" (unplug, and the counter restarts).
-        frame: number of the first frame concerned.
-        count: number of frames lost or damaged, or of consecutive reads that fail.
-        seconds: time for which an unplugged device stays away.
+    Attributes
+    ----------
+    kind
+        "drop" frames on the bus, "repeat" them, "corrupt" a bit in each, "cut" the first short, "overrun" in the device, "stall"
+        the endpoint, bus "error", "silence" (reads time out), "reset" (the device stays, but loses its stream), "unplug" while
+        the device counts on, "power" (unplug, and the counter restarts).
+    frame
+        Number of the first frame concerned.
+    count
+        Number of frames lost or damaged, or of consecutive reads that fail.
+    seconds
+        Time for which an unplugged device stays away.
     """
 
     kind: Kind
@@ -43,12 +48,18 @@ class Fault:
 class Firmware:
     """The state and the stream of one simulated device.
 
-    Attributes:
-        layout: of its frames.
-        rate: Hz.
-        index: of the next conversion.
-        sent: sequence number of the next frame.
-        halted: whether the endpoint is halted.
+    Attributes
+    ----------
+    layout
+        Of its frames.
+    rate
+        Hz.
+    index
+        Of the next conversion.
+    sent
+        Sequence number of the next frame.
+    halted
+        Whether the endpoint is halted.
     """
 
     def __init__(

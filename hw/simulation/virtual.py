@@ -44,9 +44,12 @@ _ENDPOINT_DESCRIPTOR: dict[str, object] = {
 class VirtualProbe(IBackend):  # type: ignore[misc]
     """One virtual probe on a virtual bus; ``make_virtual_probe`` makes it.
 
-    Attributes:
-        serial: its serial number.
-        firmware: the simulated device.
+    Attributes
+    ----------
+    serial
+        Its serial number.
+    firmware
+        The simulated device.
     """
 
     def __init__(self, firmware: Firmware, serial: str, pace: bool) -> None:
@@ -150,15 +153,24 @@ def make_virtual_probe(
 ) -> VirtualProbe:
     """Make a virtual probe, for ``hw.reader.Reader.open``.
 
-    Args:
-        signals: function from (n,) times since the start of the stream, s, to (n, channels) volts.
-        rate: sampling rate, Hz.
-        serial: its serial number.
-        faults: faults and their frames.
-        channels: 2, or 3 with a force.
-        scale: volts per count; the range is 32767 counts to either side.
-        packet: bytes in a frame.
-        pace: deliver samples in real time; if false, as fast as they are read.
+    Parameters
+    ----------
+    signals
+        Function from (n,) times since the start of the stream, s, to (n, channels) volts.
+    rate
+        Sampling rate, Hz.
+    serial
+        Its serial number.
+    faults
+        Faults and their frames.
+    channels
+        2, or 3 with a force.
+    scale
+        Volts per count; the range is 32767 counts to either side.
+    packet
+        Bytes in a frame.
+    pace
+        Deliver samples in real time; if false, as fast as they are read.
     """
     return VirtualProbe(Firmware(signals, rate, (scale,) * channels, packet, faults), serial, pace)
 

@@ -17,12 +17,17 @@ _CONTROL_TIMEOUT = 1000  # ms
 class UsbDevice:
     """A probe that is open, with its interface claimed by this program.
 
-    Attributes:
-        packet: wMaxPacketSize of its endpoint, which is also the size of its frames.
+    Attributes
+    ----------
+    packet
+        wMaxPacketSize of its endpoint, which is also the size of its frames.
 
-    Raises:
-        ProtocolError: the device has no vendor interface with a bulk endpoint.
-        usb.core.USBError: the device cannot be opened or claimed.
+    Raises
+    ------
+    ProtocolError
+        The device has no vendor interface with a bulk endpoint.
+    usb.core.USBError
+        The device cannot be opened or claimed.
     """
 
     def __init__(self, connected: FoundDevice) -> None:

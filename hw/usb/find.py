@@ -24,10 +24,14 @@ _STRING_DESCRIPTOR, _ENGLISH_US = 0x0300, 0x0409
 class FoundDevice:
     """A device that looks like a probe.
 
-    Attributes:
-        device: pyusb's.
-        serial: its serial number; empty if it could not be read.
-        fault: why the serial number could not be read.
+    Attributes
+    ----------
+    device
+        Pyusb's.
+    serial
+        Its serial number; empty if it could not be read.
+    fault
+        Why the serial number could not be read.
     """
 
     device: usb.core.Device
@@ -50,8 +54,10 @@ def open_libusb() -> IBackend:
     An existing context learns of new devices through the system's hotplug messages, which do not reach a container. A new
     context scans the bus.
 
-    Raises:
-        NotFound: there is no libusb for this machine, or it has no access to USB.
+    Raises
+    ------
+    NotFound
+        There is no libusb for this machine, or it has no access to USB.
     """
     backend = libusb_package.get_libusb1_backend()
     if backend is None and libusb1._lib is None:
@@ -73,10 +79,14 @@ def _build_uninitialised_error(reason: str) -> NotFound:
 def find_probe(serial: str | None, backends: Backends = open_libusb) -> FoundDevice:
     """Find the probe with the serial number, or the only one connected.
 
-    Raises:
-        NotFound: there is no such probe.
-        Ambiguous: several probes match.
-        AccessDenied: a probe is connected that this user may not open.
+    Raises
+    ------
+    NotFound
+        There is no such probe.
+    Ambiguous
+        Several probes match.
+    AccessDenied
+        A probe is connected that this user may not open.
     """
     probes = list_connected(backends())
     matching = [probe for probe in probes if probe.fault is None and serial in (None, probe.serial)]

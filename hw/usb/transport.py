@@ -33,13 +33,20 @@ _GAP_REASONS: dict[type[HardwareError], str] = {
 class Patience:
     """Time limits and numbers of attempts.
 
-    Attributes:
-        read: timeout of one read, s.
-        silence: time without a byte after which it gives up, s.
-        absence: time after a disconnection after which it gives up, s.
-        attempts: consecutive recoveries.
-        span: duration of the samples in one read at most, s.
-        largest: bytes in one read at most.
+    Attributes
+    ----------
+    read
+        Timeout of one read, s.
+    silence
+        Time without a byte after which it gives up, s.
+    absence
+        Time after a disconnection after which it gives up, s.
+    attempts
+        Consecutive recoveries.
+    span
+        Duration of the samples in one read at most, s.
+    largest
+        Bytes in one read at most.
     """
 
     read: float = 0.5
@@ -56,14 +63,21 @@ DEFAULT_PATIENCE = Patience()
 class UsbTransport:
     """A transport that reads one probe on USB.
 
-    Args:
-        serial: the probe's serial number; None: the only one connected.
-        rate: requested rate, Hz; None: the present rate.
-        backend: of pyusb, in place of libusb.
-        patience: time limits and numbers of attempts.
+    Parameters
+    ----------
+    serial
+        The probe's serial number; None: the only one connected.
+    rate
+        Requested rate, Hz; None: the present rate.
+    backend
+        Of pyusb, in place of libusb.
+    patience
+        Time limits and numbers of attempts.
 
-    Raises:
-        HardwareError: no such probe, several, busy, access denied, or not a probe.
+    Raises
+    ------
+    HardwareError
+        No such probe, several, busy, access denied, or not a probe.
     """
 
     def __init__(
@@ -101,8 +115,10 @@ class UsbTransport:
 
         The first call starts the stream. Calls must follow without delay, since the board's buffer holds 0.1 s.
 
-        Raises:
-            HardwareError: recovery failed, or no byte came for ``Patience.silence`` s.
+        Raises
+        ------
+        HardwareError
+            Recovery failed, or no byte came for ``Patience.silence`` s.
         """
         if not self._started:
             self._start()

@@ -31,11 +31,16 @@ LOSS_REASON = "frames were lost or damaged on the way"
 class Format:
     """The parameters that turn frames into volts.
 
-    Attributes:
-        rate: Hz.
-        scale: volts per count of each channel.
-        size: bytes in a frame.
-        stream: the number that frames carry.
+    Attributes
+    ----------
+    rate
+        Hz.
+    scale
+        Volts per count of each channel.
+    size
+        Bytes in a frame.
+    stream
+        The number that frames carry.
     """
 
     rate: float
@@ -67,13 +72,19 @@ class FrameDecoder:
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
         """Return the samples of the frames that the bytes complete, possibly none.
 
-        Args:
-            data: the next bytes.
-            stream: the stream's number if the device was started again: its index then restarts at 0.
-            note: what happened before these bytes; the reason of the next gap.
+        Parameters
+        ----------
+        data
+            The next bytes.
+        stream
+            The stream's number if the device was started again: its index then restarts at 0.
+        note
+            What happened before these bytes; the reason of the next gap.
 
-        Raises:
-            ProtocolError: no valid frame came for a long time.
+        Raises
+        ------
+        ProtocolError
+            No valid frame came for a long time.
         """
         self._note = note or self._note
         if stream is not None and stream != self._stream:

@@ -31,12 +31,17 @@ MIN_FRAME_BYTES, MAX_FRAME_BYTES = 32, 1024  # bytes in a frame
 class FrameLayout:
     """The layout of a device's frames.
 
-    Attributes:
-        size: bytes in a frame: the endpoint's wMaxPacketSize.
-        channels: number of channels, 2 or 3.
+    Attributes
+    ----------
+    size
+        Bytes in a frame: the endpoint's wMaxPacketSize.
+    channels
+        Number of channels, 2 or 3.
 
-    Raises:
-        ProtocolError: the protocol has no such frames.
+    Raises
+    ------
+    ProtocolError
+        The protocol has no such frames.
     """
 
     size: int
@@ -66,12 +71,18 @@ class FrameLayout:
 class Frame:
     """The content of one frame.
 
-    Attributes:
-        sequence: number of the frame in its stream, modulo 2^32.
-        index: of the first row since the stream was started; counts conversions, sent or not.
-        stream: the stream's number, as sent by the host with START.
-        codes: (rows, channels) int16.
-        flags: OVERRUN, SATURATED << channel.
+    Attributes
+    ----------
+    sequence
+        Number of the frame in its stream, modulo 2^32.
+    index
+        Of the first row since the stream was started; counts conversions, sent or not.
+    stream
+        The stream's number, as sent by the host with START.
+    codes
+        (rows, channels) int16.
+    flags
+        OVERRUN, SATURATED << channel.
     """
 
     sequence: int
@@ -94,13 +105,20 @@ class Frame:
 def encode_frames(layout: FrameLayout, *, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
     """Encode consecutive full frames at once, each as by ``Frame.encode``.
 
-    Args:
-        layout: of the frames.
-        stream: the stream's number.
-        sequence: of the first.
-        index: of its first row.
-        codes: (frames * layout.rows, channels) int16.
-        flags: of every frame.
+    Parameters
+    ----------
+    layout
+        Of the frames.
+    stream
+        The stream's number.
+    sequence
+        Of the first.
+    index
+        Of its first row.
+    codes
+        (frames * layout.rows, channels) int16.
+    flags
+        Of every frame.
     """
     frames = np.zeros(len(codes) // layout.rows, layout.dtype)
     order = np.arange(len(frames))

@@ -23,12 +23,18 @@ RATE_FORMAT = struct.Struct("<I")
 class Info:
     """The response to GET_INFO.
 
-    Attributes:
-        channels: number of channels, 2 or 3.
-        rate: present rate, Hz.
-        highest_rate: Hz.
-        scale: volts per count of each channel.
-        firmware: name and version, 16 ASCII characters at most.
+    Attributes
+    ----------
+    channels
+        Number of channels, 2 or 3.
+    rate
+        Present rate, Hz.
+    highest_rate
+        Hz.
+    scale
+        Volts per count of each channel.
+    firmware
+        Name and version, 16 ASCII characters at most.
     """
 
     channels: int
@@ -54,8 +60,10 @@ class Info:
     def decode(cls, data: bytes) -> Info:
         """Decode a device's response.
 
-        Raises:
-            ProtocolError: the response does not follow this version of the protocol.
+        Raises
+        ------
+        ProtocolError
+            The response does not follow this version of the protocol.
         """
         if len(data) < _INFO_FORMAT.size:
             raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO_FORMAT.size}: update its firmware")
@@ -74,11 +82,16 @@ class Info:
 class Status:
     """The response to GET_STATUS.
 
-    Attributes:
-        stream: number of the running stream; 0 when stopped.
-        overruns: since START, modulo 2^16.
-        sequence: of the next frame.
-        index: of the next conversion.
+    Attributes
+    ----------
+    stream
+        Number of the running stream; 0 when stopped.
+    overruns
+        Since START, modulo 2^16.
+    sequence
+        Of the next frame.
+    index
+        Of the next conversion.
     """
 
     stream: int
@@ -94,8 +107,10 @@ class Status:
     def decode(cls, data: bytes) -> Status:
         """Decode a device's response.
 
-        Raises:
-            ProtocolError: the response is too short.
+        Raises
+        ------
+        ProtocolError
+            The response is too short.
         """
         if len(data) < _STATUS_FORMAT.size:
             raise ProtocolError(f"the device's status has {len(data)} bytes, not {_STATUS_FORMAT.size}: update its firmware")

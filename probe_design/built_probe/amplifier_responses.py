@@ -28,13 +28,19 @@ from probe_design.built_probe.gain_matrix import Gains
 def divide_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrated_at: float | None = None) -> Measurement:
     """Replace the common amplifier's response by each film's own in the charges of a measurement.
 
-    Args:
-        measurement: with charges by the common amplifier.
-        amplifier: of the bench.
-        calibrated_at: frequency at which gains were calibrated, Hz.
+    Parameters
+    ----------
+    measurement
+        With charges by the common amplifier.
+    amplifier
+        Of the bench.
+    calibrated_at
+        Frequency at which gains were calibrated, Hz.
 
-    Raises:
-        TooSlow: the load's frequency is far below a corner frequency.
+    Raises
+    ------
+    TooSlow
+        The load's frequency is far below a corner frequency.
     """
     common, films, frequency = amplifier.build_common(), amplifier.build_films(), measurement.fit.frequency
     if films == (common, common):
@@ -53,10 +59,14 @@ def divide_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibr
 def add_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Add the error of a wrong sampling rate to a measurement's tolerance, and a warning if the drive's frequency shows one.
 
-    Args:
-        measurement: with charges by each film's own amplifier.
-        bench: for the drive's frequency and the amplifiers.
-        calibrated_at: frequency of the calibration, Hz, at the same rate: the error that the gains have absorbed is subtracted.
+    Parameters
+    ----------
+    measurement
+        With charges by each film's own amplifier.
+    bench
+        For the drive's frequency and the amplifiers.
+    calibrated_at
+        Frequency of the calibration, Hz, at the same rate: the error that the gains have absorbed is subtracted.
     """
     change = _compute_response_change(bench, measurement.fit.frequency)
     if calibrated_at is not None:

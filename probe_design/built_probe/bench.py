@@ -41,12 +41,16 @@ DEFAULT_LEAK_SD = (
 class Shaker(Frozen):
     """The sinusoidal load.
 
-    Attributes:
-        frequency: of the drive, Hz; the fit corrects it.
-        frequency_tolerance: relative standard deviation of the drive's frequency; a larger difference is reported as a wrong
-            sampling rate.
-        least_cycles: minimum periods of the load in a reading for a calibration.
-        most_warming: maximum temperature change of a film during such a reading, K.
+    Attributes
+    ----------
+    frequency
+        Of the drive, Hz; the fit corrects it.
+    frequency_tolerance
+        Relative standard deviation of the drive's frequency; a larger difference is reported as a wrong sampling rate.
+    least_cycles
+        Minimum periods of the load in a reading for a calibration.
+    most_warming
+        Maximum temperature change of a film during such a reading, K.
     """
 
     frequency: Frequency = 5.0
@@ -88,9 +92,12 @@ class Amplifier(Frozen):
 class Sampling(Frozen):
     """The sampling times of the channels.
 
-    Attributes:
-        skew: time by which the outer film's channel is sampled later than the inner's, s; corrected.
-        skew_tolerance: standard deviation of ``skew``, s.
+    Attributes
+    ----------
+    skew
+        Time by which the outer film's channel is sampled later than the inner's, s; corrected.
+    skew_tolerance
+        Standard deviation of ``skew``, s.
     """
 
     skew: Skew = 0.0
@@ -100,11 +107,16 @@ class Sampling(Frozen):
 class ReferenceForce(Frozen):
     """The force channel.
 
-    Attributes:
-        sensitivity: V/N.
-        tolerance: relative standard deviation of the sensitivity, as its maker states it.
-        verified: whether a known load has confirmed it; if not, and no reference has a known load, its scale is unknown.
-        delay: delay of the channel behind the inner film's by a digital filter, s, below 0 if it is sampled later; corrected.
+    Attributes
+    ----------
+    sensitivity
+        V/N.
+    tolerance
+        Relative standard deviation of the sensitivity, as its maker states it.
+    verified
+        Whether a known load has confirmed it; if not, and no reference has a known load, its scale is unknown.
+    delay
+        Delay of the channel behind the inner film's by a digital filter, s, below 0 if it is sampled later; corrected.
     """
 
     sensitivity: Sensitivity
@@ -116,10 +128,14 @@ class ReferenceForce(Frozen):
 class Channels(Frozen):
     """The uncertainty of the two channels before a calibration, and their stability after it.
 
-    Attributes:
-        gain: relative standard deviation of each film's charge per force about the nominal.
-        cross_talk: standard deviation of the fraction of one film's force that shows in the other channel.
-        warming: standard deviation of each film's temperature about that of its calibration, K.
+    Attributes
+    ----------
+    gain
+        Relative standard deviation of each film's charge per force about the nominal.
+    cross_talk
+        Standard deviation of the fraction of one film's force that shows in the other channel.
+    warming
+        Standard deviation of each film's temperature about that of its calibration, K.
     """
 
     gain: Fraction = 0.05
@@ -138,15 +154,22 @@ class Workshop(Frozen):
 class Reference(Frozen):
     """A reference to press on.
 
-    Attributes:
-        on: ``tissue``, a block of the scene's tissue's shape and Poisson's ratio without inclusion; ``inner``, a pin that
-            touches the inner block alone; ``outer``, a ring that touches the outer block alone.
-        youngs_modulus: of the tissue, Pa.
-        tolerance: relative standard deviation of the modulus.
-        leak: of a pin or ring, the standard deviation of the fraction of its load on the other block; None: the default
-            ``DEFAULT_LEAK_SD``, or the fraction in the other film's channel if that is more.
-        known_force: amplitude of the load, N, if it is known independently: of a shaken mass, or a spring of known stiffness.
-        known_force_tolerance: relative standard deviation of ``known_force``.
+    Attributes
+    ----------
+    on
+        ``tissue``, a block of the scene's tissue's shape and Poisson's ratio without inclusion; ``inner``, a pin that touches the
+        inner block alone; ``outer``, a ring that touches the outer block alone.
+    youngs_modulus
+        Of the tissue, Pa.
+    tolerance
+        Relative standard deviation of the modulus.
+    leak
+        Of a pin or ring, the standard deviation of the fraction of its load on the other block; None: the default
+        ``DEFAULT_LEAK_SD``, or the fraction in the other film's channel if that is more.
+    known_force
+        Amplitude of the load, N, if it is known independently: of a shaken mass, or a spring of known stiffness.
+    known_force_tolerance
+        Relative standard deviation of ``known_force``.
     """
 
     on: ReferenceKind = "tissue"

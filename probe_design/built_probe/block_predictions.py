@@ -38,12 +38,18 @@ BLOCK_MODULI = "reference.youngs_modulus"  # an additional variable: one relativ
 class BlockPrediction:
     """The prediction for a reference block.
 
-    Attributes:
-        log_ratio: ln(F_inner / F_outer).
-        bound: bound on the solver's error of ``log_ratio``.
-        slopes: derivatives of ``log_ratio`` with respect to the design's variables, per SI unit, shape (v,).
-        modulus_derivative: derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
-        rule: limits of loads on the block; None: the load does not matter.
+    Attributes
+    ----------
+    log_ratio
+        ln(F_inner / F_outer).
+    bound
+        Bound on the solver's error of ``log_ratio``.
+    slopes
+        Derivatives of ``log_ratio`` with respect to the design's variables, per SI unit, shape (v,).
+    modulus_derivative
+        Derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
+    rule
+        Limits of loads on the block; None: the load does not matter.
     """
 
     log_ratio: float
@@ -59,8 +65,10 @@ class BlockPrediction:
     def apply_force(self, force: float, name: str, linear: bool) -> BlockPrediction:
         """Return the prediction under a force, N, with the effect of finite strain added to the bound.
 
-        Raises:
-            Refusal: the force is above the limit of linear elasticity; ``linear`` allows any force with a known estimate.
+        Raises
+        ------
+        Refusal
+            The force is above the limit of linear elasticity; ``linear`` allows any force with a known estimate.
         """
         if self.rule is None:
             return self
@@ -79,11 +87,16 @@ class BlockPrediction:
 class BlockPredictions:
     """The predictions for all tissue blocks of a bench, for one design.
 
-    Attributes:
-        variables: names of the v variables: the design's keys of the scene file, and BLOCK_MODULI.
-        nominal: their values, SI, shape (v,); 1 for BLOCK_MODULI.
-        blocks: one prediction for each block.
-        unmeasured: standard deviations of ln E by variable, for moduli from the catalogue that were not measured.
+    Attributes
+    ----------
+    variables
+        Names of the v variables: the design's keys of the scene file, and BLOCK_MODULI.
+    nominal
+        Their values, SI, shape (v,); 1 for BLOCK_MODULI.
+    blocks
+        One prediction for each block.
+    unmeasured
+        Standard deviations of ln E by variable, for moduli from the catalogue that were not measured.
     """
 
     variables: tuple[str, ...]
@@ -120,12 +133,17 @@ class BlockPredictions:
 def predict_blocks(scene: Scene, references: Sequence[Reference]) -> BlockPredictions:
     """Predict the films' share of the load on the references that are blocks of tissue.
 
-    Args:
-        scene: for its probe, contact and kind of tissue; inclusions, placement and tilt are ignored.
-        references: pins and rings are skipped, since they need no prediction.
+    Parameters
+    ----------
+    scene
+        For its probe, contact and kind of tissue; inclusions, placement and tilt are ignored.
+    references
+        Pins and rings are skipped, since they need no prediction.
 
-    Raises:
-        Refusal: the axisymmetric evaluator cannot compute the probe, or a film is not pressed.
+    Raises
+    ------
+    Refusal
+        The axisymmetric evaluator cannot compute the probe, or a film is not pressed.
     """
     by_radius = express_by_outer_radius(scene)
     names = tuple(key for key in list_values(by_radius) if key.startswith("probe."))
@@ -149,9 +167,12 @@ def predict_log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
 def compute_inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
     """Return the inner film's share of the load on each reference, shape (n,).
 
-    Args:
-        log_ratios: ln(F_inner / F_outer) on the references that are tissue, in their order.
-        references: all references; a pin presses the inner film only, a ring the outer one.
+    Parameters
+    ----------
+    log_ratios
+        ln(F_inner / F_outer) on the references that are tissue, in their order.
+    references
+        All references; a pin presses the inner film only, a ring the outer one.
     """
     blocks = iter(expit(log_ratios))
     known = ({"inner": 1.0, "outer": 0.0}.get(reference.on) for reference in references)

@@ -26,15 +26,24 @@ FREQUENCY_TOLERANCE = 0.01  # largest relative difference of the loads' frequenc
 class Calibration:
     """The gains of a probe, with the readings and assumptions behind them.
 
-    Attributes:
-        scene, bench: the probe as drawn and the bench, taken as known.
-        gains: the gain matrix M of eq. BP.1 with its covariance.
-        variables: names of the variables of ``gains.slopes``.
-        frequency: mean frequency of the loads, Hz.
-        offsets: of both films' channels, V, mean of all readings, shape (2,).
-        offsets_sd: standard deviations of ``offsets``, from the readings' scatter, V.
-        readings: one observation for each reference.
-        warnings: one line each.
+    Attributes
+    ----------
+    scene, bench
+        The probe as drawn and the bench, taken as known.
+    gains
+        The gain matrix M of eq. BP.1 with its covariance.
+    variables
+        Names of the variables of ``gains.slopes``.
+    frequency
+        Mean frequency of the loads, Hz.
+    offsets
+        Of both films' channels, V, mean of all readings, shape (2,).
+    offsets_sd
+        Standard deviations of ``offsets``, from the readings' scatter, V.
+    readings
+        One observation for each reference.
+    warnings
+        One line each.
     """
 
     scene: Scene
@@ -58,17 +67,26 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a probe.
 
-    Args:
-        scene: the probe as drawn; the blocks have its tissue's shape and Poisson's ratio.
-        bench: references and tolerances.
-        measurements: by ``film_forces.measure_strict_reading``, one on each of the bench's references, in their order.
-        shares: the predictions, if they are known already.
-        linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+    Parameters
+    ----------
+    scene
+        The probe as drawn; the blocks have its tissue's shape and Poisson's ratio.
+    bench
+        References and tolerances.
+    measurements
+        By ``film_forces.measure_strict_reading``, one on each of the bench's references, in their order.
+    shares
+        The predictions, if they are known already.
+    linear
+        Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
-    Raises:
-        InputError: the references do not determine the gains, or the readings contradict each other: see
-            ``trusted_gains.estimate_trusted_gains``.
-        Refusal: the axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
+    Raises
+    ------
+    InputError
+        The references do not determine the gains, or the readings contradict each other: see
+        ``trusted_gains.estimate_trusted_gains``.
+    Refusal
+        The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
     """
     pressed = PressedReferences.from_measurements(scene, bench, bench.reference, measurements, shares, linear=linear)
     try:

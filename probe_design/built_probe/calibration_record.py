@@ -44,9 +44,12 @@ Row = Listed[tuple[Finite, ...]]
 class Raw:
     """The raw data of a reading.
 
-    Attributes:
-        sha256: of the recorded file, or of the samples if nothing was recorded.
-        file: its name, or "" if nothing was recorded.
+    Attributes
+    ----------
+    sha256
+        Of the recorded file, or of the samples if nothing was recorded.
+    file
+        Its name, or "" if nothing was recorded.
     """
 
     sha256: str
@@ -141,11 +144,16 @@ class CalibrationRecord(Frozen):
 def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: str | None = None) -> CalibrationRecord:
     """Build the record of a calibration.
 
-    Args:
-        calibration: the result.
-        raw: raw data of its readings, in their order.
-        device: description of the device.
-        serial: serial number of its board, if all readings have the same one.
+    Parameters
+    ----------
+    calibration
+        The result.
+    raw
+        Raw data of its readings, in their order.
+    device
+        Description of the device.
+    serial
+        Serial number of its board, if all readings have the same one.
     """
     gains = calibration.gains
     readings = tuple(
@@ -177,8 +185,10 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
 def write_record(path: Path, contents: CalibrationRecord) -> Path:
     """Write a record and return ``path``.
 
-    Raises:
-        InputError: the file exists.
+    Raises
+    ------
+    InputError
+        The file exists.
     """
     import tomli_w
 

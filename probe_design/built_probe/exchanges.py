@@ -31,9 +31,12 @@ Order = tuple[int, ...]
 class Misplacement:
     """A possible exchange of cables or references.
 
-    Attributes:
-        channels: whether the films' channels were exchanged.
-        order: for each reading the index of the reference on which it was taken.
+    Attributes
+    ----------
+    channels
+        Whether the films' channels were exchanged.
+    order
+        For each reading the index of the reference on which it was taken.
     """
 
     channels: bool
@@ -59,11 +62,16 @@ def find_exchanges(
 ) -> tuple[Misplacement, ...]:
     """Find the simplest exchanges with which the readings agree; return an empty tuple if there are none.
 
-    Args:
-        films: both films' readings on each reference, of nominal gain, shape (n, 2).
-        expected: the inner film's expected shares of the load, shape (n,).
-        doubt: largest error of a share; an exchange that leaves a larger one is not tried.
-        agrees: whether the readings agree once an exchange is undone.
+    Parameters
+    ----------
+    films
+        Both films' readings on each reference, of nominal gain, shape (n, 2).
+    expected
+        The inner film's expected shares of the load, shape (n,).
+    doubt
+        Largest error of a share; an exchange that leaves a larger one is not tried.
+    agrees
+        Whether the readings agree once an exchange is undone.
     """
     shares = films[:, 0] / films.sum(axis=1)
     for equals in _iterate_candidates(shares, expected):
@@ -79,9 +87,12 @@ def find_dead_film(films: Floats, expected: Floats) -> str | None:
 
     If this holds for both films, None is returned: their cables may be exchanged.
 
-    Args:
-        films: both films' readings, shape (n, 2).
-        expected: the inner film's expected shares of the load, shape (n,).
+    Parameters
+    ----------
+    films
+        Both films' readings, shape (n, 2).
+    expected
+        The inner film's expected shares of the load, shape (n,).
     """
     shares = np.stack([expected, 1 - expected], axis=1)
     load = np.abs(films).sum(axis=1)[:, None]  # a dead film adds nothing: the sum is a lower limit of the load
@@ -98,13 +109,19 @@ def compute_share_doubt(bench: Bench) -> float:
 def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
     """Refuse readings in which a film is dead, of reversed polarity, or below its noise.
 
-    Args:
-        films: both films' readings, shape (n, 2).
-        expected: the inner film's expected shares of the load, shape (n,).
-        deviations: standard deviations of ``films`` due to noise, shape (n, 2).
+    Parameters
+    ----------
+    films
+        Both films' readings, shape (n, 2).
+    expected
+        The inner film's expected shares of the load, shape (n,).
+    deviations
+        Standard deviations of ``films`` due to noise, shape (n, 2).
 
-    Raises:
-        InputError: one of these faults; the message names the film, or the polarity.
+    Raises
+    ------
+    InputError
+        One of these faults; the message names the film, or the polarity.
     """
     dead = find_dead_film(films, expected)
     if dead is not None:

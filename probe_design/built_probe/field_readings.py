@@ -49,15 +49,24 @@ READ_AGAIN_HINT = f"as {READING_ORIGIN}; read the recording again, with `probe-d
 class FieldReading:
     """One reading of the probe over tissue.
 
-    Attributes:
-        ratio: stress ratio as read.
-        noise: relative standard deviation of ``ratio`` due to the reading's own noise.
-        shared: relative standard deviation of ``ratio`` due to calibration and amplifiers.
-        calibration: SHA-256 of the calibration's file; None: nominal gains.
-        force: of the load, N.
-        placement: x and y of the probe's axis, m, or None if not recorded.
-        phase: phase by which stress_inner leads stress_outer and its standard deviation, rad, or None if not recorded.
-        fingerprint: of its samples.
+    Attributes
+    ----------
+    ratio
+        Stress ratio as read.
+    noise
+        Relative standard deviation of ``ratio`` due to the reading's own noise.
+    shared
+        Relative standard deviation of ``ratio`` due to calibration and amplifiers.
+    calibration
+        SHA-256 of the calibration's file; None: nominal gains.
+    force
+        Of the load, N.
+    placement
+        x and y of the probe's axis, m, or None if not recorded.
+    phase
+        Phase by which stress_inner leads stress_outer and its standard deviation, rad, or None if not recorded.
+    fingerprint
+        Of its samples.
     """
 
     ratio: float
@@ -83,12 +92,18 @@ def build_reading_json(
 ) -> JsonObject:
     """Build the JSON object of `read`, including the data that an estimate needs.
 
-    Args:
-        result: the reading.
-        noise: of its ratio, relative.
-        origin: its placement, scene, calibration and board.
-        scene: for the probe that was read.
-        fingerprint: of the samples.
+    Parameters
+    ----------
+    result
+        The reading.
+    noise
+        Of its ratio, relative.
+    origin
+        Its placement, scene, calibration and board.
+    scene
+        For the probe that was read.
+    fingerprint
+        Of the samples.
     """
     origin_fields = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256", "serial")}
     identity = {"probe": list_probe_numbers(scene), "fingerprint": fingerprint.as_dict()}
@@ -117,13 +132,19 @@ def read_placement(source: JsonObject) -> Any:
 def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldReading:
     """Build a reading from the JSON object of `read`.
 
-    Args:
-        contents: the object.
-        name: of its file, for messages.
-        scene: for the probe, which must be the same.
+    Parameters
+    ----------
+    contents
+        The object.
+    name
+        Of its file, for messages.
+    scene
+        For the probe, which must be the same.
 
-    Raises:
-        InputError: the object is no reading, its ratio is null, or it is of another probe.
+    Raises
+    ------
+    InputError
+        The object is no reading, its ratio is null, or it is of another probe.
     """
     _check_probe(contents, name, scene)
     fingerprint = Fingerprint.from_dict(contents.get("fingerprint"))
@@ -158,8 +179,10 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
 def read_result(path: Path) -> JsonObject | None:
     """Read the JSON object of a file; return None for another kind of file.
 
-    Raises:
-        InputError: the file cannot be read, or has the suffix .json and is no such object.
+    Raises
+    ------
+    InputError
+        The file cannot be read, or has the suffix .json and is no such object.
     """
     try:
         with path.open("rb") as file:
@@ -183,12 +206,17 @@ def read_result(path: Path) -> JsonObject | None:
 def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> None:
     """Refuse one press that is given as two readings, in files of any name and format: its noise would be understated.
 
-    Args:
-        key: for the message.
-        readings: file and fingerprint of each reading.
+    Parameters
+    ----------
+    key
+        For the message.
+    readings
+        File and fingerprint of each reading.
 
-    Raises:
-        InputError: two readings are of the same samples.
+    Raises
+    ------
+    InputError
+        Two readings are of the same samples.
     """
     for k, (name, fingerprint) in enumerate(readings):
         for earlier_name, earlier in readings[:k]:

@@ -45,9 +45,12 @@ def _correct_channels(measurement: Measurement, bench: Bench, calibrated_at: flo
 def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
     """Measure a reading for a calibration or a check, which allow no losses.
 
-    Raises:
-        HardwareError: the reading has gaps, saturation, too few cycles, no load, or a drift of temperature.
-        InputError: the load is 30 times the expected one.
+    Raises
+    ------
+    HardwareError
+        The reading has gaps, saturation, too few cycles, no load, or a drift of temperature.
+    InputError
+        The load is 30 times the expected one.
     """
     measurement = check_measurement(measure_reading(samples.require_complete(), bench), bench.load.least_cycles)
     check_pressed(float(compute_film_forces(measurement, scene)[0].sum()), scene, bench)
@@ -72,10 +75,14 @@ def build_observation(measurement: Measurement, reference: Reference, scene: Sce
 def compute_film_forces(measurement: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:
     """Return both films' charges over the nominal charge per force, N, (2,), and their covariance, N^2, (2, 2).
 
-    Args:
-        measurement: of both films.
-        scene: for its film.
-        tolerance: whether the covariance includes the tolerances of the amplifiers' parts.
+    Parameters
+    ----------
+    measurement
+        Of both films.
+    scene
+        For its film.
+    tolerance
+        Whether the covariance includes the tolerances of the amplifiers' parts.
     """
     per_newton = abs(compute_charge_per_force(scene))
     if per_newton == 0:

@@ -26,12 +26,17 @@ WORTH_TELLING = 3.0  # standard deviations of the bench's tolerance beyond which
 class ForceScale:
     """The force channel's scale as a calibration estimates it.
 
-    Attributes:
-        factor: reading over true force; 1 without force channel.
-        sd: relative standard deviation of ``factor``.
-        entries: change of the entries of M, row by row, for an error of ``factor`` by one ``sd``, shape (4,); readings with the
-            same channel share it.
-        confirmed: whether a known load determines the scale; if not, the films' nominal gains do.
+    Attributes
+    ----------
+    factor
+        Reading over true force; 1 without force channel.
+    sd
+        Relative standard deviation of ``factor``.
+    entries
+        Change of the entries of M, row by row, for an error of ``factor`` by one ``sd``, shape (4,); readings with the same
+        channel share it.
+    confirmed
+        Whether a known load determines the scale; if not, the films' nominal gains do.
     """
 
     factor: float = 1.0

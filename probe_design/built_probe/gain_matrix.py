@@ -39,12 +39,18 @@ PRIOR_ONLY = 0.7  # posterior over prior standard deviation of a cross-talk abov
 class Observation:
     """One reading on a reference.
 
-    Attributes:
-        films: both films' readings y, N, shape (2,).
-        covariance: of them by noise, N^2, shape (2, 2).
-        force: amplitude of the load by the force channel, N, or None.
-        force_sd: by noise, N.
-        force_doubt: relative error of ``force`` that a lag of the force channel may cause, common to all readings.
+    Attributes
+    ----------
+    films
+        Both films' readings y, N, shape (2,).
+    covariance
+        Of them by noise, N^2, shape (2, 2).
+    force
+        Amplitude of the load by the force channel, N, or None.
+    force_sd
+        By noise, N.
+    force_doubt
+        Relative error of ``force`` that a lag of the force channel may cause, common to all readings.
     """
 
     reference: Reference
@@ -64,16 +70,26 @@ class Observation:
 class Gains:
     """The gain matrix with its uncertainty.
 
-    Attributes:
-        matrix: M of eq. BP.1, shape (2, 2).
-        covariance: of its entries row by row, shape (4, 4).
-        slopes: derivatives of the entries with respect to the design's variables, per SI unit, shape (4, v).
-        workshop: standard deviations of these variables, SI, shape (v,); ``covariance`` includes their effect.
-        absolute: whether a force channel or a known load determines the common factor.
-        cross_talk_resolved: whether the readings determine each cross-talk; if not, the assumed one stands.
-        chi_square: of the fit.
-        freedom: degrees of freedom of the fit.
-        force_scale: scale of the force channel; ``covariance`` includes its effect.
+    Attributes
+    ----------
+    matrix
+        M of eq. BP.1, shape (2, 2).
+    covariance
+        Of its entries row by row, shape (4, 4).
+    slopes
+        Derivatives of the entries with respect to the design's variables, per SI unit, shape (4, v).
+    workshop
+        Standard deviations of these variables, SI, shape (v,); ``covariance`` includes their effect.
+    absolute
+        Whether a force channel or a known load determines the common factor.
+    cross_talk_resolved
+        Whether the readings determine each cross-talk; if not, the assumed one stands.
+    chi_square
+        Of the fit.
+    freedom
+        Degrees of freedom of the fit.
+    force_scale
+        Scale of the force channel; ``covariance`` includes its effect.
     """
 
     matrix: Floats
@@ -133,13 +149,19 @@ class Gains:
 def estimate_gains(observed: Sequence[Observation], shares: BlockPredictions, bench: Bench) -> Gains:
     """Estimate M from readings on references, eq. BP.2.
 
-    Args:
-        observed: one for each reading.
-        shares: predictions for those of them that are on tissue, in their order.
-        bench: tolerances, and the assumed cross-talk.
+    Parameters
+    ----------
+    observed
+        One for each reading.
+    shares
+        Predictions for those of them that are on tissue, in their order.
+    bench
+        Tolerances, and the assumed cross-talk.
 
-    Raises:
-        InputError: the references do not determine the gains.
+    Raises
+    ------
+    InputError
+        The references do not determine the gains.
     """
     from scipy.optimize import least_squares
 

@@ -35,15 +35,23 @@ UNIT_SLIPS = {
 def check_expected(load: float, spread: float, low: float, high: float, source: str) -> list[str]:
     """Compare a load with the expected one; return a warning if it is doubtful.
 
-    Args:
-        load: as read, N.
-        spread: its relative standard deviation.
-        low: minimum of the expected load, N, above 0.
-        high: maximum of the expected load, N.
-        source: for messages: "both films show", with the reading's name if there are several.
+    Parameters
+    ----------
+    load
+        As read, N.
+    spread
+        Its relative standard deviation.
+    low
+        Minimum of the expected load, N, above 0.
+    high
+        Maximum of the expected load, N.
+    source
+        For messages: "both films show", with the reading's name if there are several.
 
-    Raises:
-        InputError: the load is 30 times too large or too small.
+    Raises
+    ------
+    InputError
+        The load is 30 times too large or too small.
     """
     nearest = min(max(load, low), high)
     factor = load / nearest
@@ -70,16 +78,23 @@ def check_scene_load(
 ) -> list[str]:
     """Compare the load of a reading with the scene's, by the force channel or else by the films' sum.
 
-    Args:
-        total: sum of both films' forces and its standard deviation, N.
-        measurement: for the force channel.
-        scene: for its load.
-        predicted: for the stiffness, where the scene has an indentation.
-        scale: the force channel's scale of a calibration.
+    Parameters
+    ----------
+    total
+        Sum of both films' forces and its standard deviation, N.
+    measurement
+        For the force channel.
+    scene
+        For its load.
+    predicted
+        For the stiffness, where the scene has an indentation.
+    scale
+        The force channel's scale of a calibration.
 
-    Raises:
-        InputError: the load is 30 times too large or too small, or would press the probe through the tissue of a scene without
-            load.
+    Raises
+    ------
+    InputError
+        The load is 30 times too large or too small, or would press the probe through the tissue of a scene without load.
     """
     load, spread = (total[0], total[1] / max(abs(total[0]), 1e-300))
     source = "both films show"
@@ -95,13 +110,19 @@ def check_scene_load(
 def check_reference_loads(observed: Sequence[Observation], shares: BlockPredictions, scene: Scene) -> list[str]:
     """Compare the loads on references with the expected ones: the scene's load, or less where a block allows less.
 
-    Args:
-        observed: readings on references.
-        shares: predictions for the blocks of tissue, for their load limits.
-        scene: for its load.
+    Parameters
+    ----------
+    observed
+        Readings on references.
+    shares
+        Predictions for the blocks of tissue, for their load limits.
+    scene
+        For its load.
 
-    Raises:
-        InputError: a load is 30 times too large or too small.
+    Raises
+    ------
+    InputError
+        A load is 30 times too large or too small.
     """
     limits = [
         find_largest_load(item.rule, LINEARITY_ACCURACY, promise=False).force for item in shares.blocks if item.rule is not None
@@ -133,8 +154,10 @@ def _check_reference(observation: Observation, low: float, high: float) -> str:
 def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
     """Refuse a load, N, that is 30 times the largest expected one, so that a wrong unit is reported before its consequences.
 
-    Raises:
-        InputError: the load is too large.
+    Raises
+    ------
+    InputError
+        The load is too large.
     """
     expected = compute_expected_load(scene)
     if expected is not None:
@@ -147,14 +170,21 @@ def apply_loads(
 ) -> BlockPredictions:
     """Return the predictions under the loads that were read; an error for too large a load includes the doubts on it.
 
-    Args:
-        shares: predictions for the blocks of tissue.
-        observed: readings on references.
-        doubts: the warnings of ``check_reference_loads``.
-        linear: see ``BlockPrediction.apply_force``.
+    Parameters
+    ----------
+    shares
+        Predictions for the blocks of tissue.
+    observed
+        Readings on references.
+    doubts
+        The warnings of ``check_reference_loads``.
+    linear
+        See ``BlockPrediction.apply_force``.
 
-    Raises:
-        Refusal: a load is above the limit of linear elasticity.
+    Raises
+    ------
+    Refusal
+        A load is above the limit of linear elasticity.
     """
     try:
         return shares.apply_forces(
@@ -177,9 +207,12 @@ def check_film_sum(total: tuple[float, float], measurement: Measurement, bench: 
 
     ``total`` is the sum and its standard deviation, N, without the error shared with the force channel by a calibration.
 
-    Raises:
-        Flawed: they differ by more than five standard deviations.
-        InputError: one is 30 times the other.
+    Raises
+    ------
+    Flawed
+        They differ by more than five standard deviations.
+    InputError
+        One is 30 times the other.
     """
     if measurement.force is None or measurement.force_sd is None or bench.force is None:
         return []

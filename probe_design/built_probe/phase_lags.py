@@ -46,12 +46,17 @@ MAX_FILM_LAG_RAD = 0.02  # beyond three standard deviations a warning reports it
 def add_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
     """Add the loss that the force channel's lag may cause to a measurement, and a warning if it is more than 0.1 %.
 
-    Args:
-        measurement: with charges by each film's own amplifier.
-        bench: for the amplifiers' tolerances and the channel's delay.
+    Parameters
+    ----------
+    measurement
+        With charges by each film's own amplifier.
+    bench
+        For the amplifiers' tolerances and the channel's delay.
 
-    Raises:
-        Flawed: the lag is above 0.2 rad.
+    Raises
+    ------
+    Flawed
+        The lag is above 0.2 rad.
     """
     if measurement.force is None or bench.force is None:
         return measurement
@@ -98,10 +103,14 @@ def _compute_phase(parts: Floats) -> Floats:
 def list_lag_warnings(measurements: Sequence[Measurement], references: Sequence[Reference], bench: Bench) -> list[str]:
     """List a warning for each film that lags on tissue, with the names of the references.
 
-    Args:
-        measurements: one for each reference, with charges by each film's own amplifier.
-        references: in the same order.
-        bench: for the channels' sampling and the force channel.
+    Parameters
+    ----------
+    measurements
+        One for each reference, with charges by each film's own amplifier.
+    references
+        In the same order.
+    bench
+        For the channels' sampling and the force channel.
     """
     lags: dict[str, list[tuple[str, float]]] = {}
     for measurement, reference in zip(measurements, references, strict=True):

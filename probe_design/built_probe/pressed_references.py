@@ -20,11 +20,16 @@ from probe_design.built_probe.phase_lags import list_lag_warnings
 class PressedReferences:
     """Readings on references and the predictions under their loads.
 
-    Attributes:
-        observations: one for each reference.
-        predictions: for the references that are blocks of tissue, under the loads that were read.
-        lag_warnings: see ``phase_lags.list_lag_warnings``.
-        warnings: of loads, waveforms and lags, one line each.
+    Attributes
+    ----------
+    observations
+        One for each reference.
+    predictions
+        For the references that are blocks of tissue, under the loads that were read.
+    lag_warnings
+        See ``phase_lags.list_lag_warnings``.
+    warnings
+        Of loads, waveforms and lags, one line each.
     """
 
     observations: tuple[Observation, ...]
@@ -39,17 +44,27 @@ class PressedReferences:
     ) -> PressedReferences:  # fmt: skip
         """Compare the loads of readings with the expected ones, and predict the blocks under them.
 
-        Args:
-            scene: the probe as drawn.
-            bench: of the readings.
-            references: of the bench, all or the blocks of tissue alone.
-            measurements: by ``film_forces.measure_strict_reading``, one on each reference.
-            shares: the predictions without load, if they are known already.
-            linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        Parameters
+        ----------
+        scene
+            The probe as drawn.
+        bench
+            Of the readings.
+        references
+            Of the bench, all or the blocks of tissue alone.
+        measurements
+            By ``film_forces.measure_strict_reading``, one on each reference.
+        shares
+            The predictions without load, if they are known already.
+        linear
+            Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
-        Raises:
-            InputError: there is not one reading for each reference, or a load is 30 times the expected one or a 30th of it.
-            Refusal: the axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
+        Raises
+        ------
+        InputError
+            There is not one reading for each reference, or a load is 30 times the expected one or a 30th of it.
+        Refusal
+            The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
         """
         if not references or len(measurements) != len(references):
             kind = "references" if len(references) == len(bench.reference) else "blocks of tissue, at least one"

@@ -32,9 +32,12 @@ def list_probe_numbers(scene: Scene) -> dict[str, float]:
 def describe_probe_difference(numbers: Mapping[str, float], scene: Scene) -> str | None:
     """Describe the first number in which a probe differs from the scene's, or return None.
 
-    Args:
-        numbers: of the probe, as ``list_probe_numbers`` returns them.
-        scene: with the other probe.
+    Parameters
+    ----------
+    numbers
+        Of the probe, as ``list_probe_numbers`` returns them.
+    scene
+        With the other probe.
     """
     wanted = list_probe_numbers(scene)
     for key, value in wanted.items():
@@ -64,12 +67,17 @@ def clean_serial(serial: Any) -> str | None:
 def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str]:
     """Check that serial numbers are of one probe; return a warning if one is unknown, or a difference is allowed.
 
-    Args:
-        boards: serial numbers by their origin, such as "calibration probe.toml"; None if unknown.
-        any_probe: whether different serial numbers are allowed.
+    Parameters
+    ----------
+    boards
+        Serial numbers by their origin, such as "calibration probe.toml"; None if unknown.
+    any_probe
+        Whether different serial numbers are allowed.
 
-    Raises:
-        InputError: the serial numbers differ.
+    Raises
+    ------
+    InputError
+        The serial numbers differ.
     """
     by_serial: dict[str, list[str]] = {}
     for name, serial in boards.items():

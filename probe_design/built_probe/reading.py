@@ -32,24 +32,38 @@ EXCHANGE_FACTOR = 5.0  # factor by which exchanged channels must reduce the diff
 class StressReading(Record):
     """Stress amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
 
-    Attributes:
-        ratio, stress_inner, stress_outer: as read, stresses in Pa, over the drawing's end areas. The ratio is None if
-            stress_outer is below its own uncertainty.
-        ratio_uncertainty: of the ratio, by the delta method, enlarged where stress_outer is uncertain.
-        force: sum of both film forces, N.
-        reference_force: amplitude by the force channel, N, or None.
-        predicted_ratio, predicted_stress_inner, predicted_stress_outer: by ``evaluator``, the stresses at the reference force
-            or, without one, at the scene's load.
-        z_ratio, z_stress_inner, z_stress_outer: differences over their standard deviations, both sides' errors counted.
-        frequency: of the load, Hz.
-        cycles: of it in the record.
-        ratio_phase, ratio_phase_uncertainty: by which stress_inner leads stress_outer, rad, counted from the ratio's sign.
-        predicted_ratio_phase, z_ratio_phase: by the scene's loss factors, rad, and the difference over its standard deviation.
-        mains: frequency of the mains, Hz, or None if not detected.
-        calibrated: whether gains come from a calibration.
-        samples: number of samples used.
-        saturated: number of saturated samples, which are left out.
-        gaps, overruns: number of gaps, and of overflows of the device's buffer.
+    Attributes
+    ----------
+    ratio, stress_inner, stress_outer
+        As read, stresses in Pa, over the drawing's end areas. The ratio is None if stress_outer is below its own uncertainty.
+    ratio_uncertainty
+        Of the ratio, by the delta method, enlarged where stress_outer is uncertain.
+    force
+        Sum of both film forces, N.
+    reference_force
+        Amplitude by the force channel, N, or None.
+    predicted_ratio, predicted_stress_inner, predicted_stress_outer
+        By ``evaluator``, the stresses at the reference force or, without one, at the scene's load.
+    z_ratio, z_stress_inner, z_stress_outer
+        Differences over their standard deviations, both sides' errors counted.
+    frequency
+        Of the load, Hz.
+    cycles
+        Of it in the record.
+    ratio_phase, ratio_phase_uncertainty
+        By which stress_inner leads stress_outer, rad, counted from the ratio's sign.
+    predicted_ratio_phase, z_ratio_phase
+        By the scene's loss factors, rad, and the difference over its standard deviation.
+    mains
+        Frequency of the mains, Hz, or None if not detected.
+    calibrated
+        Whether gains come from a calibration.
+    samples
+        Number of samples used.
+    saturated
+        Number of saturated samples, which are left out.
+    gaps, overruns
+        Number of gaps, and of overflows of the device's buffer.
     """
 
     ratio: float | None
@@ -89,8 +103,10 @@ def predict_scene(scene: Scene, accuracy: float, linear: bool = False, frequency
 
     With a frequency (Hz) the ratio's phase is computed, too; it is null, with a warning, where this is not possible.
 
-    Raises:
-        Refusal: no evaluator accepts the scene, or, unless ``linear``, its load is above the limit of linear elasticity.
+    Raises
+    ------
+    Refusal
+        No evaluator accepts the scene, or, unless ``linear``, its load is above the limit of linear elasticity.
     """
     evaluator = next(
         (candidate for candidate in (Axisymmetric(), EquivalentInclusion()) if candidate.refusal(scene) is None), None
@@ -108,16 +124,25 @@ def compute_reading(
 ) -> StressReading:
     """Compute the stresses of a reading, and compare them with the prediction.
 
-    Args:
-        measurement: of both films.
-        scene: for the probe and the tissue that it was pressed on.
-        bench: of the measurement.
-        predicted: result of ``predict_scene``.
-        gains: of a calibration; None: nominal, with the bench's tolerances.
+    Parameters
+    ----------
+    measurement
+        Of both films.
+    scene
+        For the probe and the tissue that it was pressed on.
+    bench
+        Of the measurement.
+    predicted
+        Result of ``predict_scene``.
+    gains
+        Of a calibration; None: nominal, with the bench's tolerances.
 
-    Raises:
-        Flawed: a film is dead or reversed, or the films contradict the force channel.
-        InputError: the load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_checks``.
+    Raises
+    ------
+    Flawed
+        A film is dead or reversed, or the films contradict the force channel.
+    InputError
+        The load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_checks``.
     """
     effective = Gains.from_bench(bench) if gains is None else gains
     films, noise = compute_film_forces(measurement, scene, tolerance=True)

@@ -39,14 +39,20 @@ def estimate_trusted_gains(
     If only the blocks contradict their predictions, the gains follow from pin, ring and force channel, which need no predictions:
     the probe may differ from its drawing, which ``check`` tests.
 
-    Args:
-        observed: one for each reading.
-        shares: predictions for those that are on tissue, in their order.
-        bench: tolerances.
+    Parameters
+    ----------
+    observed
+        One for each reading.
+    shares
+        Predictions for those that are on tissue, in their order.
+    bench
+        tolerances.
 
-    Raises:
-        InputError: a film is dead or of reversed polarity, readings contradict each other (with the exchange that would explain
-            it), the references do not determine the gains, or a gain is far from what the bench states for its channel.
+    Raises
+    ------
+    InputError
+        A film is dead or of reversed polarity, readings contradict each other (with the exchange that would explain it), the
+        references do not determine the gains, or a gain is far from what the bench states for its channel.
     """
     films, expected = np.array([item.films for item in observed]), _compute_expected_shares(observed, shares)
     check_films(films, expected, np.sqrt([np.diag(item.covariance) for item in observed]))

@@ -26,15 +26,24 @@ VOLTS_PER_COUNT = 2e-6  # V per count of the converter
 class BuiltProperties:
     """The true properties of the virtual probe and its bench, which readings have to determine.
 
-    Attributes:
-        gains: M of eq. BP.1 of ``probe_design.built_probe.gain_matrix`` by the films alone.
-        resistance, capacitance: of each amplifier, relative to the nominal.
-        force: true over nominal sensitivity of the force channel.
-        frequency: true over nominal frequency of the load.
-        noise: standard deviation of a sample, V.
-        hum: amplitude of the mains, V, at ``mains`` Hz.
-        drift: over the first minute, V.
-        offsets: of the three channels, V.
+    Attributes
+    ----------
+    gains
+        M of eq. BP.1 of ``probe_design.built_probe.gain_matrix`` by the films alone.
+    resistance, capacitance
+        Of each amplifier, relative to the nominal.
+    force
+        True over nominal sensitivity of the force channel.
+    frequency
+        True over nominal frequency of the load.
+    noise
+        Standard deviation of a sample, V.
+    hum
+        Amplitude of the mains, V, at ``mains`` Hz.
+    drift
+        Over the first minute, V.
+    offsets
+        Of the three channels, V.
     """
 
     gains: Matrix = ((1.04, 0.012), (0.008, 0.96))
@@ -64,12 +73,18 @@ def build_signals(
 
     The noise continues from call to call: read a stream in order and once.
 
-    Args:
-        built: true properties.
-        bench: nominal properties.
-        scene: for its film.
-        forces: amplitudes of both films' forces, N, perhaps complex, shape (2,).
-        seed: of the noise.
+    Parameters
+    ----------
+    built
+        True properties.
+    bench
+        Nominal properties.
+    scene
+        For its film.
+    forces
+        Amplitudes of both films' forces, N, perhaps complex, shape (2,).
+    seed
+        Of the noise.
     """
     frequency = built.frequency * bench.load.frequency
     charges = compute_charge_per_force(scene) * np.array(built.gains) @ forces
@@ -109,12 +124,18 @@ def draw_delivered(reference: Reference, random: np.random.Generator) -> Referen
 class VirtualBench:
     """A virtual probe on a virtual bench.
 
-    Attributes:
-        drawn: the scene with the probe as drawn.
-        scene: the scene with the probe as built.
-        bench: nominal properties.
-        built: true properties of channels and amplifiers.
-        seed: of noise, and of the blocks' true moduli.
+    Attributes
+    ----------
+    drawn
+        The scene with the probe as drawn.
+    scene
+        The scene with the probe as built.
+    bench
+        Nominal properties.
+    built
+        True properties of channels and amplifiers.
+    seed
+        Of noise, and of the blocks' true moduli.
     """
 
     drawn: Scene
@@ -151,8 +172,10 @@ class VirtualBench:
 def compute_load(scene: Scene, stiffness: float | None) -> float:
     """Return the amplitude of the scene's load, N.
 
-    Raises:
-        Refusal: the load is zero, or an indentation of unknown stiffness.
+    Raises
+    ------
+    Refusal
+        The load is zero, or an indentation of unknown stiffness.
     """
     load = scene.load.force
     if load is None and stiffness is not None:

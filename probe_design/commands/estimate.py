@@ -147,12 +147,12 @@ def estimate(
     nuisances : mapping
         Relative standard deviations, 0.2 or "20 %", of uncertain numbers of the scene, by their keys.
 
-    Returns:
+    Returns
     -------
     Estimate
         Value, interval, and the reason where the unknown is not identifiable.
 
-    Raises:
+    Raises
     ------
     InputError
         An unknown, reading or nuisance is not allowed.

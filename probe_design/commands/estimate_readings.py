@@ -40,14 +40,20 @@ LOAD_EXCESS_FACTOR = 1.05  # times the scene's load: a reading under a larger lo
 def collect_field_readings(request: EstimateRequest, texts: tuple[str, ...]) -> tuple[Scene, tuple[Reading, ...], list[str]]:
     """Return the scene, the readings and warnings; the scene's load is raised to the largest measured load.
 
-    Args:
-        request: scene, bench, calibration, and options for recordings.
-        texts: one for each reading, of the form ``READING_FORM``; the file is a recording, a file of another program, or the
-            output of `read --json`.
+    Parameters
+    ----------
+    request
+        Scene, bench, calibration, and options for recordings.
+    texts
+        One for each reading, of the form ``READING_FORM``; the file is a recording, a file of another program, or the output of
+        `read --json`.
 
-    Raises:
-        InputError: a file or place is not allowed, or a reading is of another probe, or given twice.
-        HardwareError: no ratio can be computed from a recording.
+    Raises
+    ------
+    InputError
+        A file or place is not allowed, or a reading is of another probe, or given twice.
+    HardwareError
+        No ratio can be computed from a recording.
     """
     assert isinstance(request.scene, Path)  # as always on the command line
     setup = HardwareSetup.from_files(request.scene, request.bench, request.calibration)
@@ -134,8 +140,10 @@ def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: li
 def join_reading_texts(texts: tuple[str, ...], other_files: tuple[str, ...]) -> tuple[str, ...]:
     """Return the texts of all --reading options, and of the files that follow the last one.
 
-    Raises:
-        InputError: files without --reading.
+    Raises
+    ------
+    InputError
+        Files without --reading.
     """
     if other_files and not texts:
         raise InputError("scene", Words(f"{len(other_files) + 1} files"), "one scene; --reading before the files of readings")

@@ -75,12 +75,12 @@ def export(
     progress : callable, optional
         Called with a line of text before each long step.
 
-    Returns:
+    Returns
     -------
     ExportSummary
         The scene as built, the paths of the files, and the effect of the rounding.
 
-    Raises:
+    Raises
     ------
     ExportError
         A part that was read back differs from its parameters; no file is left.
@@ -89,7 +89,7 @@ def export(
     MissingLibrary
         CAD cannot be loaded.
 
-    Examples:
+    Examples
     --------
     >>> from probe_design import export
     >>> export("examples/scene.toml", "out/parts", step=1e-4).files  # doctest: +SKIP

@@ -44,14 +44,21 @@ def build_openers(
 ) -> tuple[Opener, ...]:
     """Return for each of ``count`` readings a function that opens its reader.
 
-    Args:
-        source: what is read.
-        signals: returns the signals of the virtual probe, one function of time for each reading.
-        count: number of readings.
-        pace: whether the virtual probe sends its samples in real time.
+    Parameters
+    ----------
+    source
+        What is read.
+    signals
+        Returns the signals of the virtual probe, one function of time for each reading.
+    count
+        Number of readings.
+    pace
+        Whether the virtual probe sends its samples in real time.
 
-    Raises:
-        InputError: there are more recordings than readings, or fewer and no other source.
+    Raises
+    ------
+    InputError
+        There are more recordings than readings, or fewer and no other source.
     """
     recorded_files, (rate, columns) = list_recorded_files(source, count), _read_device_options(source)
     if source.virtual and None in recorded_files:
@@ -108,8 +115,10 @@ def name_copy(source: SourceRequest, k: int, count: int) -> Path | None:
 def list_new_recordings(source: SourceRequest, count: int) -> tuple[Path | None, ...]:
     """Return the new file of each reading, None for recordings that exist already and are not copied.
 
-    Raises:
-        InputError: a new file exists already, or cannot be written.
+    Raises
+    ------
+    InputError
+        A new file exists already, or cannot be written.
     """
     recorded_files = list_recorded_files(source, count)
     files = tuple(
@@ -150,8 +159,10 @@ class HardwareSetup:
     def from_files(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
         """Read scene, bench and calibration; a file not given is replaced by that of the calibration or the built-in one.
 
-        Raises:
-            InputError: a file is not valid, or the calibration is that of another probe or amplifier.
+        Raises
+        ------
+        InputError
+            A file is not valid, or the calibration is that of another probe or amplifier.
         """
         record = None if calibration is None else read_record(calibration)
         recorded_scene, recorded_bench = (None, None) if record is None else (record.build_scene(), record.build_bench())

@@ -88,12 +88,12 @@ def scan(
     progress : callable, optional
         Called with the number of positions done and their total, where there are many.
 
-    Returns:
+    Returns
     -------
     Scan
         Readings at each position; its ``plot`` draws them above a section of the tissue.
 
-    Raises:
+    Raises
     ------
     InputError
         The axis is unknown, or the probe would leave the tissue.
@@ -101,7 +101,7 @@ def scan(
         The evaluator cannot model the scene (spheres, bonded or frictionless, no tilt), or its load is beyond the range of
         linear elasticity.
 
-    Examples:
+    Examples
     --------
     >>> from probe_design import scan
     >>> scan("examples/two-tumours.toml", positions=[-8e-3, 0.0, 8e-3]).ratio  # doctest: +SKIP
@@ -196,12 +196,12 @@ def detectability(
     progress : callable, optional
         Called with the number of spheres done and their total, for the spheres that take long.
 
-    Returns:
+    Returns
     -------
     Detectability
         Both maps; its ``plot`` draws them.
 
-    Raises:
+    Raises
     ------
     InputError
         The scene has no target, or a size or threshold is not allowed.

@@ -17,10 +17,14 @@ if TYPE_CHECKING:
 class CommandName:
     """A command in the help text.
 
-    Attributes:
-        group: heading under which it stands.
-        request: module of this package and class, "maps:ScanRequest"; "" for a command that consists of others.
-        summary: description of one line, at most ``MAX_SUMMARY_LENGTH`` characters.
+    Attributes
+    ----------
+    group
+        Heading under which it stands.
+    request
+        Module of this package and class, "maps:ScanRequest"; "" for a command that consists of others.
+    summary
+        Description of one line, at most ``MAX_SUMMARY_LENGTH`` characters.
     """
 
     group: str

@@ -172,12 +172,12 @@ def optimize(
     progress : callable, optional
         Called with the name of a stage, the number of steps done and their total.
 
-    Returns:
+    Returns
     -------
     PopulationOptimum or TumourOptimum
         The initial design, all verified designs and the best; ``status`` states whether there is a gain.
 
-    Raises:
+    Raises
     ------
     InputError
         No target, a load of 0, no allowed design, no such evaluator; or ``output`` holds another design.

@@ -40,12 +40,18 @@ def present(
 ) -> None:
     """Print a result as one JSON object, or as a table with lines of text and warnings.
 
-    Args:
-        result: to be printed.
-        table: makes the table.
-        as_json: whether to print JSON.
-        picture: file of a picture that has been drawn already, to be named in a message.
-        lines: make the lines below the table.
+    Parameters
+    ----------
+    result
+        To be printed.
+    table
+        Makes the table.
+    as_json
+        Whether to print JSON.
+    picture
+        File of a picture that has been drawn already, to be named in a message.
+    lines
+        Make the lines below the table.
     """
     from geometry.common.errors import to_one_line
     from probe_design.terminal.console import show_table, warn, write_message
@@ -78,8 +84,10 @@ def print_json(value: dict[str, object]) -> None:
 def check_picture(picture: Path | None) -> None:
     """Refuse a picture that could not be written, before the computation rather than after it.
 
-    Raises:
-        InputError: the format is unknown, or the folder cannot be written.
+    Raises
+    ------
+    InputError
+        The format is unknown, or the folder cannot be written.
     """
     from geometry.common.files import check_writable_file
     from probe_design.reporting.picture_files import check_format
@@ -92,8 +100,10 @@ def check_picture(picture: Path | None) -> None:
 def split_assignments(key: str, texts: Iterable[str], allowed: str) -> dict[str, str]:
     """Split texts such as "probe.gap = 10 um" into names and values.
 
-    Raises:
-        InputError: a text is no assignment; ``allowed`` describes one.
+    Raises
+    ------
+    InputError
+        A text is no assignment; ``allowed`` describes one.
     """
     from geometry.common.errors import InputError
 

@@ -30,13 +30,20 @@ NO_LABELS: Mapping[str, str] = MappingProxyType({})
 class Option:
     """How a field is given on the command line and, as the keyword of its name, in Python.
 
-    Attributes:
-        help: what it is, in one sentence.
-        names: names of the option, "-o/--output"; default: the field's name.
-        left_out: what holds where None is the default.
-        words: values that a shell completes, where the range of values is not part of the type.
-        is_argument: whether it is given by its place in place of its name.
-        metavar: stands for an argument in help texts; default: the field's name.
+    Attributes
+    ----------
+    help
+        What it is, in one sentence.
+    names
+        Names of the option, "-o/--output"; default: the field's name.
+    left_out
+        What holds where None is the default.
+    words
+        Values that a shell completes, where the range of values is not part of the type.
+    is_argument
+        Whether it is given by its place in place of its name.
+    metavar
+        Stands for an argument in help texts; default: the field's name.
     """
 
     help: str = ""
@@ -51,10 +58,14 @@ class Option:
 class Number:
     """A number without unit as a pydantic annotation: a text on the command line, a float in Python.
 
-    Attributes:
-        allowed: the range in words.
-        is_allowed: whether a number is within it.
-        percent: whether a text may be a percentage.
+    Attributes
+    ----------
+    allowed
+        The range in words.
+    is_allowed
+        Whether a number is within it.
+    percent
+        Whether a text may be a percentage.
     """
 
     allowed: str
@@ -113,7 +124,7 @@ class Request(BaseModel):
         labels : mapping
             names of fields in messages, where they differ.
 
-        Raises:
+        Raises
         ------
         InputError
             a value is not allowed.

@@ -29,8 +29,10 @@ ALLOWED_NOISE = (
 def check_noise(noise: float, key: str = "noise") -> float:
     """Return a noise if it is allowed.
 
-    Raises:
-        InputError: it is not within ``MIN_NOISE`` and ``MAX_NOISE``.
+    Raises
+    ------
+    InputError
+        It is not within ``MIN_NOISE`` and ``MAX_NOISE``.
     """
     if MIN_NOISE <= noise <= MAX_NOISE:
         return noise

@@ -16,10 +16,14 @@ from geometry.scenes.sourced_numbers import Number, format_toml
 class BuiltinTissue:
     """A tissue of one material below up to eight layers.
 
-    Attributes:
-        name, about: name and description.
-        base: youngs_modulus and poisson_ratio below the layers.
-        layers: thickness, youngs_modulus and poisson_ratio of each, from the surface downwards.
+    Attributes
+    ----------
+    name, about
+        Name and description.
+    base
+        youngs_modulus and poisson_ratio below the layers.
+    layers
+        Thickness, youngs_modulus and poisson_ratio of each, from the surface downwards.
     """
 
     name: str
@@ -46,8 +50,10 @@ class BuiltinTissue:
 def find_tissue(name: str) -> BuiltinTissue:
     """Return a built-in tissue.
 
-    Raises:
-        InputError: there is none of that name.
+    Raises
+    ------
+    InputError
+        There is none of that name.
     """
     known_tissues = read_tissues()
     if name not in known_tissues:

@@ -24,10 +24,14 @@ RANGE_WIDENING_FACTOR = 1.3  # times the ranges that the map shows
 class DepthMap:
     """Results of a probe for many depths (rows) and diameters (columns), with the population's means for all else.
 
-    Attributes:
-        depth, diameter: depths and diameters, m, shapes (k,) and (l,).
-        probability: upper bound on the probability of detection, shape (k, l): that of a known tumour; NaN where none fits.
-        contrast_sd: standard deviation of ln contrast, shape (k, l); NaN where none fits.
+    Attributes
+    ----------
+    depth, diameter
+        Depths and diameters, m, shapes (k,) and (l,).
+    probability
+        Upper bound on the probability of detection, shape (k, l): that of a known tumour; NaN where none fits.
+    contrast_sd
+        Standard deviation of ln contrast, shape (k, l); NaN where none fits.
     """
 
     depth: Floats

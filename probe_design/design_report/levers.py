@@ -22,10 +22,14 @@ NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "t
 class Lever:
     """A single improvement of the readings.
 
-    Attributes:
-        name: name of the improvement, such as ``white halved``.
-        value: value of the objective with it.
-        gain, error: gain in the objective, and its standard error.
+    Attributes
+    ----------
+    name
+        Name of the improvement, such as ``white halved``.
+    value
+        Value of the objective with it.
+    gain, error
+        Gain in the objective, and its standard error.
     """
 
     name: str
@@ -37,12 +41,17 @@ class Lever:
 def compute_levers(scene: Scene, design: Design) -> tuple[Lever, ...]:
     """Compute by the closed form the gain of each single improvement of a probe's readings; the first changes nothing.
 
-    Args:
-        scene: the design's scene, perhaps with another probe and load.
-        design: design with population, protocol, noise and objective.
+    Parameters
+    ----------
+    scene
+        The design's scene, perhaps with another probe and load.
+    design
+        Design with population, protocol, noise and objective.
 
-    Raises:
-        InputError, Refusal: see ``judge.examine``.
+    Raises
+    ------
+    InputError, Refusal
+        See ``judge.examine``.
     """
     changes = list(_iterate_changes(design))
     whole = _merge_positions(design, [changed for _, changed in changes])

@@ -76,13 +76,19 @@ def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
 def draw_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
     """Draw the gain of each improvement as a bar with two standard errors; return ``path``.
 
-    Args:
-        levers: improvements from ``compute_levers``, the first of which changes nothing.
-        label: label of the objective.
-        path: path of the picture.
+    Parameters
+    ----------
+    levers
+        Improvements from ``compute_levers``, the first of which changes nothing.
+    label
+        Label of the objective.
+    path
+        Path of the picture.
 
-    Raises:
-        InputError: the format is not known.
+    Raises
+    ------
+    InputError
+        The format is not known.
     """
     check_format(path)
     figure, ((axes,),) = _create_figure((6.5, 1.2 + 0.42 * len(levers)), (1, 1))

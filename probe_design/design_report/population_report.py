@@ -36,9 +36,12 @@ LIMITS_NOTE = (
 class PopulationReport(Report[PopulationOptimum]):
     """The report of an optimisation for a design file's population.
 
-    Args:
-        optimum: the result of the optimisation.
-        fronts: the Pareto fronts.
+    Parameters
+    ----------
+    optimum
+        The result of the optimisation.
+    fronts
+        The Pareto fronts.
     """
 
     def __init__(self, optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> None:

@@ -33,8 +33,10 @@ Found = TypeVar("Found", bound=Optimum[Any])
 class Report(ABC, Generic[Found]):
     """The report of an optimisation; subclasses state what only one kind of question has.
 
-    Args:
-        optimum: the result of the optimisation.
+    Parameters
+    ----------
+    optimum
+        The result of the optimisation.
     """
 
     def __init__(self, optimum: Found) -> None:
@@ -105,11 +107,16 @@ class Report(ABC, Generic[Found]):
 
         ``force`` and ``question_digest`` are those of ``geometry.cad.export.export_parts``.
 
-        Raises:
-            ExportError: a part differs from the parameters.
-            InputError: the folder holds another design.
-            MissingLibrary: CAD cannot be loaded.
-            OSError: the folder cannot be written.
+        Raises
+        ------
+        ExportError
+            A part differs from the parameters.
+        InputError
+            The folder holds another design.
+        MissingLibrary
+            CAD cannot be loaded.
+        OSError
+            The folder cannot be written.
         """
         progress(WRITING_STAGE, 0, 4)
 
@@ -137,10 +144,14 @@ class Report(ABC, Generic[Found]):
     def build_page(self, files: Sequence[str], summary: JsonObject, folder: Path) -> str:
         """Return the report as an HTML page.
 
-        Args:
-            files: files in its folder to which the page links; pictures among them are embedded.
-            summary: the JSON object, which the page contains.
-            folder: folder of the pictures.
+        Parameters
+        ----------
+        files
+            Files in its folder to which the page links; pictures among them are embedded.
+        summary
+            The JSON object, which the page contains.
+        folder
+            Folder of the pictures.
         """
         captions = {DRAWING_FILE: DRAWING_CAPTION} | {name: caption for name, (caption, _) in self.pictures.items()}
         pictures = {

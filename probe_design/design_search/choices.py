@@ -39,11 +39,16 @@ class Choice:
 class ChoiceSearch:
     """The designs that a search over all combinations returns.
 
-    Attributes:
-        choices: designs, best first.
-        how: how discrete variables and materials were treated, one sentence.
-        exhaustive: whether every combination was tried.
-        best: the best objective of each combination tried, by ``Combination.description``.
+    Attributes
+    ----------
+    choices
+        Designs, best first.
+    how
+        How discrete variables and materials were treated, one sentence.
+    exhaustive
+        Whether every combination was tried.
+    best
+        The best objective of each combination tried, by ``Combination.description``.
     """
 
     choices: tuple[Choice, ...]
@@ -55,10 +60,14 @@ class ChoiceSearch:
 def iterate_distinct(choices: Iterable[Choice], search_space: SearchSpace, tolerance: float) -> Iterator[tuple[Choice, Scene]]:
     """Yield choices with their scenes as a workshop makes them, but for those within a tolerance of an earlier one.
 
-    Args:
-        choices: best first.
-        search_space: whose limits the scenes keep.
-        tolerance: relative, of every variable.
+    Parameters
+    ----------
+    choices
+        Best first.
+    search_space
+        Whose limits the scenes keep.
+    tolerance
+        Relative, of every variable.
     """
     scenes: list[Scene] = []
     for choice in choices:
@@ -73,8 +82,10 @@ def iterate_distinct(choices: Iterable[Choice], search_space: SearchSpace, toler
 def search_combinations(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> ChoiceSearch:
     """Search the combinations of discrete values and return the designs, best first.
 
-    Raises:
-        InputError: no combination gives a probe with a finite objective.
+    Raises
+    ------
+    InputError
+        No combination gives a probe with a finite objective.
     """
     if search_space.combinations <= MAX_ENUMERATED:
         combinations = list(search_space.iterate_combinations())

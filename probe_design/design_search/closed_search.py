@@ -44,11 +44,16 @@ class FoundDesigns:
 class ObjectiveFunction(DifferentiableFunction):
     """The objective, and the margin of the weaker channel's charge, as functions of ln of some variables, with derivatives.
 
-    Args:
-        objective: the objective.
-        start: values of all variables.
-        which: indices of the variables that vary.
-        poisson: Poisson's ratios of both blocks.
+    Parameters
+    ----------
+    objective
+        The objective.
+    start
+        Values of all variables.
+    which
+        Indices of the variables that vary.
+    poisson
+        Poisson's ratios of both blocks.
     """
 
     def __init__(self, objective: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
@@ -70,11 +75,16 @@ def search(
 ) -> FoundDesigns:
     """Search designs within bounds and return local optima and screened designs together, best first.
 
-    Args:
-        objective: the objective to be maximised.
-        space: bounds and constraints; a variable whose bounds are equal is fixed.
-        poisson: Poisson's ratios of both blocks.
-        effort: effort of the search; default: that of the objective.
+    Parameters
+    ----------
+    objective
+        The objective to be maximised.
+    space
+        Bounds and constraints; a variable whose bounds are equal is fixed.
+    poisson
+        Poisson's ratios of both blocks.
+    effort
+        Effort of the search; default: that of the objective.
     """
     effort = effort or objective.effort
     designs = screen(space, effort.screened)
@@ -161,8 +171,10 @@ def refine_by_ipopt(
 ) -> Floats:
     """Return the local optimum near a design, shape (variables,), by a limited number of IPOPT's steps.
 
-    Raises:
-        KeyboardInterrupt: Ctrl-C, even if casadi catches it.
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C, even if casadi catches it.
     """
     free = space.free
     formula = ObjectiveFunction(objective, start, free, poisson)

@@ -123,10 +123,14 @@ def _solve_load(contact_scene: LoadedScene, reach: Reach, load: Load, limited_by
 class Reach:
     """The largest load on a design, and the smaller loads solved.
 
-    Attributes:
-        load: the largest allowed load.
-        limited_by: the limit that determines it.
-        points: solutions up to this load, at ``DEPTHS_RELATIVE``.
+    Attributes
+    ----------
+    load
+        The largest allowed load.
+    limited_by
+        The limit that determines it.
+    points
+        Solutions up to this load, at ``DEPTHS_RELATIVE``.
     """
 
     load: Load

@@ -24,8 +24,10 @@ def read_builtin_design() -> Design:
 def read_design_source(source: DesignSource) -> Design | Scene:
     """Return the design or scene of any source; in tables from Python numbers are in SI units.
 
-    Raises:
-        InputError: the source is none of ``ALLOWED_SOURCES``, or contains a value that is not allowed.
+    Raises
+    ------
+    InputError
+        The source is none of ``ALLOWED_SOURCES``, or contains a value that is not allowed.
     """
     if source is None:
         return read_builtin_design()
@@ -41,8 +43,10 @@ def read_design_source(source: DesignSource) -> Design | Scene:
 def read_design_or_scene(path: Path) -> Design | Scene:
     """Read a design file or a scene file, which is recognised by its tables.
 
-    Raises:
-        InputError: the file is missing, is not TOML, or contains a value that is not allowed.
+    Raises
+    ------
+    InputError
+        The file is missing, is not TOML, or contains a value that is not allowed.
     """
     file_tables = parse_tables(read_text(path, "scene file"), str(path), "a TOML scene or design file")
     return design_from_tables(file_tables, path) if is_design(file_tables) else read_scene(path)

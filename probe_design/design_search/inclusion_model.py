@@ -24,11 +24,16 @@ from solver.tumour_waves.population_films import Films, ManyTumours
 class InclusionTumours:
     """Readings over many tumours in place of ``ManyTumours``, for one probe that finite elements solve on each tissue.
 
-    Attributes:
-        bases: the probe on each tissue.
-        draws: the tumours.
-        tissue: number of each tumour's tissue, shape (m,).
-        positions: x of the probe's axis, m, shape (P,), and its y.
+    Attributes
+    ----------
+    bases
+        The probe on each tissue.
+    draws
+        The tumours.
+    tissue
+        Number of each tumour's tissue, shape (m,).
+    positions
+        x of the probe's axis, m, shape (P,), and its y.
     """
 
     bases: tuple[Undisturbed, ...]
@@ -67,8 +72,10 @@ class InclusionTumours:
 def compute_inclusion_objective(steered: DesignObjective, design: Design, scene: Scene) -> float:
     """Return the objective of a scene's probe, larger is better; ``-inf`` where it is not finite.
 
-    Raises:
-        Refusal: the evaluator does not support the scene.
+    Raises
+    ------
+    Refusal
+        The evaluator does not support the scene.
     """
     bases = tuple(
         CoarseModel.from_scene(tissue, details=False).base_states for tissue in steered.draw.replace_probe(scene).tissues

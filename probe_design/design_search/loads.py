@@ -47,13 +47,20 @@ COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours
 class PressedDesign:
     """The force on a design.
 
-    Attributes:
-        force: force, N.
-        indentation: largest indentation over all tissues, m.
-        tissue_strain: largest tissue strain over all tissues.
-        charge: charges of the weaker and of the stronger channel, C.
-        limited_by: the limit of the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
-        allowed: the force that each of these allows, N.
+    Attributes
+    ----------
+    force
+        Force, N.
+    indentation
+        Largest indentation over all tissues, m.
+    tissue_strain
+        Largest tissue strain over all tissues.
+    charge
+        Charges of the weaker and of the stronger channel, C.
+    limited_by
+        The limit of the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
+    allowed
+        The force that each of these allows, N.
     """
 
     force: float
@@ -68,13 +75,18 @@ class PressedDesign:
 class PressingRule:
     """The limits and tissues from which the force on each design is computed.
 
-    Attributes:
-        design: design with limits, and with its scene's load.
-        tissues: tissues of the search's tumours, then those of the verification's, which limit the force too.
-        worst_cover_factor: eq. PL.7 for the worst of its tumours.
-        safety_factor: factor on the forces that linear elasticity and an open gap allow.
-        approach_ratio: approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for
-            all designs.
+    Attributes
+    ----------
+    design
+        Design with limits, and with its scene's load.
+    tissues
+        Tissues of the search's tumours, then those of the verification's, which limit the force too.
+    worst_cover_factor
+        eq. PL.7 for the worst of its tumours.
+    safety_factor
+        Factor on the forces that linear elasticity and an open gap allow.
+    approach_ratio
+        Approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for all designs.
     """
 
     design: Design
@@ -103,8 +115,10 @@ class PressingRule:
     def from_scene(cls, design: Design) -> PressingRule:
         """Return the rule of a design file for the tumours of its scene; a finer model then verifies each design's load.
 
-        Raises:
-            Refusal: the scene is so extreme that it cannot be solved.
+        Raises
+        ------
+        Refusal
+            The scene is so extreme that it cannot be solved.
         """
         scene = design.scene
         return cls(design, (scene,), compute_cover_factor(scene.inclusion), _compute_approach_ratio(scene), safety_factor=1.0)
@@ -117,8 +131,10 @@ class PressingRule:
     def compute_pressed_design(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.
 
-        Raises:
-            Refusal: a tissue is so extreme that it cannot be solved, or a film is in tension.
+        Raises
+        ------
+        Refusal
+            A tissue is so extreme that it cannot be solved, or a film is in tension.
         """
         per_tissue: list[tuple[dict[str, float], Floats]] = []
         for tissue in self.tissues:
@@ -147,10 +163,14 @@ class PressingRule:
     def compute_forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
         """Return the force on n designs over m tumours in closed form, N, shape (n, m); it is the same for all tumours.
 
-        Args:
-            sizes: sizes of the probes, floats or complex, shape (n,) each.
-            totals: forces on both films per unit indentation without tumours, shape (n, m, 2).
-            which: number of each tumour's tissue, shape (m,).
+        Parameters
+        ----------
+        sizes
+            Sizes of the probes, floats or complex, shape (n,) each.
+        totals
+            Forces on both films per unit indentation without tumours, shape (n, m, 2).
+        which
+            Number of each tumour's tissue, shape (m,).
         """
         min_force: Any = None
         for number, tissue in enumerate(self.tissues):  # the tissues of the search come first

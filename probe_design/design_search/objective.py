@@ -19,10 +19,14 @@ MARGIN_TOLERANCE = 1e-6  # of the logarithm of a charge over the required minimu
 class SearchEffort:
     """The effort of a search.
 
-    Attributes:
-        starts: number of local searches.
-        screened: designs in each shell of outer radii; a power of two, for which a Sobol sequence is balanced.
-        steps: maximum of IPOPT's steps from each start.
+    Attributes
+    ----------
+    starts
+        Number of local searches.
+    screened
+        Designs in each shell of outer radii; a power of two, for which a Sobol sequence is balanced.
+    steps
+        Maximum of IPOPT's steps from each start.
     """
 
     starts: int
@@ -46,9 +50,12 @@ class SearchObjective(ABC):
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
         """Return the objective and ln(charge of the weaker channel / required charge) of designs, shapes (n,).
 
-        Args:
-            x: designs, floats or complex, shape (variables, n).
-            poisson: Poisson's ratios of both blocks, floats or shape (2, n).
+        Parameters
+        ----------
+        x
+            Designs, floats or complex, shape (variables, n).
+        poisson
+            Poisson's ratios of both blocks, floats or shape (2, n).
         """
 
     def evaluate_designs(self, x: Floats, poisson: Any) -> Floats:

@@ -65,12 +65,12 @@ def optimize(question: Design | Scene, progress: Progress | None = None, **setti
         For a scene; a design file states these itself: ``outer_radius``, ``starts``, ``evaluator`` and ``noise``, see
         ``TumourStudy.from_scene``.
 
-    Returns:
+    Returns
     -------
     PopulationOptimum or TumourOptimum
         The start, the verified designs and the recommended one.
 
-    Raises:
+    Raises
     ------
     InputError
         A load of 0, no target, no allowed design, a population that does not fit the tissue, or a setting that is not allowed.

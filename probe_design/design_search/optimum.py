@@ -26,13 +26,20 @@ Verified = TypeVar("Verified", bound=VerifiedDesign)
 class Optimum(ABC, Generic[Verified]):
     """The result of an optimisation.
 
-    Attributes:
-        design: the design file.
-        search_space: the designs among which the search chose.
-        start: the scene's probe, verified.
-        finalists: verified designs, best first.
-        search: designs of the closed-form search.
-        seconds: time of search and verification, s.
+    Attributes
+    ----------
+    design
+        The design file.
+    search_space
+        The designs among which the search chose.
+    start
+        The scene's probe, verified.
+    finalists
+        Verified designs, best first.
+    search
+        Designs of the closed-form search.
+    seconds
+        Time of search and verification, s.
     """
 
     design: Design

@@ -61,8 +61,10 @@ class Front:
 def compute_front(design: Design, against: str, progress: Progress) -> Front:
     """Return a Pareto front whose end points are verified.
 
-    Raises:
-        InputError: the name of the cost is not allowed.
+    Raises
+    ------
+    InputError
+        The name of the cost is not allowed.
     """
     if against not in COST_KINDS:
         raise InputError("pareto", against, describe_choices(against, COST_KINDS))

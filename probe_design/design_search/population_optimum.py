@@ -21,10 +21,14 @@ LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force due to li
 class PopulationOptimum(Optimum[PopulationVerification]):
     """The result of an optimisation for a population.
 
-    Attributes:
-        single: the verified optimum for one tumour in the middle of the population; None if there is none.
-        robust: effect of workshop tolerances on start and finalists, by the closed form.
-        why_no_single: the reason why there is no ``single``, in words.
+    Attributes
+    ----------
+    single
+        The verified optimum for one tumour in the middle of the population; None if there is none.
+    robust
+        Effect of workshop tolerances on start and finalists, by the closed form.
+    why_no_single
+        The reason why there is no ``single``, in words.
     """
 
     single: PopulationVerification | None

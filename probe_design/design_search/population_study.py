@@ -34,10 +34,14 @@ MIN_SINGLE_NOISE = 1e-6
 class PopulationStudy:
     """Search and verification of a probe for a population.
 
-    Attributes:
-        design: the design file.
-        search_space: the designs among which the search chooses.
-        objective: objective of the search, over some of the population's tumours.
+    Attributes
+    ----------
+    design
+        The design file.
+    search_space
+        The designs among which the search chooses.
+    objective
+        Objective of the search, over some of the population's tumours.
     """
 
     design: Design
@@ -48,9 +52,12 @@ class PopulationStudy:
     def from_design(cls, design: Design, tell: Progress, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationStudy:
         """Prepare the search, with at most ``max_tumours`` tumours in its objective.
 
-        Raises:
-            InputError: the file allows no design, or its population does not fit the tissue.
-            Refusal: the closed form cannot model the scene.
+        Raises
+        ------
+        InputError
+            The file allows no design, or its population does not fit the tissue.
+        Refusal
+            The closed form cannot model the scene.
         """
         search_space = build_search_space(design)
         tell("drawing the population", 0, 1)
@@ -63,9 +70,12 @@ class PopulationStudy:
     def verify(self, scene: Scene, advance: Callable[[int, int], None], choice: Choice | None = None) -> PopulationVerification:
         """Verify a scene's probe under its allowed force, on tumours that the search did not use.
 
-        Raises:
-            InputError: the population does not fit the tissue, or the probe would leave it.
-            Refusal: the evaluators cannot model the scene.
+        Raises
+        ------
+        InputError
+            The population does not fit the tissue, or the probe would leave it.
+        Refusal
+            The evaluators cannot model the scene.
         """
         loaded, pressed = self.objective.rule.apply_force(scene)
         judgement = verify(loaded, self.design, progress=advance)

@@ -29,14 +29,20 @@ LIMIT_OF_RULE = {"ratio": STRAIN_LIMIT, "strain limit": STRAIN_LIMIT, "gap closu
 class Pressing:
     """The load on a design.
 
-    Attributes:
-        load: the scene's load, or the smaller one of the same kind that is allowed, of ``loads.LOAD_DIGITS`` digits.
-        force: force on the base under this load, N.
-        x: strain in the rule for loads, see ``LoadRule``.
-        change: bound on the relative change of the ratio by finite strain; 0 where finite strain is modelled.
-        limited_by: the limit of the load: ``SCENE_LOAD``, ``STRAIN_LIMIT`` or ``GAP_CLOSURE``; beyond linear elasticity
-            ``SCENE_LOAD``, ``GAP_CLOSURE``, ``MAX_DEPTH`` (half an outer radius), ``LAST_CONVERGED`` (0.9 of the last load at
-            which a step converges), ``TIME_LIMIT`` or ``BEST_LOAD``.
+    Attributes
+    ----------
+    load
+        The scene's load, or the smaller one of the same kind that is allowed, of ``loads.LOAD_DIGITS`` digits.
+    force
+        Force on the base under this load, N.
+    x
+        Strain in the rule for loads, see ``LoadRule``.
+    change
+        Bound on the relative change of the ratio by finite strain; 0 where finite strain is modelled.
+    limited_by
+        The limit of the load: ``SCENE_LOAD``, ``STRAIN_LIMIT`` or ``GAP_CLOSURE``; beyond linear elasticity ``SCENE_LOAD``,
+        ``GAP_CLOSURE``, ``MAX_DEPTH`` (half an outer radius), ``LAST_CONVERGED`` (0.9 of the last load at which a step
+        converges), ``TIME_LIMIT`` or ``BEST_LOAD``.
     """
 
     load: Load
@@ -49,10 +55,14 @@ class Pressing:
 def compute_pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
     """Return the load on a scene's probe: the scene's, or the largest at which finite strain changes the ratio little enough.
 
-    Args:
-        scene: scene with a load above 0.
-        stiffness: force per unit indentation by an evaluator, N/m.
-        rule: rule for the scene's load, see ``solver.planning.load_limits``.
+    Parameters
+    ----------
+    scene
+        Scene with a load above 0.
+    stiffness
+        Force per unit indentation by an evaluator, N/m.
+    rule
+        Rule for the scene's load, see ``solver.planning.load_limits``.
     """
     largest, load, limited_by = rule.find_largest_load(MAX_RATIO_CHANGE_RELATIVE, promise=False), scene.load, SCENE_LOAD
     if largest.force < rule.compute_force(scene):

@@ -40,10 +40,14 @@ MOST_STEPS = 10_000
 class Combination:
     """One value for each discrete variable and one material for each block.
 
-    Attributes:
-        pinned: values of variables by their names, SI.
-        poisson: Poisson's ratios of the inner and the outer block.
-        materials: names of both blocks' materials, empty if none were requested.
+    Attributes
+    ----------
+    pinned
+        Values of variables by their names, SI.
+    poisson
+        Poisson's ratios of the inner and the outer block.
+    materials
+        Names of both blocks' materials, empty if none were requested.
     """
 
     pinned: Mapping[str, float]
@@ -79,11 +83,16 @@ class Combination:
 class SearchSpace:
     """The designs of a design file.
 
-    Attributes:
-        space: bounds and constraints of the relaxed variables, every one continuous.
-        grids: the allowed values of variables with steps or choices, increasing, by the variable's name.
-        shelf: the materials allowed for a block; empty if the moduli are variables themselves.
-        start_poisson: the start's Poisson's ratios.
+    Attributes
+    ----------
+    space
+        Bounds and constraints of the relaxed variables, every one continuous.
+    grids
+        The allowed values of variables with steps or choices, increasing, by the variable's name.
+    shelf
+        The materials allowed for a block; empty if the moduli are variables themselves.
+    start_poisson
+        The start's Poisson's ratios.
     """
 
     space: VariableSpace
@@ -152,8 +161,10 @@ def _find_nearest_values(values: tuple[float, ...], value: float, count: int) ->
 def build_search_space(design: Design) -> SearchSpace:
     """Build the search space of a design file: bounds that follow from the start, then the file's own, then its limits.
 
-    Raises:
-        InputError: a variable has no value within the limits, a material is not one for blocks, or no probe fits.
+    Raises
+    ------
+    InputError
+        A variable has no value within the limits, a material is not one for blocks, or no probe fits.
     """
     scene, given, limits = design.scene, design.variables, design.limits
     names = SEPARATE_HEIGHT_NAMES if _check_heights(design) else SHARED_HEIGHT_NAMES
@@ -196,8 +207,10 @@ def build_search_space(design: Design) -> SearchSpace:
 def _check_heights(design: Design) -> bool:
     """Return whether the two blocks have separate heights: the file gives them, or gives none and the start's heights differ.
 
-    Raises:
-        InputError: the file gives both kinds of height, or fixes one common height although the start has two.
+    Raises
+    ------
+    InputError
+        The file gives both kinds of height, or fixes one common height although the start has two.
     """
     height, given_heights, differ = design.variables.height, design.variables.given_heights, has_separate_heights(design.scene)
     if given_heights and height != DesignVariable():

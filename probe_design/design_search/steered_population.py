@@ -33,12 +33,18 @@ LOG_DIFFERENCE_STEP = (
 class DesignObjective(SearchObjective):
     """The objective of designs for a population in closed form.
 
-    Attributes:
-        steered: the objective of the population.
-        rule: rule for the forces.
-        draw: the tumours.
-        least_charge: minimum charge of each channel, C, or 0.
-        effort: effort of a search.
+    Attributes
+    ----------
+    steered
+        The objective of the population.
+    rule
+        Rule for the forces.
+    draw
+        The tumours.
+    least_charge
+        Minimum charge of each channel, C, or 0.
+    effort
+        Effort of a search.
     """
 
     steered: PopulationObjective
@@ -51,10 +57,14 @@ class DesignObjective(SearchObjective):
     def from_design(cls, design: Design, widest: float, max_tumours: int = MAX_SEARCH_TUMOURS) -> DesignObjective:
         """Draw the tumours and precompute all that does not depend on the probe.
 
-        Args:
-            design: the design file.
-            widest: outer radius of the widest probe, m.
-            max_tumours: maximum of tumours in the objective.
+        Parameters
+        ----------
+        design
+            The design file.
+        widest
+            Outer radius of the widest probe, m.
+        max_tumours
+            Maximum of tumours in the objective.
         """
         population = ScenePopulation.from_scene(design.scene, design.population)
         draw = population.draw_tumours(min(max_tumours, population.samples))

@@ -42,14 +42,22 @@ FLAT_PRIOR_SD = 1e6  # of ln contrast without prior knowledge: finite, so that a
 class ScanErrors:
     """Errors of one scan: relative standard deviations, except for the charge.
 
-    Attributes:
-        white: independent error of the ratio at a position, tilt included.
-        gain: error common to the ratios of a scan.
-        stiffness_white, stiffness_gain: the same for the stiffness.
-        charge: noise of each film's charge over the charge per force, N.
-        stiffness: whether the stiffness is read.
-        blank: whether there is a baseline reading.
-        false_alarm: probability of a false alarm in a scan.
+    Attributes
+    ----------
+    white
+        Independent error of the ratio at a position, tilt included.
+    gain
+        Error common to the ratios of a scan.
+    stiffness_white, stiffness_gain
+        The same for the stiffness.
+    charge
+        Noise of each film's charge over the charge per force, N.
+    stiffness
+        Whether the stiffness is read.
+    blank
+        Whether there is a baseline reading.
+    false_alarm
+        Probability of a false alarm in a scan.
     """
 
     white: float
@@ -66,15 +74,23 @@ class ScanErrors:
 class PopulationObjective:
     """The objective over a population, prepared for any design.
 
-    Attributes:
-        tumours: the tumours.
-        moved: pairs of the same tumours with diameter, depth and tissue modulus multiplied by e^-step and e^step; for detection
-            empty, or only the tissue modulus without a baseline reading.
-        step: step of the logarithms.
-        channels: errors of the scan.
-        priors: standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
-        maximise: ``detection``, ``resolved`` or ``information``.
-        statistic: ``mean`` or a quantile.
+    Attributes
+    ----------
+    tumours
+        The tumours.
+    moved
+        Pairs of the same tumours with diameter, depth and tissue modulus multiplied by e^-step and e^step; for detection empty,
+        or only the tissue modulus without a baseline reading.
+    step
+        Step of the logarithms.
+    channels
+        Errors of the scan.
+    priors
+        Standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
+    maximise
+        ``detection``, ``resolved`` or ``information``.
+    statistic
+        ``mean`` or a quantile.
     """
 
     tumours: ManyTumours
@@ -88,9 +104,12 @@ class PopulationObjective:
     def values(self, probes: Array, force: Any) -> Array:
         """Return the objective of n designs, larger is better, shape (n,).
 
-        Args:
-            probes: see ``ManyTumours.compute_films``; floats or complex.
-            force: function that returns the force, N, shape (n, m), from the films' forces without tumours, shape (n, m, 2).
+        Parameters
+        ----------
+        probes
+            See ``ManyTumours.compute_films``; floats or complex.
+        force
+            Function that returns the force, N, shape (n, m), from the films' forces without tumours, shape (n, m, 2).
         """
         of_each = self.evaluate_tumours(probes, force)
         if self.statistic == "mean":

@@ -52,13 +52,19 @@ REFINEMENT_ACCURACY = 0.03  # of finite elements in a refinement; its result is 
 class Noise:
     """The noise of a reading.
 
-    Attributes:
-        ratio: relative standard deviation of one reading of the ratio, see ``probe_design.data.noise``.
-        charge: charge noise of each channel, C.
-        charge_per_force: |d33| of the films, C/N.
+    Attributes
+    ----------
+    ratio
+        Relative standard deviation of one reading of the ratio, see ``probe_design.data.noise``.
+    charge
+        Charge noise of each channel, C.
+    charge_per_force
+        |d33| of the films, C/N.
 
-    Raises:
-        InputError: the noise of the ratio is not allowed, see ``check_noise``.
+    Raises
+    ------
+    InputError
+        The noise of the ratio is not allowed, see ``check_noise``.
     """
 
     ratio: float = DEFAULT_NOISE
@@ -93,11 +99,16 @@ def standard_deviation(information: float) -> float:
 class TumourObjective(SearchObjective):
     """-ln of eq. DS.6 by the closed form, for the target of a scene.
 
-    Attributes:
-        rule: rule for the forces.
-        noise: noise of the reading.
-        shape, parameters: structure and parameters of the closed form, see ``solver.closed_form.designs.build_parameters``.
-        effort: effort of a search.
+    Attributes
+    ----------
+    rule
+        Rule for the forces.
+    noise
+        Noise of the reading.
+    shape, parameters
+        Structure and parameters of the closed form, see ``solver.closed_form.designs.build_parameters``.
+    effort
+        Effort of a search.
     """
 
     rule: PressingRule
@@ -110,8 +121,10 @@ class TumourObjective(SearchObjective):
     def from_scene(cls, rule: PressingRule, noise: Noise, starts: int) -> TumourObjective:
         """Return the objective of the rule's scene.
 
-        Raises:
-            Refusal: the target is not a sphere; the closed form has a sensitivity for spheres only.
+        Raises
+        ------
+        Refusal
+            The target is not a sphere; the closed form has a sensitivity for spheres only.
         """
         scene = rule.design.scene
         if scene.target is not None and scene.inclusion[scene.target].diameter is None:
@@ -136,14 +149,21 @@ class TumourObjective(SearchObjective):
 class FiniteElementObjective:
     """The objective of one tumour by finite elements with their exact derivatives, for IPOPT.
 
-    Args:
-        formulas: the objective by the closed form, whose rule for forces and noise are used.
-        space: the variables with their bounds.
-        start: a scene with a design within the bounds, whose mesh moves with the design.
-        evaluator: ``axisymmetric``, or ``equivalent-inclusion``, whose derivatives are those of its first order.
+    Parameters
+    ----------
+    formulas
+        The objective by the closed form, whose rule for forces and noise are used.
+    space
+        The variables with their bounds.
+    start
+        A scene with a design within the bounds, whose mesh moves with the design.
+    evaluator
+        ``axisymmetric``, or ``equivalent-inclusion``, whose derivatives are those of its first order.
 
-    Raises:
-        Refusal: the evaluator cannot model the scene.
+    Raises
+    ------
+    Refusal
+        The evaluator cannot model the scene.
     """
 
     def __init__(self, formulas: TumourObjective, space: VariableSpace, start: Scene, evaluator: str) -> None:

@@ -16,9 +16,12 @@ from probe_design.design_search.tumour_verification import TumourVerification, r
 class TumourOptimum(Optimum[TumourVerification]):
     """The result of an optimisation for one tumour.
 
-    Attributes:
-        noise: noise of a reading.
-        linear_evaluator: evaluator for verification within linear elasticity; beyond it ``contact`` is used.
+    Attributes
+    ----------
+    noise
+        Noise of a reading.
+    linear_evaluator
+        Evaluator for verification within linear elasticity; beyond it ``contact`` is used.
     """
 
     noise: Noise

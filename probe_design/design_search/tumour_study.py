@@ -64,11 +64,16 @@ Progress = Callable[[str, int, int], None]
 class TumourStudy:
     """Search and verification of a probe for the target of a scene.
 
-    Attributes:
-        design: the scene as a design file: a population of its own tumour, read once; the objective is eq. DS.6.
-        search_space: the designs among which the search chooses.
-        objective: objective of the search.
-        evaluator: evaluator for the verification within linear elasticity.
+    Attributes
+    ----------
+    design
+        The scene as a design file: a population of its own tumour, read once; the objective is eq. DS.6.
+    search_space
+        The designs among which the search chooses.
+    objective
+        Objective of the search.
+    evaluator
+        Evaluator for the verification within linear elasticity.
     """
 
     design: Design
@@ -87,16 +92,25 @@ class TumourStudy:
     ) -> TumourStudy:
         """Return the study of a scene; its tissue, inclusions, contact and load stay.
 
-        Args:
-            scene: the start.
-            outer_radius: limit of the outer radius in m; 1.4 times the start's by default.
-            starts: local searches.
-            evaluator: one of ``EVALUATORS``; by default the first that can model the scene.
-            noise: relative standard deviation of one reading of the ratio.
+        Parameters
+        ----------
+        scene
+            The start.
+        outer_radius
+            Limit of the outer radius in m; 1.4 times the start's by default.
+        starts
+            Local searches.
+        evaluator
+            One of ``EVALUATORS``; by default the first that can model the scene.
+        noise
+            Relative standard deviation of one reading of the ratio.
 
-        Raises:
-            InputError: the scene has no target or a load of 0, no design fits, or evaluator or noise are not allowed.
-            Refusal: the closed form has no sensitivity, or the scene is too extreme to be solved.
+        Raises
+        ------
+        InputError
+            The scene has no target or a load of 0, no design fits, or evaluator or noise are not allowed.
+        Refusal
+            The closed form has no sensitivity, or the scene is too extreme to be solved.
         """
         if scene.target is None:
             allowed = "one inclusion, or one of several marked target = true: its modulus is to be estimated"
@@ -130,8 +144,10 @@ class TumourStudy:
     def verify(self, scene: Scene, accuracy: float = VERIFICATION_ACCURACY) -> TumourVerification:
         """Verify a scene's probe within linear elasticity.
 
-        Raises:
-            Refusal: the evaluator cannot take the scene.
+        Raises
+        ------
+        Refusal
+            The evaluator cannot take the scene.
         """
         return verify_tumour_design(scene, self.noise, self.evaluator, accuracy)
 
@@ -192,8 +208,10 @@ class TumourStudy:
     def refine_scene(self, scene: Scene) -> Scene | None:
         """Return the local optimum near a scene's probe by finite elements, rounded for a workshop; None where that fails.
 
-        Raises:
-            Refusal: the evaluator cannot take the scene.
+        Raises
+        ------
+        Refusal
+            The evaluator cannot take the scene.
         """
         space = self.search_space.space
         optimum = refine_by_ipopt(
@@ -234,8 +252,10 @@ class TumourStudy:
     def restore_load(self, unlimited: TumourVerification) -> TumourVerification:
         """Return a design of an unlimited scene under the scene's load, or the largest load within linear elasticity.
 
-        Raises:
-            Refusal: see ``verify``.
+        Raises
+        ------
+        Refusal
+            See ``verify``.
         """
         scene = unlimited.scene.model_copy(update={"load": self.scene.load})
         if scene.load.force is None or scene.load.force < unlimited.pressing.force:

@@ -33,16 +33,26 @@ FINER_ACCURACY = 0.001  # of the evaluator if its errors at ``VERIFICATION_ACCUR
 class TumourVerification(VerifiedDesign):
     """A design with its results by the closed form and by the verifying evaluator.
 
-    Attributes:
-        scene: the scene with this probe.
-        result: the evaluator's result, at the load of ``pressing``.
-        pressing: the load of the objective.
-        value: standard deviation of ln E_object by the evaluator, smaller is better.
-        lower, upper: bounds of ``value``, from the evaluator's error bounds and the neglected finite strain.
-        formula_result: the closed form's result, or None if it refuses the scene.
-        refused: the requirement that the closed form states in a refusal, or None.
-        formula_value: ``value`` by the closed form, inf if it refuses the scene.
-        linear: the same design under the largest load within linear elasticity, if ``pressing`` is beyond that.
+    Attributes
+    ----------
+    scene
+        The scene with this probe.
+    result
+        The evaluator's result, at the load of ``pressing``.
+    pressing
+        The load of the objective.
+    value
+        Standard deviation of ln E_object by the evaluator, smaller is better.
+    lower, upper
+        Bounds of ``value``, from the evaluator's error bounds and the neglected finite strain.
+    formula_result
+        The closed form's result, or None if it refuses the scene.
+    refused
+        The requirement that the closed form states in a refusal, or None.
+    formula_value
+        ``value`` by the closed form, inf if it refuses the scene.
+    linear
+        The same design under the largest load within linear elasticity, if ``pressing`` is beyond that.
     """
 
     scene: Scene
@@ -138,15 +148,23 @@ def verify_tumour_design(
 ) -> TumourVerification:
     """Verify a scene's probe by an evaluator, and compute the closed form's result for comparison.
 
-    Args:
-        scene: scene with the probe.
-        noise: noise of a reading.
-        evaluator_name: evaluator of the verification.
-        accuracy: accuracy of the evaluator.
-        formula: the closed form's result or refusal, if it is known already; see ``evaluate_closed_form``.
+    Parameters
+    ----------
+    scene
+        Scene with the probe.
+    noise
+        Noise of a reading.
+    evaluator_name
+        Evaluator of the verification.
+    accuracy
+        Accuracy of the evaluator.
+    formula
+        The closed form's result or refusal, if it is known already; see ``evaluate_closed_form``.
 
-    Raises:
-        Refusal: the evaluator cannot model the scene.
+    Raises
+    ------
+    Refusal
+        The evaluator cannot model the scene.
     """
     start, rule = perf_counter(), CoarseModel.from_scene(scene).build_rule(scene)
     answer = evaluate_films(scene, evaluator_name, accuracy)
@@ -174,8 +192,10 @@ def verify_tumour_design(
 def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICATION_ACCURACY) -> FilmSolution:
     """Return the film forces by an evaluator, with the error of its log-sensitivity.
 
-    Raises:
-        Refusal: the evaluator cannot model the scene.
+    Raises
+    ------
+    Refusal
+        The evaluator cannot model the scene.
     """
     made = evaluator(evaluator_name)
     assert isinstance(made, FilmEvaluator)

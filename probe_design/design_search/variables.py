@@ -33,9 +33,12 @@ MODULUS_BOUNDS_PA = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as st
 class Variable:
     """One number of the probe that a search varies.
 
-    Attributes:
-        key: key of ``geometry.scenes.variables.list_values``.
-        low, high: smallest and largest value that a workshop can make, SI.
+    Attributes
+    ----------
+    key
+        Key of ``geometry.scenes.variables.list_values``.
+    low, high
+        Smallest and largest value that a workshop can make, SI.
     """
 
     key: str
@@ -68,10 +71,14 @@ BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
 class Limit:
     """One limit of the designs.
 
-    Attributes:
-        name: name of the limit, such as ``least gap``.
-        value: value of the limit, SI.
-        active: whether the design reaches the limit.
+    Attributes
+    ----------
+    name
+        Name of the limit, such as ``least gap``.
+    value
+        Value of the limit, SI.
+    active
+        Whether the design reaches the limit.
     """
 
     name: str
@@ -188,12 +195,18 @@ class VariableSpace:
     Each limit follows from the start and from what a workshop can make, none from another. A tighter limit therefore only removes
     designs.
 
-    Attributes:
-        scene: the scene whose probe is varied; everything else in it stays.
-        names: names of the variables.
-        low, high: bounds, shape (variables,).
-        outer_radius: limit of the outer block's radius, m.
-        wall: minimum thickness of the outer block, m.
+    Attributes
+    ----------
+    scene
+        The scene whose probe is varied; everything else in it stays.
+    names
+        Names of the variables.
+    low, high
+        Bounds, shape (variables,).
+    outer_radius
+        Limit of the outer block's radius, m.
+    wall
+        Minimum thickness of the outer block, m.
     """
 
     scene: Scene
@@ -235,9 +248,12 @@ class VariableSpace:
     def build_scene(self, x: Floats, exact: Mapping[str, float] | None = None) -> Scene | None:
         """Return the scene with a design rounded to what is ordered from a workshop; None where that breaks a rule.
 
-        Args:
-            x: the design.
-            exact: variables, by name, that are not rounded.
+        Parameters
+        ----------
+        x
+            The design.
+        exact
+            Variables, by name, that are not rounded.
         """
         sizes, exact = ProbeSizes.from_vector(x), exact or {}
         lengths = {"gap": sizes.gap} | {name: getattr(sizes, name) for name in ("inner_height", "outer_height")}
@@ -306,8 +322,10 @@ def build_space(scene: Scene, outer_radius: float | None = None, names: tuple[st
 
     If the start is beyond another limit, this limit is moved to the start.
 
-    Raises:
-        InputError: no probe fits within the limit, or on the tissue.
+    Raises
+    ------
+    InputError
+        No probe fits within the limit, or on the tissue.
     """
     probe, tissue, start = scene.probe, scene.tissue, read_vector(scene, names)
     limit = DEFAULT_RADIUS_FACTOR * probe.tube_radius if outer_radius is None else outer_radius

@@ -52,12 +52,18 @@ class VerifiedDesign(ABC):
 class PopulationVerification(VerifiedDesign):
     """A design verified on tumours that the search did not use.
 
-    Attributes:
-        scene: the whole scene, with the force as its load.
-        pressed: the force with its limits.
-        judgement: performance on tumours not used in the search.
-        aim: the quantity that the design file maximises.
-        materials: materials of the inner and the outer block, empty if none were requested.
+    Attributes
+    ----------
+    scene
+        The whole scene, with the force as its load.
+    pressed
+        The force with its limits.
+    judgement
+        Performance on tumours not used in the search.
+    aim
+        The quantity that the design file maximises.
+    materials
+        Materials of the inner and the outer block, empty if none were requested.
     """
 
     scene: Scene

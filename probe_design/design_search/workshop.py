@@ -25,10 +25,14 @@ MIN_LENGTH_RELATIVE = 0.2  # minimum of a length as built, over the drawn one
 class Robustness:
     """One design under tolerances; all by the closed form.
 
-    Attributes:
-        nominal: the objective of the probe as drawn.
-        expected: its statistic over the built probes: the mean, or the quantile that ``[objective]`` names.
-        low, high: the 5 % and 95 % quantiles over the built probes.
+    Attributes
+    ----------
+    nominal
+        The objective of the probe as drawn.
+    expected
+        Its statistic over the built probes: the mean, or the quantile that ``[objective]`` names.
+    low, high
+        The 5 % and 95 % quantiles over the built probes.
     """
 
     nominal: float

@@ -12,11 +12,16 @@ State = Literal["good", "missing", "doubtful", "fault"]
 class Finding:
     """The result of one check.
 
-    Attributes:
-        name: subject of the check.
-        state: good; missing, needed by some devices; doubtful; a fault, with which readings are wrong or impossible.
-        text: result.
-        remedy: what to do, or "".
+    Attributes
+    ----------
+    name
+        Subject of the check.
+    state
+        Good; missing, needed by some devices; doubtful; a fault, with which readings are wrong or impossible.
+    text
+        result.
+    remedy
+        What to do, or "".
     """
 
     name: str

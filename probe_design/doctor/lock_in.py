@@ -19,13 +19,20 @@ MAX_ROWS = 100_000  # rows used of a long record: enough for a diagnosis
 class LockIn:
     """The load, the mains and the noise in a record.
 
-    Attributes:
-        frequency: of the load, Hz.
-        load: (channels,) complex amplitudes, V.
-        mains: frequency of the mains, Hz: the stronger of the lines near 50 and 60 Hz.
-        hum: (channels,) amplitudes of the mains, V.
-        noise: (channels,) standard deviation of the residual, V.
-        rows: number of rows used.
+    Attributes
+    ----------
+    frequency
+        Of the load, Hz.
+    load
+        (channels,) complex amplitudes, V.
+    mains
+        Frequency of the mains, Hz: the stronger of the lines near 50 and 60 Hz.
+    hum
+        (channels,) amplitudes of the mains, V.
+    noise
+        (channels,) standard deviation of the residual, V.
+    rows
+        Number of rows used.
     """
 
     frequency: float

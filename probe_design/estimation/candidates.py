@@ -25,10 +25,14 @@ ULTRASOUND_NUMBERS = ("inclusion.diameter", "inclusion.depth")
 class NextCandidate:
     """A reading or measurement that may be made next.
 
-    Attributes:
-        kind: "ratio", "ratio and stiffness", "blank", "blank with stiffness", or "size from ultrasound".
-        reading: its place and noise; its values are placeholders. None for a size.
-        learned: names of the scene's numbers that ultrasound measures.
+    Attributes
+    ----------
+    kind
+        "ratio", "ratio and stiffness", "blank", "blank with stiffness", or "size from ultrasound".
+    reading
+        Its place and noise; its values are placeholders. None for a size.
+    learned
+        Names of the scene's numbers that ultrasound measures.
     """
 
     kind: str
@@ -50,10 +54,14 @@ class NextCandidate:
 def list_candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, float]) -> tuple[NextCandidate, ...]:
     """Return the candidates for the next reading; their noise is the smallest of the present readings.
 
-    Args:
-        model: with the present readings.
-        unknown: as in ``probe_design.estimation.estimate``.
-        nuisances: relative standard deviations by name.
+    Parameters
+    ----------
+    model
+        With the present readings.
+    unknown
+        As in ``probe_design.estimation.estimate``.
+    nuisances
+        Relative standard deviations by name.
     """
     data = model.data
     noise = float(data.noise[data.is_ratio].min())

@@ -39,14 +39,22 @@ DERIVATIVE_NAMES = {"youngs_modulus": "by_modulus", "diameter": "by_diameter"}
 class Plane:
     """Predictions for targets of many depths and strengths.
 
-    Attributes:
-        model: see ``TargetModel``.
-        partner: youngs_modulus or diameter, by which the strength is varied.
-        u: ln depth, shape (a,).
-        v: ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
-        predicted: shapes (a b, ...).
-        slope: derivatives of the predicted values by v, shape (a b, k).
-        shared: errors that all data share, near the best fit.
+    Attributes
+    ----------
+    model
+        See ``TargetModel``.
+    partner
+        youngs_modulus or diameter, by which the strength is varied.
+    u
+        Ln depth, shape (a,).
+    v
+        Ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
+    predicted
+        Shapes (a b, ...).
+    slope
+        Derivatives of the predicted values by v, shape (a b, k).
+    shared
+        Errors that all data share, near the best fit.
     """
 
     model: TargetModel
@@ -193,9 +201,12 @@ class Plane:
     def fit(self, y: Floats, exact: bool = False) -> DepthAndStrength | None:
         """Fit depth and strength to measured values of shape (k,), eq. ES.6; None where the model predicts no pair.
 
-        Args:
-            y: in the order of ``Measurements``.
-            exact: whether to neglect the error of the model.
+        Parameters
+        ----------
+        y
+            In the order of ``Measurements``.
+        exact
+            Whether to neglect the error of the model.
         """
         u, v, min_chi2, best = self._find_best(y)
         if not np.isfinite(min_chi2):

@@ -60,23 +60,33 @@ def estimate(
 ) -> Estimate:  # fmt: skip
     """Estimate one unknown of the scene's target, or of its tissue.
 
-    Args:
-        scene: all other numbers, taken as known; its own value of the unknown is not used.
-        readings: one or more.
-        unknown: youngs_modulus, diameter or depth of the target; tissue.youngs_modulus; thickness or youngs_modulus of a layer,
-            ``tissue.layer[0].thickness``.
-        accuracy: of the evaluator, relative; default: a quarter of the smallest noise of the ratios, within 5e-4 and 0.01.
-        linear: whether to use linear elasticity at any load. The intervals then count the possible effect of finite strain. By
-            default that effect is below the smallest noise of the ratios, and ``contact`` predicts the readings at larger loads:
-            see ``loaded_track.py``.
-        nuisances: relative standard deviations, 0.2 or "20 %", of uncertain numbers, by their keys in the scene file; see
-            ``probe_design.estimation.nuisances``.
-        advise: whether ``next`` states what to measure next.
+    Parameters
+    ----------
+    scene
+        All other numbers, taken as known; its own value of the unknown is not used.
+    readings
+        One or more.
+    unknown
+        youngs_modulus, diameter or depth of the target; tissue.youngs_modulus; thickness or youngs_modulus of a layer,
+        ``tissue.layer[0].thickness``.
+    accuracy
+        Of the evaluator, relative; default: a quarter of the smallest noise of the ratios, within 5e-4 and 0.01.
+    linear
+        Whether to use linear elasticity at any load. The intervals then count the possible effect of finite strain. By default
+        that effect is below the smallest noise of the ratios, and ``contact`` predicts the readings at larger loads: see
+        ``loaded_track.py``.
+    nuisances
+        Relative standard deviations, 0.2 or "20 %", of uncertain numbers, by their keys in the scene file; see
+        ``probe_design.estimation.nuisances``.
+    advise
+        Whether ``next`` states what to measure next.
 
-    Raises:
-        InputError: an unknown, nuisance or accuracy is not allowed, or all readings are baseline readings.
-        Refusal: nothing can be estimated for this kind of scene, or its load is beyond the range of linear elasticity and of
-            ``contact``.
+    Raises
+    ------
+    InputError
+        An unknown, nuisance or accuracy is not allowed, or all readings are baseline readings.
+    Refusal
+        Nothing can be estimated for this kind of scene, or its load is beyond the range of linear elasticity and of ``contact``.
     """
     start = perf_counter()
     check_kind(scene, _is_of_target(scene, unknown))
@@ -118,8 +128,10 @@ def _build_loaded_model(
 ) -> LoadedModel | None:
     """Return the model under load where the effect of finite strain is above the noise of the ratio, else None.
 
-    Raises:
-        Refusal: the load is beyond the range of linear elasticity, and ``contact`` cannot model the readings.
+    Raises
+    ------
+    Refusal
+        The load is beyond the range of linear elasticity, and ``contact`` cannot model the readings.
     """
     try:
         check_load(model.scene, model.rule, model.tolerance, promise=False)
@@ -135,8 +147,10 @@ def _build_loaded_model(
 def _is_of_target(scene: Scene, unknown: str) -> bool:
     """Return whether an unknown is the target's; otherwise it is the tissue's.
 
-    Raises:
-        InputError: it is neither.
+    Raises
+    ------
+    InputError
+        It is neither.
     """
     if unknown in TARGET_UNKNOWNS:
         return True
@@ -154,11 +168,16 @@ def search_unknown(
 ) -> Findings:
     """Return the values of the unknown that agree with the readings, best fit and intervals included.
 
-    Args:
-        model: without load, or under a load within linear elasticity.
-        unknown: as in ``estimate``.
-        nuisances: likewise, relative standard deviations by key.
-        loaded_model: the model under the load, where that is beyond linear elasticity.
+    Parameters
+    ----------
+    model
+        Without load, or under a load within linear elasticity.
+    unknown
+        As in ``estimate``.
+    nuisances
+        Likewise, relative standard deviations by key.
+    loaded_model
+        The model under the load, where that is beyond linear elasticity.
     """
     track_if_known, noise, y = Track.from_model(model, unknown), model.data.noise, model.data.value
     if loaded_model is not None:

@@ -18,14 +18,22 @@ OPEN_INTERVAL: Interval = (None, None)
 class ExpectedInterval:
     """The interval that is expected after one further reading.
 
-    Attributes:
-        kind: see ``candidates.NextCandidate``.
-        told: the reading in words.
-        x, y: of the probe's axis, m; None for a size.
-        interval: medians of the interval's ends, SI; None where an end is open in most cases.
-        width: median of the ratio of the ends; None where an end is open in most cases.
-        identifiable: probability that the unknown is identifiable after this reading.
-        score: mean logarithmic length, see above.
+    Attributes
+    ----------
+    kind
+        See ``candidates.NextCandidate``.
+    told
+        The reading in words.
+    x, y
+        Of the probe's axis, m; None for a size.
+    interval
+        Medians of the interval's ends, SI; None where an end is open in most cases.
+    width
+        Median of the ratio of the ends; None where an end is open in most cases.
+    identifiable
+        Probability that the unknown is identifiable after this reading.
+    score
+        Mean logarithmic length, see above.
     """
 
     kind: str
@@ -42,12 +50,18 @@ class ExpectedInterval:
 class NextReading:
     """Advice what to measure next.
 
-    Attributes:
-        reading: the best candidate, or None where none narrows the interval.
-        together: all candidates together.
-        verdict: the advice in one sentence.
-        others: the other candidates, the best first.
-        draws: number of draws of eq. ES.11.
+    Attributes
+    ----------
+    reading
+        The best candidate, or None where none narrows the interval.
+    together
+        All candidates together.
+    verdict
+        The advice in one sentence.
+    others
+        The other candidates, the best first.
+    draws
+        Number of draws of eq. ES.11.
     """
 
     reading: ExpectedInterval | None
@@ -61,25 +75,44 @@ class NextReading:
 class Estimate(Record):
     """Result of an estimate, SI units; an end of an interval is None where it is open.
 
-    Attributes:
-        unknown: youngs_modulus, diameter or depth of the target, or the key of a number of the tissue.
-        noise: relative standard deviation of each ratio that was read.
-        value: best fit of the unknown; None where it is not identifiable.
-        interval: 95 % interval.
-        interval_of_noise: the same for a model without error and without nuisances.
-        nuisances: relative standard deviations of uncertain numbers of the scene, by their keys.
-        interval_if_known: the interval without nuisances; None if there are none.
-        pieces: the parts of the interval that agree with the readings, where these are several.
-        identifiable: whether the interval is bounded, and narrow enough for a value.
-        reason: why the unknown is not identifiable, or None.
-        depth: fitted together with the strength if there are several places, else the scene's, or the estimate.
-        depth_interval: 95 %; None where the depth is the scene's.
-        strength: eq. ES.1 of ``probe_design.estimation.strength``, m^3.
-        strength_interval: 95 %; None where size, modulus and so the strength are the scene's.
-        p_value: probability of a worse fit if scene and noise are right.
-        error_estimate: bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
-        evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
-        next: the advice what to measure next, or None if it was not requested.
+    Attributes
+    ----------
+    unknown
+        youngs_modulus, diameter or depth of the target, or the key of a number of the tissue.
+    noise
+        Relative standard deviation of each ratio that was read.
+    value
+        Best fit of the unknown; None where it is not identifiable.
+    interval
+        95 % interval.
+    interval_of_noise
+        The same for a model without error and without nuisances.
+    nuisances
+        Relative standard deviations of uncertain numbers of the scene, by their keys.
+    interval_if_known
+        The interval without nuisances; None if there are none.
+    pieces
+        The parts of the interval that agree with the readings, where these are several.
+    identifiable
+        Whether the interval is bounded, and narrow enough for a value.
+    reason
+        Why the unknown is not identifiable, or None.
+    depth
+        Fitted together with the strength if there are several places, else the scene's, or the estimate.
+    depth_interval
+        95 %; None where the depth is the scene's.
+    strength
+        eq. ES.1 of ``probe_design.estimation.strength``, m^3.
+    strength_interval
+        95 %; None where size, modulus and so the strength are the scene's.
+    p_value
+        Probability of a worse fit if scene and noise are right.
+    error_estimate
+        Bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
+    evaluator, seconds, plan, warnings
+        See ``solver.results.result.Result``.
+    next
+        The advice what to measure next, or None if it was not requested.
     """
 
     unknown: str

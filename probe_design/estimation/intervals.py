@@ -69,9 +69,12 @@ class Piece:
 class Likelihood:
     """Likelihood of measured values along one unknown.
 
-    Attributes:
-        track: predictions, with at least one run of usable nodes.
-        noise: standard deviations of the data, shape (k,).
+    Attributes
+    ----------
+    track
+        Predictions, with at least one run of usable nodes.
+    noise
+        Standard deviations of the data, shape (k,).
     """
 
     track: Track

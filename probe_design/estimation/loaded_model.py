@@ -42,10 +42,14 @@ def _place_on_axis(model: TargetModel) -> Scene:
 class LoadedModel:
     """Predictions by ``contact`` under the scene's load.
 
-    Attributes:
-        model: scene and data; ``contact`` can model the scene.
-        unknown: the number that is varied.
-        accuracy: relative, required of ``contact``.
+    Attributes
+    ----------
+    model
+        Scene and data; ``contact`` can model the scene.
+    unknown
+        The number that is varied.
+    accuracy
+        Relative, required of ``contact``.
     """
 
     model: TargetModel
@@ -72,8 +76,10 @@ class LoadedModel:
     def predict(self, value: float) -> LogPrediction | None:
         """Return predictions for a value of the unknown, SI; None where errors are too large, or the sign of a ratio differs.
 
-        Raises:
-            ProbeError, ValueError: ``contact`` does not reach the load, or the scene is not valid.
+        Raises
+        ------
+        ProbeError, ValueError
+            ``contact`` does not reach the load, or the scene is not valid.
         """
         data, scene = self.model.data, self._build_scene(value)
         values, bounds = np.zeros((2, len(data.value)))

@@ -32,10 +32,14 @@ MIN_IMPROVEMENT_FACTOR = 4.0  # factor by which a new node reduces the miss, at 
 class Span:
     """The range between two neighbouring nodes that ``contact`` has computed.
 
-    Attributes:
-        first, last: indices of the nodes.
-        miss: of the spline at the last node that was added, shape (k,); before any, the change from end to end.
-        remaining_miss: expected miss over the allowed one.
+    Attributes
+    ----------
+    first, last
+        Indices of the nodes.
+    miss
+        Of the spline at the last node that was added, shape (k,); before any, the change from end to end.
+    remaining_miss
+        Expected miss over the allowed one.
     """
 
     first: int
@@ -53,10 +57,14 @@ class Span:
 class LoadedTrack:
     """A track to which ``contact`` adds the effect of the load, node by node.
 
-    Attributes:
-        track: predictions without load.
-        loaded: the model under load.
-        changes: effect of the load on the data at each solved node, with error bounds of ``contact``, both of shape (k,).
+    Attributes
+    ----------
+    track
+        Predictions without load.
+    loaded
+        The model under load.
+    changes
+        Effect of the load on the data at each solved node, with error bounds of ``contact``, both of shape (k,).
     """
 
     track: Track
@@ -66,8 +74,10 @@ class LoadedTrack:
     def solve_first(self, node: int) -> None:
         """Solve the first node.
 
-        Raises:
-            Refusal: ``contact`` does not reach the scene's load.
+        Raises
+        ------
+        Refusal
+            ``contact`` does not reach the scene's load.
         """
         try:
             self._solve(node)
@@ -135,12 +145,17 @@ class LoadedTrack:
 def add_load(track: Track, loaded_model: LoadedModel) -> Track:
     """Return a track with the effect of the load, eq. ES.10.
 
-    Args:
-        track: of the model without load.
-        loaded_model: the model under load.
+    Parameters
+    ----------
+    track
+        Of the model without load.
+    loaded_model
+        The model under load.
 
-    Raises:
-        Refusal: ``contact`` does not reach the scene's load at the middle of the search range.
+    Raises
+    ------
+    Refusal
+        ``contact`` does not reach the scene's load at the middle of the search range.
     """
     usable = np.flatnonzero(track.predicted.usable)
     if len(usable) < 2:

@@ -51,15 +51,24 @@ STIFFNESS_QUANTITY = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
 class Reading:
     """One press of the probe.
 
-    Attributes:
-        x, y: of its axis, m.
-        ratio: ``stress_inner / stress_outer``, above 0.
-        noise: relative, one standard deviation.
-        stiffness: force on the base per indentation, N/m, or None.
-        stiffness_noise: relative, one standard deviation.
-        blank: whether there is no tumour under the probe.
-        ratio_phase: by how much the inner film leads, rad, counted from the ratio's sign, or None.
-        ratio_phase_sd: its standard deviation, rad.
+    Attributes
+    ----------
+    x, y
+        Of its axis, m.
+    ratio
+        ``stress_inner / stress_outer``, above 0.
+    noise
+        Relative, one standard deviation.
+    stiffness
+        Force on the base per indentation, N/m, or None.
+    stiffness_noise
+        Relative, one standard deviation.
+    blank
+        Whether there is no tumour under the probe.
+    ratio_phase
+        By how much the inner film leads, rad, counted from the ratio's sign, or None.
+    ratio_phase_sd
+        Its standard deviation, rad.
     """
 
     x: float
@@ -82,15 +91,24 @@ class Reading:
 class Measurements:
     """All measured data as k independent normal numbers; ratios and stiffnesses as logarithms.
 
-    Attributes:
-        places: distinct places of the probe's axis, m, shape (p, 2).
-        place: index into ``places``, shape (k,).
-        is_stiffness: whether a datum is a stiffness, shape (k,).
-        is_phase: whether a datum is a ratio's phase, shape (k,); a datum that is neither is a ratio.
-        is_blank: whether a datum is of a baseline reading, over tumour-free tissue, shape (k,).
-        value: ln |ratio| or ln stiffness, or a phase in rad, shape (k,).
-        sign: of the ratio, +1 or -1, shape (k,); 0 of a phase.
-        noise: standard deviations, shape (k,).
+    Attributes
+    ----------
+    places
+        Distinct places of the probe's axis, m, shape (p, 2).
+    place
+        Index into ``places``, shape (k,).
+    is_stiffness
+        Whether a datum is a stiffness, shape (k,).
+    is_phase
+        Whether a datum is a ratio's phase, shape (k,); a datum that is neither is a ratio.
+    is_blank
+        Whether a datum is of a baseline reading, over tumour-free tissue, shape (k,).
+    value
+        Ln |ratio| or ln stiffness, or a phase in rad, shape (k,).
+    sign
+        Of the ratio, +1 or -1, shape (k,); 0 of a phase.
+    noise
+        Standard deviations, shape (k,).
     """
 
     places: Floats
@@ -156,8 +174,10 @@ def build_single_reading(
 ) -> tuple[Reading, ...]:
     """Return the one reading at the scene's placement; values may be numbers or texts.
 
-    Raises:
-        InputError: a value is not allowed.
+    Raises
+    ------
+    InputError
+        A value is not allowed.
     """
     row = {"ratio": ratio, "noise": noise, "stiffness": stiffness, "stiffness_noise": stiffness_noise}
     return (_check_reading("", row, scene, None, None),)
@@ -166,14 +186,21 @@ def build_single_reading(
 def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
     """Read a readings file, see above.
 
-    Args:
-        path: ends in .toml or .csv.
-        scene: on whose tissue the probe was pressed.
-        noise: of readings that do not state it.
-        stiffness_noise: likewise.
+    Parameters
+    ----------
+    path
+        Ends in .toml or .csv.
+    scene
+        On whose tissue the probe was pressed.
+    noise
+        Of readings that do not state it.
+    stiffness_noise
+        likewise.
 
-    Raises:
-        InputError: the file cannot be read, or an entry is not allowed.
+    Raises
+    ------
+    InputError
+        The file cannot be read, or an entry is not allowed.
     """
     kinds = {".toml": _toml_rows, ".csv": _csv_rows}
     if path.suffix.lower() not in kinds:

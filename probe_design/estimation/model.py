@@ -38,10 +38,14 @@ TISSUE_SEARCH_FACTOR = 8.0  # times the scene's value, upwards and downwards: se
 class TargetModel:
     """A scene whose target is replaced by bodies of other modulus, diameter or depth.
 
-    Attributes:
-        scene: with a target.
-        data: measured values and their places.
-        accuracy: relative, required of the evaluator.
+    Attributes
+    ----------
+    scene
+        With a target.
+    data
+        Measured values and their places.
+    accuracy
+        Relative, required of the evaluator.
     """
 
     scene: Scene
@@ -116,8 +120,10 @@ class TargetModel:
         between which the target fits, without passing through another inclusion or an interface; numbers of the tissue from 1/8
         to 8 times the scene's.
 
-        Raises:
-            Refusal: the target fits at one depth only.
+        Raises
+        ------
+        Refusal
+            The target fits at one depth only.
         """
         if unknown not in TARGET_UNKNOWNS:
             current = list_values(self.scene)[unknown]
@@ -145,10 +151,14 @@ class TargetModel:
     def predict(self, target: dict[str, Floats], reflect: bool | None = None, by_diameter: bool = False) -> Predictions:
         """Predict the data for n bodies in the target's place.
 
-        Args:
-            target: youngs_modulus, diameter, depth of shape (n,); missing ones are the scene's, n = 1 if all are missing.
-            reflect: whether to model the reflections by surface and blocks for all bodies, or for none; default: where needed.
-            by_diameter: whether to compute the derivative by the diameter, too.
+        Parameters
+        ----------
+        target
+            youngs_modulus, diameter, depth of shape (n,); missing ones are the scene's, n = 1 if all are missing.
+        reflect
+            Whether to model the reflections by surface and blocks for all bodies, or for none; default: where needed.
+        by_diameter
+            Whether to compute the derivative by the diameter, too.
         """
         predicted, are_phases = self._predict_with_ratios(target, reflect, by_diameter), self.data.is_phase
         if not are_phases.any():

@@ -43,12 +43,18 @@ def choose_next_reading(
 ) -> NextReading:
     """Rank the candidates for the next reading.
 
-    Args:
-        model: with the present readings, under a load within linear elasticity.
-        unknown: as in ``probe_design.estimation.estimate``.
-        nuisances: likewise, relative standard deviations.
-        already_identifiable: whether the unknown is identifiable from the present readings.
-        seed: of the draws.
+    Parameters
+    ----------
+    model
+        With the present readings, under a load within linear elasticity.
+    unknown
+        As in ``probe_design.estimation.estimate``.
+    nuisances
+        Likewise, relative standard deviations.
+    already_identifiable
+        Whether the unknown is identifiable from the present readings.
+    seed
+        Of the draws.
     """
     allowed = list_candidates(model, unknown, nuisances)
     track, columns = _build_track(model, unknown, nuisances, allowed)
@@ -158,11 +164,16 @@ def _select_data(track: Track, columns: Ints, finer: int = POINTS_PER_NODE) -> L
 class _Draws:
     """Possible truths after the present readings, and simulated data for each.
 
-    Attributes:
-        track: of the k present and possible data.
-        truth: coordinates of the unknown, shape (s,).
-        common_noise_data: simulated data, shape (s, k), with the same noise for all candidates, to compare them one by one.
-        separate_noise_data: simulated data, shape (s, k), each with its own noise, for all candidates together.
+    Attributes
+    ----------
+    track
+        Of the k present and possible data.
+    truth
+        Coordinates of the unknown, shape (s,).
+    common_noise_data
+        Simulated data, shape (s, k), with the same noise for all candidates, to compare them one by one.
+    separate_noise_data
+        Simulated data, shape (s, k), each with its own noise, for all candidates together.
 
     The present readings keep their measured values in both.
     """

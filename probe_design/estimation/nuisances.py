@@ -42,9 +42,12 @@ ALLOWED_SD = f"a relative standard deviation above 0 and up to {MAX_LOG_SD:g}, s
 class NuisanceErrors:
     """Errors by nuisances along an unknown.
 
-    Attributes:
-        x: coordinates of the unknown, increasing, shape (n,); interpolated by a cubic spline if n > 3, else linearly.
-        errors: coefficients of eq. ES.7 at x, shapes (n, k, q).
+    Attributes
+    ----------
+    x
+        Coordinates of the unknown, increasing, shape (n,); interpolated by a cubic spline if n > 3, else linearly.
+    errors
+        Coefficients of eq. ES.7 at x, shapes (n, k, q).
     """
 
     x: Floats
@@ -64,8 +67,10 @@ class NuisanceErrors:
 def read_sd(key: str, value: object) -> float:
     """Return a relative standard deviation, given as 0.2 or "20 %".
 
-    Raises:
-        InputError: the value is not allowed.
+    Raises
+    ------
+    InputError
+        The value is not allowed.
     """
     sd = read_fraction(key, value, ALLOWED_SD)
     if not 0 < sd <= MAX_LOG_SD:
@@ -76,8 +81,10 @@ def read_sd(key: str, value: object) -> float:
 def check_nuisances(scene: Scene, stated: Mapping[str, object], unknown: str) -> dict[str, float]:
     """Return relative standard deviations as numbers, by the keys of the scene's numbers.
 
-    Raises:
-        InputError: the scene has no such number, or it is the unknown, or its standard deviation is not allowed.
+    Raises
+    ------
+    InputError
+        The scene has no such number, or it is the unknown, or its standard deviation is not allowed.
     """
     unknown_key = f"inclusion.{unknown}" if len(scene.inclusion) == 1 else unknown
     others = [name for name, value in (list_loss_factors(scene) | list_law_constants(scene)).items() if value]
@@ -101,15 +108,23 @@ def compute_nuisance_errors(
 ) -> NuisanceErrors:
     """Return the errors that nuisances cause along an unknown.
 
-    Args:
-        model: see ``TargetModel``.
-        nuisances: standard deviations of logarithms by name.
-        x: coordinates of the unknown, shape (n,).
-        unknown_values: the unknown's name and its values at x, SI.
-        centre: predictions at x, if they are known already.
+    Parameters
+    ----------
+    model
+        See ``TargetModel``.
+    nuisances
+        Standard deviations of logarithms by name.
+    x
+        Coordinates of the unknown, shape (n,).
+    unknown_values
+        The unknown's name and its values at x, SI.
+    centre
+        Predictions at x, if they are known already.
 
-    Raises:
-        InputError: one standard deviation off, the scene is not valid, or the model cannot predict the data.
+    Raises
+    ------
+    InputError
+        One standard deviation off, the scene is not valid, or the model cannot predict the data.
     """
     centre = _predict(model, unknown_values) if centre is None else centre
     compute_shift = partial(_compute_shift, model, nuisances, unknown_values, centre)
@@ -169,8 +184,10 @@ def _compute_shift(
 ) -> Floats:
     """Return the change of predictions where numbers deviate by eta standard deviations, shape (n, k).
 
-    Raises:
-        InputError: the scene is not valid, or the model cannot predict the data.
+    Raises
+    ------
+    InputError
+        The scene is not valid, or the model cannot predict the data.
     """
     numbers = list_values(model.scene) | list_loss_factors(model.scene) | list_law_constants(model.scene)
     shifted = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}

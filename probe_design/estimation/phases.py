@@ -66,12 +66,18 @@ def insert_phases(
 ) -> Predictions:
     """Return predictions in which phases, eq. ES.9, replace the ratios that were predicted in their place.
 
-    Args:
-        predicted: for the scene itself.
-        stiffer: predictions for the stiffer scene.
-        softer: predictions for the softer scene.
-        is_phase: which of the data are phases, shape (k,).
-        angle_spread: spread of the loss angles, rad.
+    Parameters
+    ----------
+    predicted
+        For the scene itself.
+    stiffer
+        Predictions for the stiffer scene.
+    softer
+        Predictions for the softer scene.
+    is_phase
+        Which of the data are phases, shape (k,).
+    angle_spread
+        Spread of the loss angles, rad.
     """
     is_known = stiffer.resolved & softer.resolved
     is_known_phase = is_known[:, None] & is_phase

@@ -18,13 +18,20 @@ MAX_LOG_RATIO_ERROR = 0.3  # bodies with a larger error bound of ln ratio are no
 class Predictions:
     """Predictions for n bodies.
 
-    Attributes:
-        value: ln |ratio|, ln stiffness or phase, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
-        by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
-        by_diameter: by ln diameter, 0 unless requested, shape (n, k).
-        bound: on the model's error of ``value``, shape (n, k).
-        resolved: whether the error bounds of all ratios are at most ``MAX_LOG_RATIO_ERROR``, shape (n,).
-        agrees: whether all ratios have the sign that was measured, shape (n,).
+    Attributes
+    ----------
+    value
+        Ln |ratio|, ln stiffness or phase, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
+    by_modulus
+        Derivatives of ``value`` by ln E_object, shape (n, k).
+    by_diameter
+        By ln diameter, 0 unless requested, shape (n, k).
+    bound
+        On the model's error of ``value``, shape (n, k).
+    resolved
+        Whether the error bounds of all ratios are at most ``MAX_LOG_RATIO_ERROR``, shape (n,).
+    agrees
+        Whether all ratios have the sign that was measured, shape (n,).
     """
 
     value: Floats

@@ -52,16 +52,26 @@ POINTS_PER_NODE = 100  # points of a run from node to node
 class Track:
     """Predictions along one unknown.
 
-    Attributes:
-        model: scene and data.
-        unknown: youngs_modulus, diameter or depth, or the key of a number of the tissue.
-        x: eq. ES.2 at the nodes, increasing, shape (n,).
-        predicted: at the nodes.
-        slope: derivatives of ``predicted.value`` by x, shape (n, k).
-        spread: eq. ES.7; None without nuisances.
-        evaluator: its name.
-        plan: decisions beyond those of ``model``.
-        finer: points of ``runs`` from node to node.
+    Attributes
+    ----------
+    model
+        Scene and data.
+    unknown
+        youngs_modulus, diameter or depth, or the key of a number of the tissue.
+    x
+        eq. ES.2 at the nodes, increasing, shape (n,).
+    predicted
+        At the nodes.
+    slope
+        Derivatives of ``predicted.value`` by x, shape (n, k).
+    spread
+        eq. ES.7; None without nuisances.
+    evaluator
+        Its name.
+    plan
+        Decisions beyond those of ``model``.
+    finer
+        Points of ``runs`` from node to node.
     """
 
     model: TargetModel

@@ -32,14 +32,22 @@ END_ADJECTIVES = {
 class Findings:
     """The values of an unknown that agree with the readings.
 
-    Attributes:
-        track: predictions over the search range.
-        pieces: the set of eq. ES.4.
-        noise_pieces: the same for a model without error and without nuisances.
-        pieces_if_known: the same with the model's error, without nuisances; None if there are no nuisances.
-        best: coordinate of the best fit, eq. ES.2; None where no value can be predicted.
-        p_value: of the best fit.
-        shift: t of eq. ES.5 at the best fit.
+    Attributes
+    ----------
+    track
+        Predictions over the search range.
+    pieces
+        The set of eq. ES.4.
+    noise_pieces
+        The same for a model without error and without nuisances.
+    pieces_if_known
+        The same with the model's error, without nuisances; None if there are no nuisances.
+    best
+        Coordinate of the best fit, eq. ES.2; None where no value can be predicted.
+    p_value
+        Of the best fit.
+    shift
+        t of eq. ES.5 at the best fit.
     """
 
     track: Track

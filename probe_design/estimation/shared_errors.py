@@ -26,11 +26,16 @@ MAX_STEP_SDS = 1.0  # standard deviations: largest change of eta in one step
 class SharedErrors:
     """Coefficients of the polynomial of eq. ES.7 for q numbers; q = 0 without nuisances.
 
-    Attributes:
-        linear: J, shape (..., k, q).
-        quadratic: C, likewise.
-        products: coefficients of other products of powers of eta, shape (..., k, n); None where there are none.
-        powers: exponent of each eta in these products, shape (n, q).
+    Attributes
+    ----------
+    linear
+        J, shape (..., k, q).
+    quadratic
+        C, likewise.
+    products
+        Coefficients of other products of powers of eta, shape (..., k, n); None where there are none.
+    powers
+        Exponent of each eta in these products, shape (n, q).
     """
 
     linear: Floats

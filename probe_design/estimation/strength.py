@@ -25,10 +25,14 @@ Interval = tuple[float | None, float | None]
 class DepthAndStrength:
     """Best fit and 95 % intervals; an end is None where the search range ends before the interval.
 
-    Attributes:
-        depth: m.
-        strength: m^3.
-        modulus, diameter: of a body with this strength, Pa and m.
+    Attributes
+    ----------
+    depth
+        m.
+    strength
+        m^3.
+    modulus, diameter
+        Of a body with this strength, Pa and m.
     """
 
     depth: float

@@ -41,13 +41,19 @@ _RELATIVE_ROUNDING = float(np.finfo(float).eps)  # times the number of terms of 
 class LinearGaussian:
     """Linear readings of Gaussian unknowns, eq. LG.1; leading axes of all arrays are a batch and broadcast.
 
-    Attributes:
-        derivatives: J, of m readings with respect to q unknowns, shape (..., m, q).
-        variance: v, of the independent errors, shape (..., m).
-        prior_sd: p, from 0 to inf, shape (..., q).
+    Attributes
+    ----------
+    derivatives
+        J, of m readings with respect to q unknowns, shape (..., m, q).
+    variance
+        v, of the independent errors, shape (..., m).
+    prior_sd
+        p, from 0 to inf, shape (..., q).
 
-    Raises:
-        InputError: a variance is not above 0, or a prior standard deviation is below 0. NaN is passed on to the results.
+    Raises
+    ------
+    InputError
+        A variance is not above 0, or a prior standard deviation is below 0. NaN is passed on to the results.
     """
 
     derivatives: Array
@@ -69,9 +75,12 @@ class LinearGaussian:
     def add_unknowns(self, derivatives: Array, prior_sd: Array) -> LinearGaussian:
         """Return the model with further unknowns, which come first.
 
-        Args:
-            derivatives: of the readings with respect to them, shape (..., m, k).
-            prior_sd: of them, shape (..., k).
+        Parameters
+        ----------
+        derivatives
+            Of the readings with respect to them, shape (..., m, k).
+        prior_sd
+            Of them, shape (..., k).
         """
         columns, sds = (derivatives, self.derivatives), (np.asarray(prior_sd), self.prior_sd)
         batch = np.broadcast_shapes(*(part.shape[:-2] for part in columns), *(part.shape[:-1] for part in sds))
@@ -122,8 +131,10 @@ class LinearGaussian:
     def compute_posterior_sd(self, combination: Array) -> Array:
         """Return the standard deviation of c . x after the readings, shape (...); inf where these do not determine it.
 
-        Args:
-            combination: c of the first k unknowns, shape (..., k); 0 for the others.
+        Parameters
+        ----------
+        combination
+            c of the first k unknowns, shape (..., k); 0 for the others.
         """
         padding = [(0, 0)] * (combination.ndim - 1) + [(0, self.derivatives.shape[-1] - combination.shape[-1])]
         root, is_resolved = self._solve_transposed(np.pad(combination, padding)[..., None])
@@ -199,11 +210,16 @@ class LinearGaussian:
 class _Factors:
     """Eq. LG.2, with the batch axes last.
 
-    Attributes:
-        Q: its columns, one in each row, shape (q, m + q, ...).
-        R: shape (q, q, ...).
-        scale: diagonal of D, shape (q, ...).
-        prior_rows: diagonal of P^-1/2 D, shape (q, ...).
+    Attributes
+    ----------
+    Q
+        Its columns, one in each row, shape (q, m + q, ...).
+    R
+        Shape (q, q, ...).
+    scale
+        Diagonal of D, shape (q, ...).
+    prior_rows
+        Diagonal of P^-1/2 D, shape (q, ...).
     """
 
     Q: Array

@@ -37,18 +37,30 @@ Verdicts = tuple[tuple[bool | None, ...], ...]
 class Detectability(LoadedRecord):
     """Maps over depths (rows) and diameters (columns); None where the sphere does not fit.
 
-    Attributes:
-        depth, diameter: m, shapes (k,) and (m,).
-        change: eq. MA.1, shape (k, m); None also where a stress is below its error.
-        standard_deviation: eq. MA.2; None also where the ratio does not depend on E_object.
-        error: bound on the error of ``change``, absolute.
-        seen, resolved: verdicts on detection and resolution; None also where the error leaves them open.
-        above_error: whether the change is above its error bound; where it is not, the verdict may still be: not detected.
-        noise, seen_threshold, resolved_threshold: thresholds of the verdicts, the second on |change|.
-        ratio_without: R_0, the ratio without the target but with the other inclusions.
-        evaluator, seconds, load_limits, plan, warnings: see ``solver.results.result.Result``.
-        scene: the scene with its target.
-        provenance: see ``geometry.provenance.block``.
+    Attributes
+    ----------
+    depth, diameter
+        m, shapes (k,) and (m,).
+    change
+        eq. MA.1, shape (k, m); None also where a stress is below its error.
+    standard_deviation
+        eq. MA.2; None also where the ratio does not depend on E_object.
+    error
+        Bound on the error of ``change``, absolute.
+    seen, resolved
+        Verdicts on detection and resolution; None also where the error leaves them open.
+    above_error
+        Whether the change is above its error bound; where it is not, the verdict may still be: not detected.
+    noise, seen_threshold, resolved_threshold
+        Thresholds of the verdicts, the second on |change|.
+    ratio_without
+        R_0, the ratio without the target but with the other inclusions.
+    evaluator, seconds, load_limits, plan, warnings
+        See ``solver.results.result.Result``.
+    scene
+        The scene with its target.
+    provenance
+        See ``geometry.provenance.block``.
     """
 
     INTERNAL = ("scene",)
@@ -80,18 +92,29 @@ def detectability(
 ) -> Detectability:  # fmt: skip
     """Replace the scene's target by spheres of other sizes at other depths, and return the maps.
 
-    Args:
-        scene: with a target, whose material and lateral offset are kept.
-        depths: from the surface to the centre, m, shape (k,).
-        diameters: m, shape (m,).
-        thresholds: of detection and resolution.
-        accuracy: relative, of the ratio; default: the noise, within 5e-4 and 0.01.
-        linear: whether to use linear elasticity at any load, see ``solver.evaluate``.
-        progress: called with the number of spheres done and their total, for spheres that need reflections.
+    Parameters
+    ----------
+    scene
+        With a target, whose material and lateral offset are kept.
+    depths
+        From the surface to the centre, m, shape (k,).
+    diameters
+        m, shape (m,).
+    thresholds
+        Of detection and resolution.
+    accuracy
+        Relative, of the ratio; default: the noise, within 5e-4 and 0.01.
+    linear
+        Whether to use linear elasticity at any load, see ``solver.evaluate``.
+    progress
+        Called with the number of spheres done and their total, for spheres that need reflections.
 
-    Raises:
-        InputError: the scene has no target, or a size is not positive.
-        Refusal: the evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
+    Raises
+    ------
+    InputError
+        The scene has no target, or a size is not positive.
+    Refusal
+        The evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
     """
     start = perf_counter()
     thresholds = thresholds or Thresholds()

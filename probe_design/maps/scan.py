@@ -33,15 +33,24 @@ Column = tuple[float | None, ...]
 class Scan(LoadedRecord):
     """Readings at positions along a line, at the scene's load; None where a warning gives the reason.
 
-    Attributes:
-        along: "x" or "y", the axis along which the probe moves.
-        at: coordinate of the line along the other axis, m.
-        position: of the probe's axis along the line, m.
-        ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate: see ``Result``, one per position.
-        ratio_without: the ratio without any inclusion.
-        evaluator, seconds, load_limits, plan, warnings: see ``Result``.
-        scene: the scene with its inclusions.
-        provenance: see ``geometry.provenance.block``.
+    Attributes
+    ----------
+    along
+        "x" or "y", the axis along which the probe moves.
+    at
+        Coordinate of the line along the other axis, m.
+    position
+        Of the probe's axis along the line, m.
+    ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate
+        See ``Result``, one per position.
+    ratio_without
+        The ratio without any inclusion.
+    evaluator, seconds, load_limits, plan, warnings
+        See ``Result``.
+    scene
+        The scene with its inclusions.
+    provenance
+        See ``geometry.provenance.block``.
     """
 
     INTERNAL = ("scene",)
@@ -71,19 +80,30 @@ def scan(
 ) -> Scan:  # fmt: skip
     """Compute readings of the scene's probe along a line over its tissue; the tumours stay in place.
 
-    Args:
-        scene: spheres, bonded or frictionless, no tilt.
-        along: "x" or "y".
-        positions: of the probe's axis along the line, m, shape (n,).
-        offset: coordinate of the line along the other axis, m; default: the scene's placement.
-        accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        linear: whether to use linear elasticity at any load, see ``solver.evaluate``.
-        progress: called with the number of positions done and their total, for positions that need reflections.
+    Parameters
+    ----------
+    scene
+        Spheres, bonded or frictionless, no tilt.
+    along
+        "x" or "y".
+    positions
+        Of the probe's axis along the line, m, shape (n,).
+    offset
+        Coordinate of the line along the other axis, m; default: the scene's placement.
+    accuracy
+        Relative, on ratio, stresses and stiffness; above 0, below 1.
+    linear
+        Whether to use linear elasticity at any load, see ``solver.evaluate``.
+    progress
+        Called with the number of positions done and their total, for positions that need reflections.
 
-    Raises:
-        InputError: the probe would leave the tissue.
-        Refusal: the evaluator cannot model the scene, or it is too extreme for double precision, or its load is beyond the range
-            of linear elasticity.
+    Raises
+    ------
+    InputError
+        The probe would leave the tissue.
+    Refusal
+        The evaluator cannot model the scene, or it is too extreme for double precision, or its load is beyond the range of linear
+        elasticity.
     """
     start = perf_counter()
     check_accuracy(accuracy)

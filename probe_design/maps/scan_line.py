@@ -34,11 +34,16 @@ CLOSE_BOUND_FRACTION = 0.5  # of the accuracy: error bounds that need no further
 class ScanLine:
     """The line of a scan.
 
-    Attributes:
-        scene: its own placement along the line is not used.
-        axis: "x" or "y", along which the probe moves.
-        offset: coordinate along the other axis, m.
-        accuracy: relative, required of the evaluator.
+    Attributes
+    ----------
+    scene
+        Its own placement along the line is not used.
+    axis
+        "x" or "y", along which the probe moves.
+    offset
+        Coordinate along the other axis, m.
+    accuracy
+        Relative, required of the evaluator.
     """
 
     scene: Scene
@@ -95,16 +100,20 @@ class ScanLine:
     def prepare(self, position: float) -> Undisturbed:
         """Solve the probe at a position on the tissue without tumours.
 
-        Raises:
-            Refusal: the evaluator cannot model the scene, or it is too extreme for double precision.
+        Raises
+        ------
+        Refusal
+            The evaluator cannot model the scene, or it is too extreme for double precision.
         """
         return EquivalentInclusion().prepare(self._build_scene(position), self.accuracy)
 
     def solve_alone(self, position: float) -> ProbeAlone:
         """Return only the film forces at a position without tumours.
 
-        Raises:
-            Refusal: see ``prepare``.
+        Raises
+        ------
+        Refusal
+            See ``prepare``.
         """
         return EquivalentInclusion().solve_alone(self._build_scene(position), self.accuracy)
 

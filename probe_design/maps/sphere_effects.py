@@ -35,10 +35,14 @@ BASE_ERROR_FACTOR = (
 class Thresholds:
     """Thresholds of detection and resolution.
 
-    Attributes:
-        noise: relative standard deviation g of one reading of the ratio.
-        seen: change of the ratio, in multiples of the noise, from which a tumour is detected.
-        resolved: standard deviation of ln E_object up to which its stiffness is resolved.
+    Attributes
+    ----------
+    noise
+        Relative standard deviation g of one reading of the ratio.
+    seen
+        Change of the ratio, in multiples of the noise, from which a tumour is detected.
+    resolved
+        Standard deviation of ln E_object up to which its stiffness is resolved.
     """
 
     noise: float = DEFAULT_NOISE
@@ -63,11 +67,16 @@ class Thresholds:
 class SphereEffects:
     """Effects of n spheres on a reading, shape (n,) each.
 
-    Attributes:
-        has_ratio: whether both ratios, with and without the sphere, are known.
-        change, error: eq. MA.1 and a bound on its error; inf where there is no ratio.
-        sensitivity, sensitivity_error: S and a bound on its error.
-        stiffness: N/m.
+    Attributes
+    ----------
+    has_ratio
+        Whether both ratios, with and without the sphere, are known.
+    change, error
+        eq. MA.1 and a bound on its error; inf where there is no ratio.
+    sensitivity, sensitivity_error
+        S and a bound on its error.
+    stiffness
+        N/m.
     """
 
     has_ratio: Bools

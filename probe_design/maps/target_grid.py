@@ -28,13 +28,19 @@ RANGE_DIVISOR = 50  # largest over smallest depth and diameter
 class Spheres:
     """A grid of depths and diameters.
 
-    Attributes:
-        scene: its target is replaced; material and lateral offset are kept.
-        depth, diameter: m, shapes (k,) and (m,).
-        radius: of the modelled cylinder of tissue about the probe's axis, m.
+    Attributes
+    ----------
+    scene
+        Its target is replaced; material and lateral offset are kept.
+    depth, diameter
+        m, shapes (k,) and (m,).
+    radius
+        Of the modelled cylinder of tissue about the probe's axis, m.
 
-    Raises:
-        InputError: a size is not positive, or there is no target.
+    Raises
+    ------
+    InputError
+        A size is not positive, or there is no target.
     """
 
     scene: Scene
@@ -102,8 +108,10 @@ def list_other_inclusions(scene: Scene) -> list[Inclusion]:
 def find_target(scene: Scene) -> Inclusion:
     """Return the target inclusion.
 
-    Raises:
-        InputError: there is no inclusion, or none of several is marked as the target.
+    Raises
+    ------
+    InputError
+        There is no inclusion, or none of several is marked as the target.
     """
     if not scene.inclusion:
         raise InputError("inclusion", Words("none"), "at least one inclusion, whose material the map is for")
@@ -118,8 +126,10 @@ def choose_sizes(
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return evenly spaced depths and diameters, m, between given ends, or between ends chosen from probe and target.
 
-    Raises:
-        InputError: an end is not above the other; no target.
+    Raises
+    ------
+    InputError
+        An end is not above the other; no target.
     """
     body, reach = find_target(scene), scene.probe.tube_radius
     max_length = LENGTH_QUANTITY.high if scene.tissue.shape == "half-space" else scene.tissue.depth

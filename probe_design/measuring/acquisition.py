@@ -29,18 +29,29 @@ def fit_reading(
 ) -> None:
     """Fit all samples of a reading as they come; the raw bytes are written to disk first.
 
-    Args:
-        reader: an open reader.
-        seconds: duration; None: until the source ends.
-        record: a new file for the raw bytes, or None.
-        running: the fit that takes the samples.
-        show: called with the latest samples, every SHOW_INTERVAL_S s or less often; its ``HardwareError`` is ignored.
-        last: duration of the samples given to ``show``, s.
+    Parameters
+    ----------
+    reader
+        An open reader.
+    seconds
+        Duration; None: until the source ends.
+    record
+        A new file for the raw bytes, or None.
+    running
+        The fit that takes the samples.
+    show
+        Called with the latest samples, every SHOW_INTERVAL_S s or less often; its ``HardwareError`` is ignored.
+    last
+        Duration of the samples given to ``show``, s.
 
-    Raises:
-        InvalidSource: a recording without samples.
-        HardwareError: of the reader.
-        OSError: of the recording.
+    Raises
+    ------
+    InvalidSource
+        A recording without samples.
+    HardwareError
+        Of the reader.
+    OSError
+        Of the recording.
     """
     recent: list[Samples] = []
     last_shown = 0.0

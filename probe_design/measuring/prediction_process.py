@@ -19,8 +19,10 @@ Question = tuple[Scene, float, bool, float]  # what ``predict_scene`` is given
 def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: float) -> Result:
     """Return ``reading.predict_scene`` from a child process; if no process can be started, compute it in this one.
 
-    Raises:
-        ProbeError: any error of ``reading.predict_scene``.
+    Raises
+    ------
+    ProbeError
+        Any error of ``reading.predict_scene``.
     """
     question = scene, accuracy, linear, frequency
     try:

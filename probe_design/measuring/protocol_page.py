@@ -45,8 +45,10 @@ class ExpectedSignal:
 def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
     """Compute the expected signals on the bench's references at the scene's force, or less where a block allows less.
 
-    Raises:
-        Refusal: the axisymmetric evaluator cannot compute the probe.
+    Raises
+    ------
+    Refusal
+        The axisymmetric evaluator cannot compute the probe.
     """
     shares = predict_blocks(scene, bench.reference)
     limits = [
@@ -65,10 +67,14 @@ def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal
 def build_writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[Path], object]]:
     """Return, by file name, the functions that write the fixture's parts and the page; ``name`` is the scene's file.
 
-    Raises:
-        InputError: a block is too narrow for the fixture.
-        MissingLibrary: see ``geometry.cad.solids.load_cadquery``.
-        Refusal: the axisymmetric evaluator cannot compute the probe.
+    Raises
+    ------
+    InputError
+        A block is too narrow for the fixture.
+    MissingLibrary
+        See ``geometry.cad.solids.load_cadquery``.
+    Refusal
+        The axisymmetric evaluator cannot compute the probe.
     """
     page = partial(draw_page, scene.probe, bench, compute_expected_signals(scene, bench), name)
     return {**fixture.build_writers(scene.probe), PAGE_NAME: page}

@@ -39,10 +39,14 @@ FIRST_BALL = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
 class Columns:
     """Columns of one structure.
 
-    Attributes:
-        shape: the structure.
-        values: parameters, shape (parameters, k).
-        tumour: number of each column's tumour, or of its tissue where there is none, shape (k,).
+    Attributes
+    ----------
+    shape
+        The structure.
+    values
+        Parameters, shape (parameters, k).
+    tumour
+        Number of each column's tumour, or of its tissue where there is none, shape (k,).
     """
 
     shape: Shape
@@ -63,12 +67,18 @@ class Columns:
 class ClosedFormScan:
     """The scans of a population under a protocol, prepared for any probe.
 
-    Attributes:
-        draw: the tumours.
-        protocol: the readings.
-        groups: columns of all tumours at all distinct distances from the probe.
-        blanks: columns of the tissues without tumours.
-        place: column of each tumour at each position, counted over all groups, shape (n, p).
+    Attributes
+    ----------
+    draw
+        The tumours.
+    protocol
+        The readings.
+    groups
+        Columns of all tumours at all distinct distances from the probe.
+    blanks
+        Columns of the tissues without tumours.
+    place
+        Column of each tumour at each position, counted over all groups, shape (n, p).
     """
 
     draw: TumourDraw
@@ -81,13 +91,19 @@ class ClosedFormScan:
     def from_draw(cls, draw: TumourDraw, protocol: Protocol, radius: float | None = None) -> ClosedFormScan:
         """Prepare a population.
 
-        Args:
-            draw: the tumours.
-            protocol: the readings.
-            radius: largest outer radius of the probes, m; default: that of the draw's scene.
+        Parameters
+        ----------
+        draw
+            The tumours.
+        protocol
+            The readings.
+        radius
+            Largest outer radius of the probes, m; default: that of the draw's scene.
 
-        Raises:
-            Refusal: the closed form cannot model the scene.
+        Raises
+        ------
+        Refusal
+            The closed form cannot model the scene.
         """
         scenes = [_widen_probe(scene, radius) for scene in draw.tissues]
         for scene in draw.tissues:
@@ -109,10 +125,14 @@ class ClosedFormScan:
     def compute_totals(self, probe: Any) -> tuple[Any, Any]:
         """Return the film forces of d probes per unit indentation, N/m.
 
-        Args:
-            probe: the parameters ``PROBE_PARAMETERS`` of each probe, SI, real or complex, shape (9, d).
+        Parameters
+        ----------
+        probe
+            The parameters ``PROBE_PARAMETERS`` of each probe, SI, real or complex, shape (9, d).
 
-        Returns:
+        Returns
+        -------
+        tuple[Any, Any]
             Forces over the tumours, shape (d, n, p, 2), and without them, shape (d, t, 2); not finite where the closed form
             fails.
         """
@@ -132,8 +152,10 @@ class ClosedFormScan:
     def compute_readings(self, scene: Scene, names: tuple[str, ...] = ()) -> ScanReadings:
         """Return readings with one scene's probe, and their derivatives by the names of ``ScenePopulation.ranges``.
 
-        Raises:
-            Refusal: the closed form fails for this probe.
+        Raises
+        ------
+        Refusal
+            The closed form fails for this probe.
         """
         probe = build_parameters(scene.model_copy(update={"inclusion": ()}))[1][: len(PROBE_PARAMETERS), None]
         totals, blanks = self.compute_totals(probe)

@@ -40,10 +40,14 @@ CONTROL_TISSUES, SCANS_PER_CONTROL_TUMOUR = 32, 64  # their tissues, and scans o
 class ControlVariate:
     """Probabilities of detection by the closed form.
 
-    Attributes:
-        same_tumours: c_i of the n verified tumours, shape (n,).
-        other_tumours: C_k of N others, shape (N,).
-        tissue: number of the tissue of each of these others, shape (N,).
+    Attributes
+    ----------
+    same_tumours
+        c_i of the n verified tumours, shape (n,).
+    other_tumours
+        C_k of N others, shape (N,).
+    tissue
+        Number of the tissue of each of these others, shape (N,).
     """
 
     same_tumours: Floats
@@ -61,11 +65,15 @@ class ControlVariate:
 class ControlSignals:
     """Signals by the closed form.
 
-    Attributes:
-        same_tumours: signals of the n verified tumours, shape (n, m).
-        other_tumours: signals of at least ``MIN_CONTROL_TUMOURS`` others, used neither in the verification nor by the
-            detector or a search, shape (N, m).
-        tissue: number of the tissue of each of these others, shape (N,).
+    Attributes
+    ----------
+    same_tumours
+        Signals of the n verified tumours, shape (n, m).
+    other_tumours
+        Signals of at least ``MIN_CONTROL_TUMOURS`` others, used neither in the verification nor by the detector or a search,
+        shape (N, m).
+    tissue
+        Number of the tissue of each of these others, shape (N,).
     """
 
     same_tumours: Floats
@@ -99,11 +107,16 @@ class ControlSignals:
 def estimate_statistic(values: Floats, tissue: Ints, objective: Objective, control: ControlVariate | None) -> tuple[float, float]:
     """Return the statistic of n tumours and its standard error; for a mean, by eq. PO.10 where its error is smaller.
 
-    Args:
-        values: values of the tumours, shape (n,).
-        tissue: number of each tumour's tissue, shape (n,).
-        objective: objective that defines the statistic.
-        control: probabilities by the closed form, or None.
+    Parameters
+    ----------
+    values
+        Values of the tumours, shape (n,).
+    tissue
+        Number of each tumour's tissue, shape (n,).
+    objective
+        Objective that defines the statistic.
+    control
+        Probabilities by the closed form, or None.
     """
     plain = objective.compute_statistic(values), objective.compute_error(values, tissue)
     if control is None or objective.statistic != "mean":

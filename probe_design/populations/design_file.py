@@ -25,9 +25,12 @@ DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "ob
 class Design(Frozen):
     """The specification of a design; frozen, in SI units.
 
-    Attributes:
-        scene: the start: its probe, and its tissue and inclusion for values that ``population`` does not give.
-        population, protocol, noise, limits, variables, objective: the tables of the file.
+    Attributes
+    ----------
+    scene
+        The start: its probe, and its tissue and inclusion for values that ``population`` does not give.
+    population, protocol, noise, limits, variables, objective
+        The tables of the file.
     """
 
     scene: Scene
@@ -47,8 +50,10 @@ def is_design(tables: Mapping[str, object]) -> bool:
 def read_design(path: Path | str) -> Design:
     """Read a design file; names of files in it are relative to its folder.
 
-    Raises:
-        InputError: the file is missing, is not TOML, or contains a value that is not allowed.
+    Raises
+    ------
+    InputError
+        The file is missing, is not TOML, or contains a value that is not allowed.
     """
     return design_from_tables(read_tables(path, "design file"), Path(path))
 
@@ -62,13 +67,19 @@ def design_from_tables(tables: Mapping[str, object], path: Path) -> Design:
 def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", units_required: bool = False) -> Design:
     """Check a design given as the tables of a design file.
 
-    Args:
-        tables: tables as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
-        folder: folder to which file names are relative.
-        units_required: whether a bare number is refused for a quantity with a unit.
+    Parameters
+    ----------
+    tables
+        Tables as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
+    folder
+        Folder to which file names are relative.
+    units_required
+        Whether a bare number is refused for a quantity with a unit.
 
-    Raises:
-        InputError: a value is not allowed.
+    Raises
+    ------
+    InputError
+        A value is not allowed.
     """
     sections = {name: table for name, table in tables.items() if name != "scene"}
     if unknown := [name for name in sections if name not in DESIGN_SECTIONS]:

@@ -44,14 +44,20 @@ SAME_TEMPLATE_TOLERANCE_RELATIVE = 1e-12  # templates that differ less count as 
 class Detector:
     """Eq. PO.4 with its threshold.
 
-    Attributes:
-        factor: L, shape (m, m).
-        templates: u_k, shape (K, m).
-        false_alarm: fraction of scans without tumours above the threshold.
-        threshold: threshold of ln Lambda; of u . z / |u| with a single template.
-        tie: fraction of the scans exactly at the threshold that count as above it; all scans are at it if no tumour has a
-            signal.
-        uncertain: thresholds lower and higher by one standard error of the false alarms.
+    Attributes
+    ----------
+    factor
+        L, shape (m, m).
+    templates
+        u_k, shape (K, m).
+    false_alarm
+        Fraction of scans without tumours above the threshold.
+    threshold
+        Threshold of ln Lambda; of u . z / |u| with a single template.
+    tie
+        Fraction of the scans exactly at the threshold that count as above it; all scans are at it if no tumour has a signal.
+    uncertain
+        Thresholds lower and higher by one standard error of the false alarms.
     """
 
     factor: Floats
@@ -67,12 +73,18 @@ class Detector:
     ) -> Detector:
         """Return the detector for a reference sample of tumours.
 
-        Args:
-            signals: signals of the tumours, shape (K, m).
-            covariance: covariance of the readings, shape (m, m).
-            false_alarm: probability of a false alarm in a whole scan.
-            seed: seed of the draws.
-            blanks: number of scans without tumours that are drawn.
+        Parameters
+        ----------
+        signals
+            Signals of the tumours, shape (K, m).
+        covariance
+            Covariance of the readings, shape (m, m).
+        false_alarm
+            Probability of a false alarm in a whole scan.
+        seed
+            Seed of the draws.
+        blanks
+            Number of scans without tumours that are drawn.
         """
         factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         templates = whiten(factor, signals)
@@ -92,13 +104,20 @@ class Detector:
     def compute_probabilities(self, signals: Floats, *, seed: int = 0, scans: int = SCANS_PER_TUMOUR, shift: int = 0) -> Floats:
         """Return the probability of detection of each of n tumours.
 
-        Args:
-            signals: signals of the tumours, shape (n, m).
-            seed: seed of the draws, which are the same in each call.
-            scans: number of scans drawn over each tumour.
-            shift: -1 or 1: the threshold is one standard error lower or higher; 0: the threshold itself.
+        Parameters
+        ----------
+        signals
+            Signals of the tumours, shape (n, m).
+        seed
+            Seed of the draws, which are the same in each call.
+        scans
+            Number of scans drawn over each tumour.
+        shift
+            -1 or 1: the threshold is one standard error lower or higher; 0: the threshold itself.
 
-        Returns:
+        Returns
+        -------
+        Floats
             P_i, shape (n,), each with a standard error of sqrt(P_i (1 - P_i) / scans), or exact by eq. PO.5.
         """
         v = whiten(self.factor, signals)

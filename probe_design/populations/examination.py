@@ -42,16 +42,26 @@ from probe_design.populations.tables import CHANNEL_INDICES, Observable
 class Examination:
     """The computed readings, which do not depend on noise; both channels at all positions.
 
-    Attributes:
-        population: the ranges.
-        draw: the tumours.
-        readings: readings over the tumours, with reflections where they are computed.
-        first: the same to first order; None if all tumours have reflections, or none.
-        reflected: numbers of the tumours with reflections, or of all, shape (r,).
-        reference: signals of the detector's reference tumours by the closed form, shape (K, m).
-        control: signals by the closed form, of the draw's tumours and of more; None if the closed form is the evaluator.
-        evaluator: evaluator of the readings.
-        seconds: computing time, s.
+    Attributes
+    ----------
+    population
+        The ranges.
+    draw
+        The tumours.
+    readings
+        Readings over the tumours, with reflections where they are computed.
+    first
+        The same to first order; None if all tumours have reflections, or none.
+    reflected
+        Numbers of the tumours with reflections, or of all, shape (r,).
+    reference
+        Signals of the detector's reference tumours by the closed form, shape (K, m).
+    control
+        Signals by the closed form, of the draw's tumours and of more; None if the closed form is the evaluator.
+    evaluator
+        Evaluator of the readings.
+    seconds
+        Computing time, s.
     """
 
     population: ScenePopulation
@@ -79,13 +89,19 @@ class Examination:
     def evaluate(self, design: Design, seed: int = 0, observable: Observable | None = None) -> Judgement:
         """Compute probabilities of detection and resolution under a design file's noise, false alarms and statistic.
 
-        Args:
-            design: the design; its positions are those of the readings.
-            seed: seed of the draws of noise.
-            observable: the channels that are read; default: those of the protocol.
+        Parameters
+        ----------
+        design
+            The design; its positions are those of the readings.
+        seed
+            Seed of the draws of noise.
+        observable
+            The channels that are read; default: those of the protocol.
 
-        Raises:
-            InputError: the noise of a reading is below ``MIN_NOISE``.
+        Raises
+        ------
+        InputError
+            The noise of a reading is below ``MIN_NOISE``.
         """
         start, read = perf_counter(), observable or design.protocol.observable
         scan = self.select(np.arange(len(design.protocol.positions)), read)

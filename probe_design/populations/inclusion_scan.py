@@ -55,10 +55,14 @@ TARGET_KEYS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modul
 class InclusionScan:
     """One tissue with its tumours under a protocol.
 
-    Attributes:
-        draw, protocol: the tumours and the readings.
-        number: number of the tissue.
-        base: the probe on the tissue without tumours.
+    Attributes
+    ----------
+    draw, protocol
+        The tumours and the readings.
+    number
+        Number of the tissue.
+    base
+        The probe on the tissue without tumours.
     """
 
     draw: TumourDraw
@@ -70,8 +74,10 @@ class InclusionScan:
     def from_draw(cls, draw: TumourDraw, protocol: Protocol, number: int) -> InclusionScan:
         """Solve the probe on one tissue; its bounds are those of the position farthest from the middle.
 
-        Raises:
-            Refusal: the evaluator cannot model the scene.
+        Raises
+        ------
+        Refusal
+            The evaluator cannot model the scene.
         """
         scene = draw.tissues[number]
         far = Placement(x=float(np.abs(protocol.places).max()), y=abs(scene.placement.y), tilt=scene.placement.tilt)
@@ -160,10 +166,14 @@ class InclusionScan:
 class InclusionReadings:
     """Readings over n tumours, of which r have reflections.
 
-    Attributes:
-        best: readings of all tumours, with reflections where they are computed.
-        first: readings of all tumours to first order.
-        reflected: numbers of the tumours with reflections, shape (r,), tissue by tissue.
+    Attributes
+    ----------
+    best
+        Readings of all tumours, with reflections where they are computed.
+    first
+        Readings of all tumours to first order.
+    reflected
+        Numbers of the tumours with reflections, shape (r,), tissue by tissue.
     """
 
     best: ScanReadings
@@ -181,16 +191,25 @@ def compute_inclusion_readings(
 ) -> InclusionReadings:
     """Return readings over a population, see ``ScanReadings``.
 
-    Args:
-        draw: the tumours.
-        protocol: the readings; the probe has to stay on the tissue.
-        names: names of ``ScenePopulation.ranges`` with respect to which derivatives are computed.
-        noise: noise of a reading; reflections that change it by less than ``NEGLECTED_CHANGE_PER_NOISE`` are neglected.
-        progress: called with the number of tissues done and the number of all.
+    Parameters
+    ----------
+    draw
+        The tumours.
+    protocol
+        The readings; the probe has to stay on the tissue.
+    names
+        Names of ``ScenePopulation.ranges`` with respect to which derivatives are computed.
+    noise
+        Noise of a reading; reflections that change it by less than ``NEGLECTED_CHANGE_PER_NOISE`` are neglected.
+    progress
+        Called with the number of tissues done and the number of all.
 
-    Raises:
-        InputError: the probe would leave the tissue.
-        Refusal: the evaluator cannot model the scene, or linear elasticity has no error bound at its load.
+    Raises
+    ------
+    InputError
+        The probe would leave the tissue.
+    Refusal
+        The evaluator cannot model the scene, or linear elasticity has no error bound at its load.
     """
     ScanLine(draw.scene, "x", draw.scene.placement.y, BASE_ACCURACY).check_positions(protocol.places)
     best, first = (_create_empty_readings(draw, protocol, names) for _ in range(2))
@@ -262,8 +281,10 @@ def _write_signals(target: ScanReadings, scan: InclusionScan, answers: Readings,
 def check_films_compressed(totals: Floats, scene: Scene) -> None:
     """Refuse film forces, shape (..., 2), of which one is tension: their ratio is negative and has no logarithm.
 
-    Raises:
-        Refusal: a film is in tension, for instance under a stiff skin that bends next to the block with the larger load.
+    Raises
+    ------
+    Refusal
+        A film is in tension, for instance under a stiff skin that bends next to the block with the larger load.
     """
     if np.all(totals > 0):
         return
@@ -276,8 +297,10 @@ def check_films_compressed(totals: Floats, scene: Scene) -> None:
 def _bound_load_change(scene: Scene, answers: Readings) -> Floats:
     """Return a bound on the relative change of each signal by the load, shape (u,): that of the log-sensitivity.
 
-    Raises:
-        Refusal: no bound is available.
+    Raises
+    ------
+    Refusal
+        No bound is available.
     """
     rule = build_load_rule(scene)
     changes = LoadChanges.from_stiffness(scene, rule, answers.stiffness)

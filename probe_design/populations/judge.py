@@ -34,16 +34,25 @@ def examine(
 
     Both ratio and stiffness are computed, whichever of them the protocol reads.
 
-    Args:
-        scene: the design's scene, perhaps with another probe and load.
-        design: design with population and protocol.
-        samples: number of tumours; default: that of the design.
-        unseen: whether to use finite elements, and tumours that were not used in a search.
-        progress: called by finite elements with the number of tissues done and the number of all.
+    Parameters
+    ----------
+    scene
+        The design's scene, perhaps with another probe and load.
+    design
+        Design with population and protocol.
+    samples
+        Number of tumours; default: that of the design.
+    unseen
+        Whether to use finite elements, and tumours that were not used in a search.
+    progress
+        Called by finite elements with the number of tissues done and the number of all.
 
-    Raises:
-        InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the evaluators cannot model the scene.
+    Raises
+    ------
+    InputError
+        The population does not fit the tissue, or the probe would leave it.
+    Refusal
+        The evaluators cannot model the scene.
     """
     start, population, protocol = (
         perf_counter(),
@@ -74,16 +83,25 @@ def verify(
 ) -> Judgement:
     """Verify a scene's probe under its load by equivalent-inclusion with reflections, on tumours not used in a search.
 
-    Args:
-        scene: the design's scene, perhaps with another probe and load.
-        design: design with population, protocol, noise and statistic.
-        samples: number of tumours; default: that of the design.
-        seed: seed of the draws of noise; the design has the seed of the tumours.
-        progress: called with the number of tissues done and the number of all.
+    Parameters
+    ----------
+    scene
+        The design's scene, perhaps with another probe and load.
+    design
+        Design with population, protocol, noise and statistic.
+    samples
+        Number of tumours; default: that of the design.
+    seed
+        Seed of the draws of noise; the design has the seed of the tumours.
+    progress
+        Called with the number of tissues done and the number of all.
 
-    Raises:
-        InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the evaluators cannot model the scene.
+    Raises
+    ------
+    InputError
+        The population does not fit the tissue, or the probe would leave it.
+    Refusal
+        The evaluators cannot model the scene.
     """
     return examine(scene, design, samples=samples, unseen=True, progress=progress).evaluate_all_channels(design, seed)
 

@@ -20,10 +20,14 @@ OBJECTIVE_KINDS: tuple[Kind, ...] = ("detection", "resolved", "information")
 class MeanError:
     """The error of a statistic over a population.
 
-    Attributes:
-        sampling: standard error due to the draws of tumours and of noise.
-        model: bound on the error due to the evaluator.
-        corrected: standard error of the correction of tumours computed without reflections; ``sampling`` includes it.
+    Attributes
+    ----------
+    sampling
+        Standard error due to the draws of tumours and of noise.
+    model
+        Bound on the error due to the evaluator.
+    corrected
+        Standard error of the correction of tumours computed without reflections; ``sampling`` includes it.
     """
 
     sampling: float
@@ -40,26 +44,40 @@ class MeanError:
 class Judgement:
     """The performance of a probe over n tumours.
 
-    Attributes:
-        observable: the channels that are read: the ratio, the stiffness or both.
-        means, errors: by ``OBJECTIVE_KINDS``, with their errors: the statistic of ``[objective]`` over the probabilities of
-            detection, the fraction of tumours whose ln contrast is resolved to 0.5, and the statistic of the information,
-            ln(prior / posterior standard deviation) of ln contrast.
-        values: values of each tumour by ``OBJECTIVE_KINDS``, shape (n,). Tumours without reflections are corrected by the
-            mean change that reflections cause in the others, by which a probability may leave the range 0 to 1.
-        contrast_sd, modulus_sd, deflection: standard deviations of ln contrast and of ln E_object of each tumour, and d' if
-            the tumour were known; shape (n,).
-        depth, diameter, x, youngs_modulus: numbers of the tumours, m and Pa, shape (n,).
-        tissue: number of each one's tissue, shape (n,).
-        causes: fraction of the detection's model error by cause, see ``scan_errors.ERROR_CAUSES``; empty without an error.
-        statistic: statistic of the design file.
-        false_alarm: fraction of tumour-free scans in which a tumour is detected.
-        evaluator: evaluator of the readings.
-        seconds: computing time, s.
-        control: probabilities by the closed form for these tumours and more, see ``control_variate``; None if the evaluator is
-            the closed form.
-        warnings: warnings, one line each.
-        by_observable: the same for the ratio alone, the stiffness alone and both; None where the noise of one is not given.
+    Attributes
+    ----------
+    observable
+        The channels that are read: the ratio, the stiffness or both.
+    means, errors
+        By ``OBJECTIVE_KINDS``, with their errors: the statistic of ``[objective]`` over the probabilities of detection, the
+        fraction of tumours whose ln contrast is resolved to 0.5, and the statistic of the information, ln(prior / posterior
+        standard deviation) of ln contrast.
+    values
+        Values of each tumour by ``OBJECTIVE_KINDS``, shape (n,). Tumours without reflections are corrected by the mean change
+        that reflections cause in the others, by which a probability may leave the range 0 to 1.
+    contrast_sd, modulus_sd, deflection
+        Standard deviations of ln contrast and of ln E_object of each tumour, and d' if the tumour were known; shape (n,).
+    depth, diameter, x, youngs_modulus
+        Numbers of the tumours, m and Pa, shape (n,).
+    tissue
+        Number of each one's tissue, shape (n,).
+    causes
+        Fraction of the detection's model error by cause, see ``scan_errors.ERROR_CAUSES``; empty without an error.
+    statistic
+        Statistic of the design file.
+    false_alarm
+        Fraction of tumour-free scans in which a tumour is detected.
+    evaluator
+        Evaluator of the readings.
+    seconds
+        Computing time, s.
+    control
+        Probabilities by the closed form for these tumours and more, see ``control_variate``; None if the evaluator is the closed
+        form.
+    warnings
+        Warnings, one line each.
+    by_observable
+        The same for the ratio alone, the stiffness alone and both; None where the noise of one is not given.
     """
 
     observable: Observable

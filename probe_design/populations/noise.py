@@ -49,20 +49,32 @@ def build_difference_noise(
 ) -> LinearGaussian:
     """Return the noise of readings less the baseline reading (eq. PO.2), or less a prediction (eq. PO.3).
 
-    Args:
-        noise: noise of the design file.
-        protocol: protocol of the design file.
-        scene: scene with films and load.
-        blank: force on each film per unit indentation without tumours, N/m, shape (2,).
-        tumour_forces: the same at each position over tumours, shape (p, 2), since charges depend on it; default: ``blank``.
-        tissue: s_j t_j of eq. PO.3, shape (m, q); default: the tissue is known. Not used with a baseline reading.
-        observable: the channels that are read; default: those of the protocol.
+    Parameters
+    ----------
+    noise
+        Noise of the design file.
+    protocol
+        Protocol of the design file.
+    scene
+        Scene with films and load.
+    blank
+        Force on each film per unit indentation without tumours, N/m, shape (2,).
+    tumour_forces
+        The same at each position over tumours, shape (p, 2), since charges depend on it; default: ``blank``.
+    tissue
+        s_j t_j of eq. PO.3, shape (m, q); default: the tissue is known. Not used with a baseline reading.
+    observable
+        The channels that are read; default: those of the protocol.
 
-    Returns:
+    Returns
+    -------
+    LinearGaussian
         Noise of m readings, in the order of ``scan_readings.compute_logarithms``; its unknowns are their common errors.
 
-    Raises:
-        InputError: a reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
+    Raises
+    ------
+    InputError
+        A reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
     """
     p = len(protocol.positions)
     places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
@@ -91,7 +103,9 @@ def build_full_noise(
 
     The arguments are those of ``build_difference_noise``.
 
-    Returns:
+    Returns
+    -------
+    LinearGaussian
         Noise of m readings in the order of ``scan_readings.compute_logarithms``, then of the c channels of a baseline reading.
     """
     channels = CHANNEL_INDICES[observable or protocol.observable]

@@ -35,13 +35,20 @@ TUMOUR_PARAMETERS = ("depth", "diameter", "object", "x")
 class TumourDraw:
     """n tumours in t tissues.
 
-    Attributes:
-        scene: scene with the values that the population does not give.
-        depth, diameter, youngs_modulus, x: numbers of the tumours, m and Pa, shape (n,).
-        poisson_ratio: Poisson's ratio of all tumours.
-        tissue: number of each tumour's tissue, shape (n,).
-        tissues: the scene without tumours, with each tissue.
-        misfits: number of tumours drawn that did not fit.
+    Attributes
+    ----------
+    scene
+        Scene with the values that the population does not give.
+    depth, diameter, youngs_modulus, x
+        Numbers of the tumours, m and Pa, shape (n,).
+    poisson_ratio
+        Poisson's ratio of all tumours.
+    tissue
+        Number of each tumour's tissue, shape (n,).
+    tissues
+        The scene without tumours, with each tissue.
+    misfits
+        Number of tumours drawn that did not fit.
     """
 
     scene: Scene
@@ -87,11 +94,16 @@ class TumourDraw:
 class ScenePopulation:
     """The ranges of a design file, completed by values of a scene.
 
-    Attributes:
-        scene: scene with one inclusion or none.
-        ranges: ranges by name: depth, diameter, object, x; tissue; layer_0_thickness, layer_0_modulus and so on.
-        least_cover: minimum cover of a tumour, m.
-        samples, seed: number of tumours and seed of a draw.
+    Attributes
+    ----------
+    scene
+        Scene with one inclusion or none.
+    ranges
+        Ranges by name: depth, diameter, object, x; tissue; layer_0_thickness, layer_0_modulus and so on.
+    least_cover
+        Minimum cover of a tumour, m.
+    samples, seed
+        Number of tumours and seed of a draw.
     """
 
     scene: Scene
@@ -126,13 +138,19 @@ class ScenePopulation:
     def draw_tumours(self, samples: int | None = None, *, unseen: bool = False, tissues: int | None = None) -> TumourDraw:
         """Draw tumours, the same ones each time.
 
-        Args:
-            samples: number of tumours; default: that of the design file.
-            unseen: whether to draw other tumours, which are not used in a search.
-            tissues: maximum number of tissues, if they differ; default: few, so that solving the probe on them is fast.
+        Parameters
+        ----------
+        samples
+            Number of tumours; default: that of the design file.
+        unseen
+            Whether to draw other tumours, which are not used in a search.
+        tissues
+            Maximum number of tissues, if they differ; default: few, so that solving the probe on them is fast.
 
-        Raises:
-            InputError: too few tumours of the ranges fit the tissue.
+        Raises
+        ------
+        InputError
+            Too few tumours of the ranges fit the tissue.
         """
         n, seed = samples or self.samples, self.seed + UNSEEN_SEED_OFFSET * unseen
         if all(value_range.is_single for value_range in self.ranges.values()):
@@ -211,8 +229,10 @@ class ScenePopulation:
     def _draw_tissues(self, n: int, seed: int, max_count: int) -> tuple[Scene, ...]:
         """Return the scene without tumours with tissues of the population; a single one if its tissue does not vary.
 
-        Raises:
-            InputError: a tissue is not valid, for instance with layers thicker than the whole.
+        Raises
+        ------
+        InputError
+            A tissue is not valid, for instance with layers thicker than the whole.
         """
         keys = self.tissue_parameters
         count = 1 if all(self.ranges[key].is_single for key in keys) else min(n, max_count)
@@ -229,8 +249,10 @@ class ScenePopulation:
     def build_tissue_scene(self, numbers: Mapping[str, float]) -> Scene:
         """Return the scene without tumours, with these numbers of the tissue by the names of ``ranges``.
 
-        Raises:
-            InputError: the tissue is not valid.
+        Raises
+        ------
+        InputError
+            The tissue is not valid.
         """
         return self.replace_tissue_numbers(self.scene.model_copy(update={"inclusion": ()}), numbers)
 

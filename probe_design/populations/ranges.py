@@ -25,10 +25,14 @@ MAX_VALUES = 1000
 class Range:
     """The values that a quantity takes in a population.
 
-    Attributes:
-        values: equally likely values of a list, or both ends of a range.
-        continuous: whether it is a range.
-        log: whether the logarithm is uniformly distributed, and has the standard deviation; otherwise the value itself.
+    Attributes
+    ----------
+    values
+        Equally likely values of a list, or both ends of a range.
+    continuous
+        Whether it is a range.
+    log
+        Whether the logarithm is uniformly distributed, and has the standard deviation; otherwise the value itself.
     """
 
     values: tuple[float, ...]
@@ -97,9 +101,12 @@ class Ranged(FileEntry[Range]):
     One text is one value. A list of two is a range from one to the other. A list of another length, or ``{values = [...]}`` of
     any length, is a list of values.
 
-    Args:
-        quantity: quantity of each value.
-        log: see ``Range``.
+    Parameters
+    ----------
+    quantity
+        Quantity of each value.
+    log
+        See ``Range``.
     """
 
     quantity: Quantity

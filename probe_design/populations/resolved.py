@@ -38,10 +38,14 @@ DEFAULT_PRIOR_LOG_SD = 1.0  # prior standard deviation of ln E_object if the pop
 class Unknowns:
     """The q unknown numbers of each tumour and its tissue, with priors.
 
-    Attributes:
-        names: names in the order of ``ScenePopulation.ranges``, the object first.
-        deviations: standard deviations of the priors, shape (q,).
-        host: index among the names of the modulus around each tumour, -1 if it is known, shape (n,).
+    Attributes
+    ----------
+    names
+        Names in the order of ``ScenePopulation.ranges``, the object first.
+    deviations
+        Standard deviations of the priors, shape (q,).
+    host
+        Index among the names of the modulus around each tumour, -1 if it is known, shape (n,).
     """
 
     names: tuple[str, ...]
@@ -81,10 +85,14 @@ class Unknowns:
 def compute_log_sds(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> tuple[Floats, Floats]:
     """Return the standard deviations of ln contrast and of ln E_object (eq. PO.6), shape (n,) each; inf without information.
 
-    Args:
-        unknowns: the q unknowns.
-        J: derivatives of the readings with respect to them, shape (n, m, q).
-        noise: noise of the m readings.
+    Parameters
+    ----------
+    unknowns
+        The q unknowns.
+    J
+        Derivatives of the readings with respect to them, shape (n, m, q).
+    noise
+        Noise of the m readings.
     """
     model = noise.add_unknowns(J, np.array([np.inf, *unknowns.deviations[1:]]))
     return model.compute_posterior_sd(unknowns.contrast), model.compute_posterior_sd(np.array([1.0]))

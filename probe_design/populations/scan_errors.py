@@ -49,9 +49,12 @@ def bound_groove_change(scene: Scene, forces: Floats) -> Floats:
     eta is the deflection, by bending and shear, of a strip clamped at its ends, over that of the tissue under the same pressure.
     Eq. RE.6 replaces the result where it is smaller.
 
-    Args:
-        scene: scene whose probe may have a groove.
-        forces: F_ij on film i per unit displacement of base j, N/m, shape (2, 2).
+    Parameters
+    ----------
+    scene
+        Scene whose probe may have a groove.
+    forces
+        F_ij on film i per unit displacement of base j, N/m, shape (2, 2).
     """
     probe, totals = scene.probe, forces.sum(axis=1)
     detail = next((item for item in iterate_details(probe) if item.name == "groove"), None)

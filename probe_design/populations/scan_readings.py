@@ -23,16 +23,25 @@ from geometry.common.arrays import Floats, Ints
 class ScanReadings:
     """Readings over n tumours in t tissues, m readings of c channels each.
 
-    Attributes:
-        signal: eq. PO.1 with the tumour less that without, shape (n, m).
-        errors: error bounds of the signal by cause, see ``scan_errors.ERROR_CAUSES``, shape (n, m); may be empty.
-        tissue: number of each tumour's tissue, shape (n,).
-        blank: film forces per unit indentation without tumours, N/m, shape (t, 2).
-        mean_forces: geometric mean over the tumours of the film forces at each position, shape (p, 2).
-        blank_error: error bound of eq. PO.1 without tumours, shape (t, c).
-        derivatives: of ``signal`` with respect to the parameters named in ``ScenePopulation.ranges``: to their
-            logarithms, per m of x; shape (n, m).
-        blank_derivatives: derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
+    Attributes
+    ----------
+    signal
+        eq. PO.1 with the tumour less that without, shape (n, m).
+    errors
+        Error bounds of the signal by cause, see ``scan_errors.ERROR_CAUSES``, shape (n, m); may be empty.
+    tissue
+        Number of each tumour's tissue, shape (n,).
+    blank
+        Film forces per unit indentation without tumours, N/m, shape (t, 2).
+    mean_forces
+        Geometric mean over the tumours of the film forces at each position, shape (p, 2).
+    blank_error
+        Error bound of eq. PO.1 without tumours, shape (t, c).
+    derivatives
+        Of ``signal`` with respect to the parameters named in ``ScenePopulation.ranges``: to their logarithms, per m of x; shape
+        (n, m).
+    blank_derivatives
+        Derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
     """
 
     signal: Floats
@@ -84,11 +93,16 @@ class ScanReadings:
 def compute_logarithms(totals: Any, stiffness: bool) -> Any:
     """Return the logarithms of ratio and stiffness, eq. PO.1 without its constant.
 
-    Args:
-        totals: F_inner and F_outer, shape (..., p, 2), real or complex.
-        stiffness: whether the stiffness is read.
+    Parameters
+    ----------
+    totals
+        F_inner and F_outer, shape (..., p, 2), real or complex.
+    stiffness
+        Whether the stiffness is read.
 
-    Returns:
+    Returns
+    -------
+    Any
         Logarithms, shape (..., m): ln ratio at the p positions, then ln stiffness.
     """
     ratio = np.log(totals[..., 0]) - np.log(totals[..., 1])

@@ -234,10 +234,13 @@ class Objective(Frozen):
     def compute_error(self, values: Floats, group: Ints | None = None) -> float:
         """Return the standard error of ``compute_statistic``; that of a quantile follows from neighbouring quantiles.
 
-        Args:
-            values: values of n tumours drawn at random, shape (n,).
-            group: number of each tumour's tissue, shape (n,); if the few tissues differ by more than random tumours would,
-                their scatter counts.
+        Parameters
+        ----------
+        values
+            Values of n tumours drawn at random, shape (n,).
+        group
+            Number of each tumour's tissue, shape (n,); if the few tissues differ by more than random tumours would, their scatter
+            counts.
         """
         alone = self._compute_sampling_error(values)
         parts = [] if group is None else [values[group == number] for number in np.unique(group)]

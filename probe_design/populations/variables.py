@@ -24,11 +24,16 @@ NUMBER_QUANTITY = Quantity("number", "dimensionless", "", 1e-4, 1e4)
 class DesignVariable:
     """The allowed variation of one number of the probe, SI.
 
-    Attributes:
-        low, high: bounds; None if they follow from the start and the workshop.
-        step: values are multiples of it; None: multiples of the search's step.
-        choices: the only values, increasing; empty if there are bounds.
-        fixed: whether the scene's value stays.
+    Attributes
+    ----------
+    low, high
+        Bounds; None if they follow from the start and the workshop.
+    step
+        Values are multiples of it; None: multiples of the search's step.
+    choices
+        The only values, increasing; empty if there are bounds.
+    fixed
+        Whether the scene's value stays.
     """
 
     low: float | None = None
@@ -42,8 +47,10 @@ class DesignVariable:
 class Varied(FileEntry[DesignVariable]):
     """A ``DesignVariable`` as a pydantic annotation: ``"fixed"``, ``[low, high]``, or a table of bounds, step and choices.
 
-    Args:
-        quantity: quantity of the values; ``NUMBER_QUANTITY`` has no unit.
+    Parameters
+    ----------
+    quantity
+        Quantity of the values; ``NUMBER_QUANTITY`` has no unit.
     """
 
     quantity: Quantity

@@ -32,12 +32,18 @@ class Changes:
 
     A step is a change of ln(value); of a Poisson's ratio a change of the value.
 
-    Attributes:
-        drawn: the scene as drawn, its probe given by its outer radius.
-        bench: for its blocks.
-        names: of the variables.
-        nominal, values: as drawn and as changed, SI; 1 for GAIN_NAME and BLOCK_MODULI, shape (n,).
-        predictions: for the changed design.
+    Attributes
+    ----------
+    drawn
+        The scene as drawn, its probe given by its outer radius.
+    bench
+        For its blocks.
+    names
+        Of the variables.
+    nominal, values
+        As drawn and as changed, SI; 1 for GAIN_NAME and BLOCK_MODULI, shape (n,).
+    predictions
+        For the changed design.
     """
 
     drawn: Scene
@@ -109,10 +115,14 @@ class Changes:
 class Fit:
     """The changes of a design that explain a deviation best.
 
-    Attributes:
-        changes: of n variables.
-        chi_square: of the remaining deviation.
-        uncertainties: standard deviations of the values, SI, shape (n,).
+    Attributes
+    ----------
+    changes
+        Of n variables.
+    chi_square
+        Of the remaining deviation.
+    uncertainties
+        Standard deviations of the values, SI, shape (n,).
     """
 
     changes: Changes

@@ -49,25 +49,42 @@ class BlockDeviation:
 class Check(Record):
     """The result of a check.
 
-    Attributes:
-        verdict: "within workshop tolerance as far as tested", "out of workshop tolerance", "cannot tell" or "nothing could be
-            tested".
-        reason: what is out of tolerance, or why no verdict is possible; empty if within.
-        blocks: one comparison for each block.
-        chi_square, degrees_of_freedom, p_value: for a probe within the workshop's tolerances, eq. PC.1.
-        level: significance level: the p-value below which a probe fails, and the rate at which good probes fail.
-        passed: whether at least one variable was tested, and nothing deviates.
-        failed: whether the readings contradict a probe within tolerance.
-        calibrated: whether gains come from a calibration.
-        explanations: the variables that the readings determine, best explanation first.
-        alike: the best explanation and those that the readings do not distinguish from it; empty if nothing deviates.
-        pairs: pairs of variables, best first, if no single one explains the deviation.
-        unresolved: variables that the readings do not determine, or that the calibration has absorbed.
-        tested: the variables of which this check detects a deviation of five tolerances, each with its detection limit.
-        untested: the other variables, each with the reason.
-        cancelling: pairs whose joint deviation it does not detect, although it detects at least one of them alone.
-        warnings: of the readings, one line each.
-        serial: serial number of the board, if all readings have the same one.
+    Attributes
+    ----------
+    verdict
+        "within workshop tolerance as far as tested", "out of workshop tolerance", "cannot tell" or "nothing could be tested".
+    reason
+        What is out of tolerance, or why no verdict is possible; empty if within.
+    blocks
+        One comparison for each block.
+    chi_square, degrees_of_freedom, p_value
+        For a probe within the workshop's tolerances, eq. PC.1.
+    level
+        Significance level: the p-value below which a probe fails, and the rate at which good probes fail.
+    passed
+        Whether at least one variable was tested, and nothing deviates.
+    failed
+        Whether the readings contradict a probe within tolerance.
+    calibrated
+        Whether gains come from a calibration.
+    explanations
+        The variables that the readings determine, best explanation first.
+    alike
+        The best explanation and those that the readings do not distinguish from it; empty if nothing deviates.
+    pairs
+        Pairs of variables, best first, if no single one explains the deviation.
+    unresolved
+        Variables that the readings do not determine, or that the calibration has absorbed.
+    tested
+        The variables of which this check detects a deviation of five tolerances, each with its detection limit.
+    untested
+        The other variables, each with the reason.
+    cancelling
+        Pairs whose joint deviation it does not detect, although it detects at least one of them alone.
+    warnings
+        Of the readings, one line each.
+    serial
+        Serial number of the board, if all readings have the same one.
     """
 
     verdict: str
@@ -104,19 +121,31 @@ def check(
 ) -> Check:
     """Compare a probe with its prediction.
 
-    Args:
-        scene: the probe as drawn.
-        bench: blocks and tolerances.
-        measurements: by ``film_forces.measure_strict_reading``, one on each of the bench's blocks of tissue, in their order.
-        gains: of a calibration; None: nominal, with the bench's tolerances.
-        variables: names of the variables of ``gains.slopes``.
-        shares: the predictions, if they are known already.
-        linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
-        tell: called with reports of progress.
+    Parameters
+    ----------
+    scene
+        The probe as drawn.
+    bench
+        Blocks and tolerances.
+    measurements
+        By ``film_forces.measure_strict_reading``, one on each of the bench's blocks of tissue, in their order.
+    gains
+        Of a calibration; None: nominal, with the bench's tolerances.
+    variables
+        Names of the variables of ``gains.slopes``.
+    shares
+        The predictions, if they are known already.
+    linear
+        Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+    tell
+        Called with reports of progress.
 
-    Raises:
-        InputError: there are no blocks, or not one reading for each; a film is dead or of reversed polarity.
-        Refusal: a load is above the limit of linear elasticity.
+    Raises
+    ------
+    InputError
+        There are no blocks, or not one reading for each; a film is dead or of reversed polarity.
+    Refusal
+        A load is above the limit of linear elasticity.
     """
     pressed = PressedReferences.from_measurements(scene, bench, bench.blocks, measurements, shares, linear=linear)
     predictions = pressed.predictions
@@ -153,11 +182,16 @@ def check(
 class Comparison:
     """The gains and predictions that readings are compared with.
 
-    Attributes:
-        bench: blocks and tolerances.
-        gains: with their uncertainty at the temperature of the readings.
-        variables: names of the variables of ``gains.slopes``.
-        shares: predictions for the probe as drawn.
+    Attributes
+    ----------
+    bench
+        Blocks and tolerances.
+    gains
+        With their uncertainty at the temperature of the readings.
+    variables
+        Names of the variables of ``gains.slopes``.
+    shares
+        Predictions for the probe as drawn.
     """
 
     bench: Bench

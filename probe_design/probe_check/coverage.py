@@ -22,13 +22,20 @@ MAX_POISSON_RATIO = 0.5  # upper limit of a Poisson's ratio, and so of its devia
 class VariableCoverage:
     """How well a check tests one variable.
 
-    Attributes:
-        variable: key of the scene file.
-        tolerance: of the workshop, a standard deviation, SI.
-        found_from: detection limit: the deviation that is detected with a probability of 0.5, SI; None if there is none.
-        effect: largest relative change of a block's ratio by a deviation of five tolerances.
-        power: probability that the check detects this deviation.
-        reason: why the power is below 0.5; empty if the variable is tested.
+    Attributes
+    ----------
+    variable
+        Key of the scene file.
+    tolerance
+        Of the workshop, a standard deviation, SI.
+    found_from
+        Detection limit: the deviation that is detected with a probability of 0.5, SI; None if there is none.
+    effect
+        Largest relative change of a block's ratio by a deviation of five tolerances.
+    power
+        Probability that the check detects this deviation.
+    reason
+        Why the power is below 0.5; empty if the variable is tested.
     """
 
     variable: str
@@ -47,9 +54,12 @@ class VariableCoverage:
 def compute_coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> tuple[VariableCoverage, ...]:
     """Compute how well a check tests each variable, the best tested first.
 
-    Args:
-        deviation: for its covariances.
-        tolerances: standard deviations, SI, by variable; variables with 0 are left out.
+    Parameters
+    ----------
+    deviation
+        For its covariances.
+    tolerances
+        Standard deviations, SI, by variable; variables with 0 are left out.
     """
     entries = [_test_variable(deviation, name, sd) for name, sd in tolerances.items() if sd > 0]
     return tuple(sorted(entries, key=lambda entry: -entry.power))

@@ -25,14 +25,22 @@ NORMAL_QUANTILES = ndtri((np.arange(100) + 0.5) / 100)  # a unit normal variable
 class Deviation:
     """The readings and predictions on k blocks, with their errors.
 
-    Attributes:
-        logs: ln(F_inner / F_outer) as read, shape (k,).
-        drawn: as predicted for the probe as drawn, shape (k,).
-        noise: variances of ``logs`` by noise, shape (k,).
-        gains: changes of ``logs`` by one standard deviation of each of g independent errors of the gains, shape (k, g).
-        model: variances of ``drawn`` for the probe as drawn, shape (k,).
-        calibration_bias: G S of eq. PC.2 by variable, shape (k,) each; 0 for missing variables.
-        workshop: (J - G S) t of eq. PC.2 by variable, t its workshop tolerance, shape (k,) each.
+    Attributes
+    ----------
+    logs
+        ln(F_inner / F_outer) as read, shape (k,).
+    drawn
+        As predicted for the probe as drawn, shape (k,).
+    noise
+        Variances of ``logs`` by noise, shape (k,).
+    gains
+        Changes of ``logs`` by one standard deviation of each of g independent errors of the gains, shape (k, g).
+    model
+        Variances of ``drawn`` for the probe as drawn, shape (k,).
+    calibration_bias
+        G S of eq. PC.2 by variable, shape (k,) each; 0 for missing variables.
+    workshop
+        (J - G S) t of eq. PC.2 by variable, t its workshop tolerance, shape (k,) each.
     """
 
     logs: Floats
@@ -89,9 +97,12 @@ class Deviation:
 class CancellingPair:
     """Two variables whose joint deviation is not detected, although that of one of them alone would be.
 
-    Attributes:
-        variables: their names.
-        tolerances: the deviations in tolerances, the larger one 5; the opposite signs as well.
+    Attributes
+    ----------
+    variables
+        Their names.
+    tolerances
+        The deviations in tolerances, the larger one 5; the opposite signs as well.
     """
 
     variables: tuple[str, str]
@@ -104,9 +115,12 @@ def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> floa
     Eq. PC.1 allows these variables their tolerances, too: along their own deviations, whose information S has the eigenvalues
     s_i, it divides squares of unit variance by 1 + s_i. What is left is a chi-square (PC.4).
 
-    Args:
-        deviation: for its covariances.
-        tolerances: deviation of one or two variables of ``deviation.workshop``, in tolerances.
+    Parameters
+    ----------
+    deviation
+        For its covariances.
+    tolerances
+        Deviation of one or two variables of ``deviation.workshop``, in tolerances.
     """
     sizes, directions = np.linalg.eigh(_compute_information(deviation, list(tolerances)))
     resolved = sizes > MIN_INFORMATION

@@ -35,14 +35,22 @@ MAX_FITTED_PAIRS = 6  # pairs that are fitted with changed designs, the best by 
 class Explanation:
     """One variable that may differ from the drawing.
 
-    Attributes:
-        variable: key of the scene file, ``reference.youngs_modulus`` (of all blocks) or ``relative gain``.
-        change: its difference from the drawing, SI; relative for the last two.
-        uncertainty: standard deviation of ``change``.
-        nominal: as drawn; 1 for the last two.
-        chi_square: of the remaining deviation.
-        p_value: of ``chi_square``.
-        explains: whether the remaining deviation is not significant.
+    Attributes
+    ----------
+    variable
+        Key of the scene file, ``reference.youngs_modulus`` (of all blocks) or ``relative gain``.
+    change
+        Its difference from the drawing, SI; relative for the last two.
+    uncertainty
+        Standard deviation of ``change``.
+    nominal
+        As drawn; 1 for the last two.
+    chi_square
+        Of the remaining deviation.
+    p_value
+        Of ``chi_square``.
+    explains
+        Whether the remaining deviation is not significant.
     """
 
     variable: str

@@ -53,14 +53,22 @@ def decide_verdict(
 ) -> Verdict:  # fmt: skip
     """Decide the verdict for a deviation.
 
-    Args:
-        scene: the probe as drawn.
-        bench: blocks and tolerances.
-        deviation: of all blocks.
-        shares: predictions for the probe as drawn.
-        exchanged: descriptions of exchanges each of which would explain it.
-        tested: how well each variable is tested.
-        tell: called with reports of progress.
+    Parameters
+    ----------
+    scene
+        The probe as drawn.
+    bench
+        Blocks and tolerances.
+    deviation
+        Of all blocks.
+    shares
+        Predictions for the probe as drawn.
+    exchanged
+        Descriptions of exchanges each of which would explain it.
+    tested
+        How well each variable is tested.
+    tell
+        Called with reports of progress.
     """
     linear, unresolved = compute_explanations(deviation, shares)
     if deviation.p_value >= SIGNIFICANCE_LEVEL:

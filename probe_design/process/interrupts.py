@@ -29,7 +29,9 @@ _signal_number = 0
 def run_interruptible(program: Callable[[], int]) -> int:
     """Run a program that ends at a signal. Signals that this process ignores, as under ``nohup``, stay ignored.
 
-    Returns:
+    Returns
+    -------
+    int
         The exit code of the program, or 128 + the number of the signal that ended it.
     """
     try:

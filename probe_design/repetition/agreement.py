@@ -31,9 +31,12 @@ _QUANTITY_PATTERN = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s0-
 class Difference:
     """A value in which two results differ.
 
-    Attributes:
-        place: path of keys, such as ``result.ratio``.
-        recorded, repeated: the two values; None if missing.
+    Attributes
+    ----------
+    place
+        Path of keys, such as ``result.ratio``.
+    recorded, repeated
+        The two values; None if missing.
     """
 
     place: str

@@ -21,15 +21,23 @@ def build_rerun_words(
 ) -> list[str]:
     """Return the words of the command line to run.
 
-    Args:
-        cli: the commands.
-        words: recorded command line.
-        inputs: SHA-256 of its input files, by name.
-        file_folder: folder of the recorded file; input files are searched there if not in the working directory.
-        output: replaces the value of ``--output``.
+    Parameters
+    ----------
+    cli
+        The commands.
+    words
+        Recorded command line.
+    inputs
+        SHA-256 of its input files, by name.
+    file_folder
+        Folder of the recorded file; input files are searched there if not in the working directory.
+    output
+        Replaces the value of ``--output``.
 
-    Raises:
-        InputError: there is no such command or option, or an input file is missing or has changed.
+    Raises
+    ------
+    InputError
+        There is no such command or option, or an input file is missing or has changed.
     """
     places = {name: str(_find_input(name, sha, file_folder)) for name, sha in inputs.items()}
     command, arguments = _find_command(cli, list(words))

@@ -33,12 +33,18 @@ class RerunError(ProbeError):
 class Rerun:
     """The comparison of a file with its repetition.
 
-    Attributes:
-        command: the repeated command line.
-        numbers: number of values compared.
-        differences: values that differ by more than their errors.
-        version_changes: such as "numpy 2.3 then, 2.4 now".
-        provenance: of the repetition.
+    Attributes
+    ----------
+    command
+        The repeated command line.
+    numbers
+        Number of values compared.
+    differences
+        Values that differ by more than their errors.
+    version_changes
+        Such as "numpy 2.3 then, 2.4 now".
+    provenance
+        Of the repetition.
     """
 
     command: tuple[str, ...]
@@ -72,13 +78,19 @@ class Rerun:
 def rerun(file: Path, cli: click.Group) -> Rerun:
     """Run the command that made a file or folder again, and compare the numbers.
 
-    Args:
-        file: JSON, TOML or HTML page with its provenance; or the folder of such files.
-        cli: the commands.
+    Parameters
+    ----------
+    file
+        JSON, TOML or HTML page with its provenance; or the folder of such files.
+    cli
+        The commands.
 
-    Raises:
-        InputError: it has no provenance, was made from Python, or its input files have changed.
-        RerunError: the command fails now.
+    Raises
+    ------
+    InputError
+        It has no provenance, was made from Python, or its input files have changed.
+    RerunError
+        The command fails now.
     """
     block, recorded = _read_numbers(file)
     words = block.get("command")

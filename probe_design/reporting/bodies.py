@@ -69,16 +69,25 @@ def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
 def build_ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
     """Build the closed surface of a ring sector: a rectangle of the meridian plane rotated between two angles.
 
-    Args:
-        inner: radius, m; 0 for a full disc.
-        outer: radius, m.
-        low: lower z, m.
-        high: upper z, m.
-        begin: first angle, rad, from x towards y.
-        end: last angle, rad, less than a turn beyond.
+    Parameters
+    ----------
+    inner
+        Radius, m; 0 for a full disc.
+    outer
+        Radius, m.
+    low
+        Lower z, m.
+    high
+        Upper z, m.
+    begin
+        First angle, rad, from x towards y.
+    end
+        Last angle, rad, less than a turn beyond.
 
-    Returns:
-        vertices (n, 3) and triangles (m, 3), whose normals point outwards.
+    Returns
+    -------
+    Mesh
+        Vertices (n, 3) and triangles (m, 3), whose normals point outwards.
     """
     angles = np.linspace(begin, end, max(2, math.ceil((end - begin) / MAX_ANGLE_STEP_RAD) + 1))
     profile = np.array([(inner, low), (outer, low), (outer, high), (inner, high)])

@@ -26,12 +26,12 @@ def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
     result
         What one of these functions returned.
 
-    Returns:
+    Returns
     -------
     Figure
         Its ``savefig`` writes it to a file.
 
-    Raises:
+    Raises
     ------
     InputError
         The result has no picture, or is a map or scan that carries no scene.

@@ -60,9 +60,12 @@ class Items:
 class Picture:
     """A picture embedded in the page.
 
-    Attributes:
-        source: a ``data:`` URL.
-        alt: description of what it shows.
+    Attributes
+    ----------
+    source
+        A ``data:`` URL.
+    alt
+        Description of what it shows.
     """
 
     source: str
@@ -114,12 +117,18 @@ class Chapter:
 def build_page(title: str, headline: str, sections: Sequence[Chapter], answer: JsonObject, *, is_positive: bool = True) -> str:
     """Build the report as HTML.
 
-    Args:
-        title: of the page.
-        headline: the result in a sentence.
-        sections: in their order.
-        answer: the JSON object that the command prints, with its ``provenance``, which is the last table of the page.
-        is_positive: whether the result is positive: the banner of the headline is green, otherwise amber.
+    Parameters
+    ----------
+    title
+        Of the page.
+    headline
+        The result in a sentence.
+    sections
+        In their order.
+    answer
+        The JSON object that the command prints, with its ``provenance``, which is the last table of the page.
+    is_positive
+        Whether the result is positive: the banner of the headline is green, otherwise amber.
     """
     block = answer["provenance"]
     text: str = _load_template().render(

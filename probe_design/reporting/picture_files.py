@@ -19,8 +19,10 @@ PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 def check_format(path: Path) -> None:
     """Refuse a picture file of unknown format.
 
-    Raises:
-        InputError: the suffix is none of ``PICTURE_SUFFIXES``.
+    Raises
+    ------
+    InputError
+        The suffix is none of ``PICTURE_SUFFIXES``.
     """
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise InputError("plot", path.name, f"a file name that ends in {', '.join(PICTURE_SUFFIXES)}")
@@ -29,8 +31,10 @@ def check_format(path: Path) -> None:
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as a whole or not at all, in the format of the file's suffix; return ``path``.
 
-    Raises:
-        OSError: the file cannot be written.
+    Raises
+    ------
+    OSError
+        The file cannot be written.
     """
     with write_whole(path) as draft, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # missing glyphs of a scene's name are drawn as boxes

@@ -39,10 +39,14 @@ Tell = Callable[[str], None]
 def iterate_scene_sections(scene: Scene, noise: float | None, tell: Tell = lambda text: None) -> Iterator[Chapter]:
     """Yield the sections of a report about a scene at its load; each takes up to some seconds.
 
-    Args:
-        scene: subject of the report.
-        noise: relative standard deviation of one reading of the ratio; None leaves out the maps that depend on it.
-        tell: called with a line before each long piece of work.
+    Parameters
+    ----------
+    scene
+        Subject of the report.
+    noise
+        Relative standard deviation of one reading of the ratio; None leaves out the maps that depend on it.
+    tell
+        Called with a line before each long piece of work.
     """
     for title, build in (
         ("The probe", _build_shape),

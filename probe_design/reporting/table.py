@@ -19,12 +19,18 @@ MAX_CELL_CHARACTERS = 24  # of numbers and names, which stay in one line; longer
 class Table:
     """A table of texts.
 
-    Attributes:
-        headings: of the columns.
-        rows: cells, as many in each row as there are headings.
-        title: stands above the table on a terminal.
-        caption: stands below it on a terminal.
-        left: the columns that are aligned left; the others, which contain numbers, are aligned right.
+    Attributes
+    ----------
+    headings
+        Of the columns.
+    rows
+        Cells, as many in each row as there are headings.
+    title
+        Stands above the table on a terminal.
+    caption
+        Stands below it on a terminal.
+    left
+        The columns that are aligned left; the others, which contain numbers, are aligned right.
     """
 
     headings: Sequence[str]

@@ -22,17 +22,27 @@ def evaluate_with_files(
 ) -> Result:
     """Evaluate with ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
 
-    Args:
-        scene: the scene.
-        evaluator: "solid"; no other evaluator has a mesh of the whole scene.
-        accuracy: relative.
-        vtu: file for ParaView, or None.
-        picture: a .png file, or None.
-        tell: called with a line before each step.
+    Parameters
+    ----------
+    scene
+        The scene.
+    evaluator
+        "solid"; no other evaluator has a mesh of the whole scene.
+    accuracy
+        relative.
+    vtu
+        File for ParaView, or None.
+    picture
+        A .png file, or None.
+    tell
+        Called with a line before each step.
 
-    Raises:
-        InputError: another evaluator, or a file name with another suffix.
-        Refusal: see ``solver.solid.evaluator.SolidEvaluator.solve``.
+    Raises
+    ------
+    InputError
+        Another evaluator, or a file name with another suffix.
+    Refusal
+        See ``solver.solid.evaluator.SolidEvaluator.solve``.
     """
     for key, path, suffix in (("vtu", vtu, ".vtu"), ("plot", picture, ".png")):
         if path is None:

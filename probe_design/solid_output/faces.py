@@ -42,12 +42,18 @@ _TETRAHEDRON_FACES = np.hstack([FACE_CORNERS, FACE_MIDDLES])
 class Faces:
     """Flat triangles, the lines of the mesh on them, and fields at their points.
 
-    Attributes:
-        points: in m, shape (n, 3).
-        triangles: of these points, shape (f, 3).
-        body: of each triangle, as in ``Solid.body``, shape (f,).
-        lines: sides of elements, pairs of points, shape (m, 2).
-        values: fields at the points by name: ``displacement`` in m (n, 3), ``pressure`` and ``von_mises`` in Pa (n,).
+    Attributes
+    ----------
+    points
+        In m, shape (n, 3).
+    triangles
+        Of these points, shape (f, 3).
+    body
+        Of each triangle, as in ``Solid.body``, shape (f,).
+    lines
+        Sides of elements, pairs of points, shape (m, 2).
+    values
+        Fields at the points by name: ``displacement`` in m (n, 3), ``pressure`` and ``von_mises`` in Pa (n,).
     """
 
     points: Floats

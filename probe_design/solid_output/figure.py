@@ -62,15 +62,23 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
 
     A whole mesh is shown for y >= 0. The stresses are drawn on the deformed cut, exaggerated by the factor in their title.
 
-    Args:
-        path: of the picture.
-        states: as solved.
-        motion: how far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
+    Parameters
+    ----------
+    path
+        Of the picture.
+    states
+        As solved.
+    motion
+        How far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
 
-    Raises:
-        InputError: the suffix of the file is of no known format.
-        MissingLibrary: VTK finds no OpenGL to render with; the text names the package to install.
-        OSError: the file cannot be written.
+    Raises
+    ------
+    InputError
+        The suffix of the file is of no known format.
+    MissingLibrary
+        VTK finds no OpenGL to render with; the text names the package to install.
+    OSError
+        The file cannot be written.
     """
     path = Path(path)
     check_format(path)

@@ -23,13 +23,19 @@ OPENGL_REMEDY = "install OpenGL with its software renderer: apt install libegl1 
 def render_faces(parts: Sequence[Faces], colour: Callable[[int], tuple[float, float, float]], half_height: float = 0.0) -> Floats:
     """Render the part y >= 0 of faces without white margin; return pixels from 0 to 1, shape (height, width, 3).
 
-    Args:
-        parts: faces to draw.
-        colour: returns red, green and blue of a body, from 0 to 1.
-        half_height: half the height of the view about the origin, m; 0 shows everything.
+    Parameters
+    ----------
+    parts
+        Faces to draw.
+    colour
+        Returns red, green and blue of a body, from 0 to 1.
+    half_height
+        Half the height of the view about the origin, m; 0 shows everything.
 
-    Raises:
-        MissingLibrary: VTK could not render; the text names the package to install.
+    Raises
+    ------
+    MissingLibrary
+        VTK could not render; the text names the package to install.
     """
     faces = merge_faces(parts)
     drawing = {

@@ -17,7 +17,9 @@ LINE_OFFSET_RELATIVE = 1e-3  # of the mesh's size: lines are moved this far in f
 def run(drawing: JsonObject) -> Floats:
     """Draw the part y >= 0 on white, viewed from the side of the cut and slightly from above; see ``render.render_faces``.
 
-    Returns:
+    Returns
+    -------
+    Floats
         Pixels from 0 to 1, shape (height, width, 3).
     """
     points, triangles, colours, lines, half_height = (

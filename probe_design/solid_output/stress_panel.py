@@ -30,11 +30,16 @@ Window = tuple[float, float, float, float]  # left, right, bottom, top
 class DeformedSection:
     """A section with exaggerated displacements.
 
-    Attributes:
-        cut: as meshed.
-        points: displaced points, mm, shape (n, 2).
-        factor: of exaggeration.
-        window: shown part, mm.
+    Attributes
+    ----------
+    cut
+        As meshed.
+    points
+        Displaced points, mm, shape (n, 2).
+    factor
+        Of exaggeration.
+    window
+        Shown part, mm.
     """
 
     cut: Faces

@@ -30,13 +30,19 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
     ``stress`` (their mean, Pa, tension positive, in VTK's order XX YY ZZ XY YZ XZ), ``von_mises`` and ``pressure`` (vertical, Pa,
     compression positive). Field data also say ``symmetry``, ``motion`` (m, m, rad) and ``film_forces`` (inner, outer, N).
 
-    Args:
-        path: of the file, ending in ``.vtu``.
-        states: as solved.
-        motion: how far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
+    Parameters
+    ----------
+    path
+        Of the file, ending in ``.vtu``.
+    states
+        As solved.
+    motion
+        How far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
 
-    Raises:
-        OSError: the file cannot be written.
+    Raises
+    ------
+    OSError
+        The file cannot be written.
     """
     grid = _build_grid(states, np.asarray(motion, dtype=np.float64))
     with write_whole(Path(path)) as draft:

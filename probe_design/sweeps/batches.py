@@ -22,12 +22,18 @@ Log = Callable[[str], None]
 class Task:
     """A design to be evaluated.
 
-    Attributes:
-        key: of its row.
-        values: of the variables.
-        count: number of identical designs.
-        deaths: number of workers that died with it.
-        group: number of a group that is evaluated together, in one batch; None where any designs can be.
+    Attributes
+    ----------
+    key
+        Of its row.
+    values
+        Of the variables.
+    count
+        Number of identical designs.
+    deaths
+        Number of workers that died with it.
+    group
+        Number of a group that is evaluated together, in one batch; None where any designs can be.
     """
 
     key: bytes

@@ -35,17 +35,24 @@ MAX_CONDITION_CHARACTERS, MAX_TREE_DEPTH = 1000, 100
 def evaluate_condition(text: str, read: ReadKey, count: int) -> NDArray[np.bool_]:
     """Return which designs satisfy a condition.
 
-    Args:
-        text: the condition. Quantities are quoted: ``'2 mm'``.
-        read: returns the values of a key in all designs, a scalar or shape (count,), and their SI unit.
-        count: number of designs.
+    Parameters
+    ----------
+    text
+        The condition. Quantities are quoted: ``'2 mm'``.
+    read
+        Returns the values of a key in all designs, a scalar or shape (count,), and their SI unit.
+    count
+        Number of designs.
 
-    Returns:
+    Returns
+    -------
+    NDArray[np.bool_]
         Booleans, shape (count,).
 
-    Raises:
-        InputError: the text is not a condition, names an unknown key, compares or adds different units, or is not finite for
-            some design.
+    Raises
+    ------
+    InputError
+        The text is not a condition, names an unknown key, compares or adds different units, or is not finite for some design.
     """
     tree = _parse_condition(text)
     if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp):
@@ -58,8 +65,10 @@ def evaluate_condition(text: str, read: ReadKey, count: int) -> NDArray[np.bool_
 def _parse_condition(text: str) -> ast.expr | None:
     """Parse a condition into Python's syntax tree; return None if the text is no expression.
 
-    Raises:
-        InputError: the text is too long, or its tree is too deep to be walked recursively.
+    Raises
+    ------
+    InputError
+        The text is too long, or its tree is too deep to be walked recursively.
     """
     if len(text) > MAX_CONDITION_CHARACTERS:
         raise InputError("constraints", text, f"conditions of at most {MAX_CONDITION_CHARACTERS} characters")

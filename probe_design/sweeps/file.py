@@ -30,13 +30,20 @@ _SWEEP_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory
 class Sweep:
     """A checked specification of a sweep; SI units.
 
-    Attributes:
-        base: the tables of the scene that is varied.
-        variables: the varied keys with their values or ranges.
-        sample: how the designs are drawn.
-        evaluator, accuracy, linear: as in ``solver.evaluate``.
-        constraints: conditions that designs must satisfy; see ``probe_design.sweeps.constraints``.
-        limits: time and memory of each design.
+    Attributes
+    ----------
+    base
+        The tables of the scene that is varied.
+    variables
+        The varied keys with their values or ranges.
+    sample
+        How the designs are drawn.
+    evaluator, accuracy, linear
+        As in ``solver.evaluate``.
+    constraints
+        Conditions that designs must satisfy; see ``probe_design.sweeps.constraints``.
+    limits
+        Time and memory of each design.
     """
 
     base: JsonMapping
@@ -56,8 +63,10 @@ class Sweep:
     def list_designs(self) -> list[tuple[int, tuple[Value, ...]]]:
         """Return number and values of every design that satisfies the constraints.
 
-        Raises:
-            InputError: a constraint is malformed, or no design satisfies them all.
+        Raises
+        ------
+        InputError
+            A constraint is malformed, or no design satisfies them all.
         """
         designs = self.sample.draw_designs(self.variables)
         is_allowed = np.ones(len(designs), dtype=bool)
@@ -86,8 +95,10 @@ class Sweep:
 def read_sweep(path: Path | str) -> Sweep:
     """Read a sweep file; file names in it are relative to its folder.
 
-    Raises:
-        InputError: the file is missing, is not TOML, or a value is not allowed.
+    Raises
+    ------
+    InputError
+        The file is missing, is not TOML, or a value is not allowed.
     """
     contents = read_tables(path, "sweep file")
     check_kind(contents, str(path), "sweep file", "a sweep file, with scene and [variables]")
@@ -97,13 +108,19 @@ def read_sweep(path: Path | str) -> Sweep:
 def sweep_from_dict(tables: Mapping[str, object], folder: Path | str = ".", units_required: bool = False) -> Sweep:
     """Check the tables of a sweep file and return the sweep.
 
-    Args:
-        tables: as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
-        folder: to which file names are relative.
-        units_required: whether a bare number is refused where a unit belongs.
+    Parameters
+    ----------
+    tables
+        As in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
+    folder
+        To which file names are relative.
+    units_required
+        Whether a bare number is refused where a unit belongs.
 
-    Raises:
-        InputError: a key or value is not allowed.
+    Raises
+    ------
+    InputError
+        A key or value is not allowed.
     """
     for name in tables:
         if name not in _SWEEP_KEYS:

@@ -115,9 +115,12 @@ def find_schema_fault(connection: sqlite3.Connection, version: int) -> str:
 def find_store_fault(connection: sqlite3.Connection) -> str:
     """Describe damage of the pages, the request or the number of designs; return an empty text if there is none.
 
-    Raises:
-        sqlite3.Error: the damage is too much for SQLite.
-        ValueError: the stored request is damaged.
+    Raises
+    ------
+    sqlite3.Error
+        The damage is too much for SQLite.
+    ValueError
+        The stored request is damaged.
     """
     text = " ".join(connection.execute("PRAGMA integrity_check(1)").fetchone()[0].split())
     if text != "ok":
@@ -140,8 +143,10 @@ def save_sound_results(connection: sqlite3.Connection) -> int:
 
     The request is left out: the sweep that goes on writes it again.
 
-    Raises:
-        sqlite3.Error: the store cannot be written.
+    Raises
+    ------
+    sqlite3.Error
+        The store cannot be written.
     """
     connection.text_factory = lambda raw: raw.decode(errors="surrogateescape")  # damaged text must not stop the reading
     with closing(sqlite3.connect("", isolation_level=None)) as repaired:  # a temporary file

@@ -18,12 +18,18 @@ LOG_INTERVAL_S = 10.0  # seconds between lines of progress
 class Progress:
     """The state of a running sweep.
 
-    Attributes:
-        total: designs.
-        done: designs with a row, including those of earlier runs.
-        refused, failed: how many of these were refused, failed.
-        rate: rows per second in this run; 0 before the first.
-        workers: number of workers.
+    Attributes
+    ----------
+    total
+        designs.
+    done
+        Designs with a row, including those of earlier runs.
+    refused, failed
+        How many of these were refused, failed.
+    rate
+        Rows per second in this run; 0 before the first.
+    workers
+        Number of workers.
     """
 
     total: int

@@ -38,9 +38,12 @@ def read_request(folder: Path | str) -> JsonObject:
 def iterate_rows(folder: Path | str) -> Iterator[JsonObject]:
     """Yield the rows of all evaluated designs by number: number, key, variables, then ``rows.ROW_COLUMNS``; SI units.
 
-    Raises:
-        InputError: the folder holds no sweep.
-        StoreError: it cannot be read.
+    Raises
+    ------
+    InputError
+        The folder holds no sweep.
+    StoreError
+        It cannot be read.
     """
     with open_for_reading(Path(folder)) as store:
         names = store.read_request().get("names", [])
@@ -56,10 +59,14 @@ def read_units(folder: Path | str) -> dict[str, str]:
 def dataframe(folder: Path | str) -> pd.DataFrame:
     """Return the rows of a sweep as a data frame with the design's number as index and units in ``attrs["units"]``.
 
-    Raises:
-        MissingLibrary: pandas is not installed.
-        InputError: the folder holds no sweep.
-        StoreError: it cannot be read.
+    Raises
+    ------
+    MissingLibrary
+        Pandas is not installed.
+    InputError
+        The folder holds no sweep.
+    StoreError
+        It cannot be read.
     """
     pandas = import_extra("pandas")
     names = read_request(folder)["names"]
@@ -77,10 +84,14 @@ def dataset(folder: Path | str) -> xr.Dataset:
     The dimensions of a grid are the variables, and designs without a result are NaN. A sample has the one dimension ``design``
     (the number), along which the variables are coordinates.
 
-    Raises:
-        MissingLibrary: xarray or pandas is not installed.
-        InputError: the folder holds no sweep.
-        StoreError: it cannot be read.
+    Raises
+    ------
+    MissingLibrary
+        Xarray or pandas is not installed.
+    InputError
+        The folder holds no sweep.
+    StoreError
+        It cannot be read.
     """
     xarray, request, frame = import_extra("xarray"), read_request(folder), dataframe(folder)
     labelled: xr.Dataset
@@ -134,8 +145,10 @@ def escape_formula(cell: Any) -> Any:
 def write_parquet(folder: Path | str, path: Path) -> Path:
     """Write the rows as Parquet. The file is written whole or not at all.
 
-    Raises:
-        MissingLibrary: pandas or pyarrow is not installed.
+    Raises
+    ------
+    MissingLibrary
+        Pandas or pyarrow is not installed.
     """
     import_extra("pyarrow")
     frame = dataframe(folder)

@@ -55,11 +55,16 @@ T = TypeVar("T")
 class Job:
     """Settings shared by all designs of a sweep.
 
-    Attributes:
-        base: the tables of the scene that is varied.
-        names: the keys of the variables.
-        evaluator, accuracy, linear: as in ``solver.evaluate``.
-        version: of the software that must evaluate them; see ``compute_version``.
+    Attributes
+    ----------
+    base
+        The tables of the scene that is varied.
+    names
+        The keys of the variables.
+    evaluator, accuracy, linear
+        As in ``solver.evaluate``.
+    version
+        Of the software that must evaluate them; see ``compute_version``.
     """
 
     base: JsonMapping
@@ -113,8 +118,10 @@ class Job:
     def warm_up(self) -> None:
         """Import the evaluator and build the scene once, so that the first row is not charged for it.
 
-        Raises:
-            InputError: this software has another version than the job.
+        Raises
+        ------
+        InputError
+            This software has another version than the job.
         """
         if compute_version() != self.version:
             raise InputError(

@@ -39,13 +39,20 @@ if TYPE_CHECKING:
 class SweepSummary(Record):
     """A finished sweep.
 
-    Attributes:
-        folder: of its store.
-        designs: number of designs, each with a row.
-        left_out: number of designs that do not satisfy the constraints; they have no row.
-        ok, refused, failed: number of rows by status.
-        answered: number of rows that this run added.
-        seconds: wall clock of this run.
+    Attributes
+    ----------
+    folder
+        Of its store.
+    designs
+        Number of designs, each with a row.
+    left_out
+        Number of designs that do not satisfy the constraints; they have no row.
+    ok, refused, failed
+        Number of rows by status.
+    answered
+        Number of rows that this run added.
+    seconds
+        Wall clock of this run.
     """
 
     folder: Path
@@ -82,22 +89,34 @@ def sweep(
 ) -> SweepSummary:
     """Evaluate every design of a sweep that has no row in ``output`` yet.
 
-    Args:
-        specification: the name of a sweep file, or its tables; numbers are then in SI units and ``scene`` may be a ``Scene``.
-        output: folder of the store.
-        scheduler: address of a Dask scheduler, ``tcp://host:8786``; by default processes on this computer are used.
-        workers: number of processes; by default one for each processor.
-        progress: called with a ``Progress`` after each batch.
-        retry_failed: whether designs whose row is ``failed`` are evaluated again; the new row replaces the old one. Designs that
-            were stopped, or kept from a finer result, by a limit that is larger now are always evaluated again.
-        notice: called with a line when the sweep has to wait, such as for a Dask scheduler that does not respond.
+    Parameters
+    ----------
+    specification
+        The name of a sweep file, or its tables; numbers are then in SI units and ``scene`` may be a ``Scene``.
+    output
+        Folder of the store.
+    scheduler
+        Address of a Dask scheduler, ``tcp://host:8786``; by default processes on this computer are used.
+    workers
+        Number of processes; by default one for each processor.
+    progress
+        Called with a ``Progress`` after each batch.
+    retry_failed
+        Whether designs whose row is ``failed`` are evaluated again; the new row replaces the old one. Designs that were stopped,
+        or kept from a finer result, by a limit that is larger now are always evaluated again.
+    notice
+        Called with a line when the sweep has to wait, such as for a Dask scheduler that does not respond.
 
-    Raises:
-        InputError: the specification is not valid, or another process is writing to the folder.
-        StoreError: the store cannot be read or written, or is moved or deleted meanwhile. Committed rows are kept.
-        ExecutorError: workers do not start, have another version of this program, or the scheduler is lost for good.
-            Committed rows are kept.
-        KeyboardInterrupt: committed rows are kept.
+    Raises
+    ------
+    InputError
+        The specification is not valid, or another process is writing to the folder.
+    StoreError
+        The store cannot be read or written, or is moved or deleted meanwhile. Committed rows are kept.
+    ExecutorError
+        Workers do not start, have another version of this program, or the scheduler is lost for good. Committed rows are kept.
+    KeyboardInterrupt
+        Committed rows are kept.
     """
     start = monotonic()
     checked_sweep = specification if isinstance(specification, Sweep) else _read_specification(specification)

@@ -20,11 +20,16 @@ MAX_DESIGNS = 10_000_000  # designs of a sweep
 class Variable:
     """A variable of a sweep: a key with a list of values, or a range.
 
-    Attributes:
-        key: of the scene.
-        values: of a grid; of a sample the values drawn, each equally likely.
-        low, high: range of a sample without ``values``; SI.
-        log: whether the range is uniform in the logarithm.
+    Attributes
+    ----------
+    key
+        Of the scene.
+    values
+        Of a grid; of a sample the values drawn, each equally likely.
+    low, high
+        Range of a sample without ``values``; SI.
+    log
+        Whether the range is uniform in the logarithm.
     """
 
     key: Key
@@ -46,10 +51,14 @@ class Variable:
 class DesignSampling:
     """How the designs are drawn.
 
-    Attributes:
-        kind: one of ``SAMPLE_KINDS``. ``saltelli`` draws n (d + 2) designs of d variables, for Sobol indices.
-        n: number of points; unused by a grid.
-        seed: of the random generator.
+    Attributes
+    ----------
+    kind
+        One of ``SAMPLE_KINDS``. ``saltelli`` draws n (d + 2) designs of d variables, for Sobol indices.
+    n
+        Number of points; unused by a grid.
+    seed
+        Of the random generator.
     """
 
     kind: str = "grid"
@@ -59,8 +68,10 @@ class DesignSampling:
     def draw_designs(self, variables: tuple[Variable, ...]) -> list[tuple[Value, ...]]:
         """Return the values of all variables, a tuple for each design; in a grid the last variable changes fastest.
 
-        Raises:
-            InputError: there are too many designs.
+        Raises
+        ------
+        InputError
+            There are too many designs.
         """
         count = self.count_designs(variables)
         if count > MAX_DESIGNS:

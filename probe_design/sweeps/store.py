@@ -38,9 +38,12 @@ class StoreError(ProbeError):
 class Store:
     """The open store of one folder. Written rows are never changed, and only deleted to be evaluated again.
 
-    Attributes:
-        folder: of the store.
-        repair_note: what was damaged and how it was repaired, one line; empty if nothing was.
+    Attributes
+    ----------
+    folder
+        Of the store.
+    repair_note
+        What was damaged and how it was repaired, one line; empty if nothing was.
     """
 
     def __init__(self, folder: Path, connection: sqlite3.Connection, repair_note: str = "") -> None:
@@ -96,8 +99,10 @@ class Store:
     def check_file(self) -> None:
         """Check that the file is still where it was opened: rows written to a deleted file would be lost.
 
-        Raises:
-            StoreError: the file is gone, or another one is in its place.
+        Raises
+        ------
+        StoreError
+            The file is gone, or another one is in its place.
         """
         if _identify_file(self.folder) != self._file_identity:
             raise StoreError(
@@ -152,10 +157,14 @@ def open_for_writing(folder: Path) -> Iterator[Store]:
 
     A damaged store is kept under another name and replaced by one with its sound rows.
 
-    Raises:
-        InputError: another process is writing, the store has another format, or its schema is damaged.
-        StoreError: the store cannot be read or written.
-        OSError: the folder cannot be created.
+    Raises
+    ------
+    InputError
+        Another process is writing, the store has another format, or its schema is damaged.
+    StoreError
+        The store cannot be read or written.
+    OSError
+        The folder cannot be created.
     """
     folder.mkdir(parents=True, exist_ok=True)
     existed = (folder / STORE_FILE).exists()
@@ -177,9 +186,12 @@ def open_for_writing(folder: Path) -> Iterator[Store]:
 def open_for_reading(folder: Path) -> Iterator[Store]:
     """Open the store of a folder for reading, also while a sweep writes.
 
-    Raises:
-        InputError: there is no store, or it has another format.
-        StoreError: the store cannot be read.
+    Raises
+    ------
+    InputError
+        There is no store, or it has another format.
+    StoreError
+        The store cannot be read.
     """
     if not (folder / STORE_FILE).is_file():
         raise InputError("folder", str(folder), "a folder that a sweep was written to")
@@ -245,8 +257,10 @@ def _convert_errors(folder: Path) -> Iterator[None]:
 def _check_format(folder: Path, connection: sqlite3.Connection) -> int:
     """Return the format of a store, 0 if it has no tables yet.
 
-    Raises:
-        InputError: another program wrote the file, or its schema is damaged.
+    Raises
+    ------
+    InputError
+        Another program wrote the file, or its schema is damaged.
     """
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if version not in (0, integrity.STORE_FORMAT):

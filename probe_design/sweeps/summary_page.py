@@ -29,10 +29,14 @@ BOOTSTRAP_SEED = 1  # of the bootstrap for intervals of Sobol indices
 def write_page(folder: Path | str, path: Path) -> Path:
     """Write the summary of the sweep in ``folder``, one HTML file with its pictures in it.
 
-    Raises:
-        MissingLibrary: SALib is not installed, for a Saltelli sample.
-        InputError: the folder holds no sweep.
-        StoreError: it cannot be read.
+    Raises
+    ------
+    MissingLibrary
+        SALib is not installed, for a Saltelli sample.
+    InputError
+        The folder holds no sweep.
+    StoreError
+        It cannot be read.
     """
     request, all_rows = read_request(folder), list(iterate_rows(folder))
     ok_rows = [row for row in all_rows if row["status"] == "ok"]
@@ -94,9 +98,12 @@ def compute_main_effect(values: Sequence[object], y: Floats) -> float | None:
     Means are taken at each value of a grid, and over bins of equally many designs of a sample, which adds noise of about
     bins / designs. None if there are fewer than two designs per bin, where every variable would seem to explain everything.
 
-    Args:
-        values: of the variable, one per design.
-        y: the output, shape (designs,), not constant.
+    Parameters
+    ----------
+    values
+        Of the variable, one per design.
+    y
+        The output, shape (designs,), not constant.
     """
     unique_values, bins = np.unique(np.array(values), return_inverse=True)
     if len(unique_values) > 2 * EFFECT_BINS:
@@ -112,12 +119,17 @@ def compute_main_effect(values: Sequence[object], y: Floats) -> float | None:
 def compute_sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, float]]:
     """Return for each variable its first-order Sobol index and total index, each followed by its 95 % half-width.
 
-    Args:
-        y: the output of all designs of a Saltelli sample, in its order, shape (n (d + 2),).
-        d: number of variables.
+    Parameters
+    ----------
+    y
+        The output of all designs of a Saltelli sample, in its order, shape (n (d + 2),).
+    d
+        Number of variables.
 
-    Raises:
-        MissingLibrary: SALib is not installed.
+    Raises
+    ------
+    MissingLibrary
+        SALib is not installed.
 
     Source: Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, eqs. (b) and (f), as in SALib.
     """

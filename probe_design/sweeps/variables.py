@@ -20,16 +20,25 @@ VARIABLE_KEYS = ("values", "from", "to", "points", "scale")
 def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, units_required: bool, folder: Path) -> Variable:
     """Read and check one variable.
 
-    Args:
-        name: its key.
-        entry: its values, or a table.
-        base: the tables of the scene.
-        kind: of the sample; ranges of a grid need ``points``.
-        units_required: whether a bare number is refused where a unit belongs.
-        folder: to which names of surface files are relative.
+    Parameters
+    ----------
+    name
+        Its key.
+    entry
+        Its values, or a table.
+    base
+        The tables of the scene.
+    kind
+        Of the sample; ranges of a grid need ``points``.
+    units_required
+        Whether a bare number is refused where a unit belongs.
+    folder
+        To which names of surface files are relative.
 
-    Raises:
-        InputError: a key or value is not allowed.
+    Raises
+    ------
+    InputError
+        A key or value is not allowed.
     """
     target = find_key(name, base, Scene)
     if isinstance(entry, list | tuple | np.ndarray):

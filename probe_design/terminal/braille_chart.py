@@ -16,10 +16,14 @@ LABEL_WIDTH = 11  # characters of the labels of the vertical axis
 def draw_chart(curves: Sequence[Floats], width: int = 60, height: int = 8) -> str:
     """Return a chart of curves as ``height`` lines of text; the values of a curve are evenly spaced.
 
-    Args:
-        curves: each of shape (n,), n >= 1; a curve may be longer or shorter than the others.
-        width: characters, axis included.
-        height: lines.
+    Parameters
+    ----------
+    curves
+        Each of shape (n,), n >= 1; a curve may be longer or shorter than the others.
+    width
+        Characters, axis included.
+    height
+        lines.
     """
     columns = max(2 * (width - LABEL_WIDTH - 1), 2)
     low, high = min(float(line.min()) for line in curves), max(float(line.max()) for line in curves)

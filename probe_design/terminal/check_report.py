@@ -22,11 +22,16 @@ from probe_design.terminal.hardware_tables import (
 def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], tell: Callable[[str], None]) -> str:
     """Return the report as HTML.
 
-    Args:
-        check: result of the check.
-        scene: the probe as designed, on the tissue of its scene.
-        json_object: the JSON object of the command, with its provenance.
-        tell: called with a line of text before each long step.
+    Parameters
+    ----------
+    check
+        Result of the check.
+    scene
+        The probe as designed, on the tissue of its scene.
+    json_object
+        The JSON object of the command, with its provenance.
+    tell
+        Called with a line of text before each long step.
     """
     summary = write_sentences(check)
     sections = [

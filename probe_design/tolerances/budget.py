@@ -48,12 +48,18 @@ DERIVATIVE_ERROR_FACTOR = 5.0  # error of derivatives over that of the ratio: th
 class BudgetPart:
     """The effect of one uncertain number on one output.
 
-    Attributes:
-        derivative: dy/dx, per SI unit.
-        contribution: |a_j|, eq. TO.4.
-        share: of the output's variance, to first order.
-        first, total: Sobol indices; None without samples.
-        first_interval, total_interval: 95 % intervals of the indices.
+    Attributes
+    ----------
+    derivative
+        Dy/dx, per SI unit.
+    contribution
+        |a_j|, eq. TO.4.
+    share
+        Of the output's variance, to first order.
+    first, total
+        Sobol indices; None without samples.
+    first_interval, total_interval
+        95 % intervals of the indices.
     """
 
     derivative: float
@@ -69,11 +75,16 @@ class BudgetPart:
 class BudgetLine:
     """One line of the budget: an uncertain number and its effects.
 
-    Attributes:
-        name, kind, value, sd, source: see ``UncertainNumber``.
-        held: eq. TO.5, SI: the standard deviation needed for the requested one of ln ratio; None if it is exact or has no effect.
-        alone: the standard deviation allowed if all other numbers were exact.
-        outputs: by name.
+    Attributes
+    ----------
+    name, kind, value, sd, source
+        See ``UncertainNumber``.
+    held
+        eq. TO.5, SI: the standard deviation needed for the requested one of ln ratio; None if it is exact or has no effect.
+    alone
+        The standard deviation allowed if all other numbers were exact.
+    outputs
+        By name.
     """
 
     name: str
@@ -90,12 +101,17 @@ class BudgetLine:
 class OutputScatter:
     """The scatter of one output between built probes.
 
-    Attributes:
-        sd: to first order.
-        sampled: ``sd`` times q of eq. TO.2, which includes nonlinearity and interactions; None without samples.
-        sampled_error: half-width of its 95 % interval, from the number of samples.
-        error_estimate: bound on the relative error of ``sd``: |q - 1|, the sampling error and that of the derivatives; None
-            without samples, or if the evaluator warns that its log-sensitivity is less accurate.
+    Attributes
+    ----------
+    sd
+        To first order.
+    sampled
+        ``sd`` times q of eq. TO.2, which includes nonlinearity and interactions; None without samples.
+    sampled_error
+        Half-width of its 95 % interval, from the number of samples.
+    error_estimate
+        Bound on the relative error of ``sd``: |q - 1|, the sampling error and that of the derivatives; None without samples, or
+        if the evaluator warns that its log-sensitivity is less accurate.
     """
 
     sd: float
@@ -108,17 +124,25 @@ class OutputScatter:
 class ToleranceBudget(Record):
     """An uncertainty budget, SI units.
 
-    Attributes:
-        evaluator: that computed the derivatives.
-        seconds: wall clock.
-        ratio: standard deviation of ln ratio to which ``held`` and ``alone`` refer.
-        nominal: results of the probe as drawn: ratio, stiffness (N/m), log_sensitivity.
-        outputs: scatter by output: ``ln_ratio`` of stresses on the built areas, as in ``evaluate``;
-            ``ln_ratio_over_drawn_areas``, as measured when the built areas are not known; ``ln_stiffness``, of both films
-            together; ``log_sensitivity``, absolute.
-        lines: the budget, the largest share of ln_ratio first.
-        samples: number of designs evaluated with the closed form.
-        warnings: one line each.
+    Attributes
+    ----------
+    evaluator
+        That computed the derivatives.
+    seconds
+        Wall clock.
+    ratio
+        Standard deviation of ln ratio to which ``held`` and ``alone`` refer.
+    nominal
+        Results of the probe as drawn: ratio, stiffness (N/m), log_sensitivity.
+    outputs
+        Scatter by output: ``ln_ratio`` of stresses on the built areas, as in ``evaluate``; ``ln_ratio_over_drawn_areas``, as
+        measured when the built areas are not known; ``ln_stiffness``, of both films together; ``log_sensitivity``, absolute.
+    lines
+        The budget, the largest share of ln_ratio first.
+    samples
+        Number of designs evaluated with the closed form.
+    warnings
+        One line each.
     """
 
     evaluator: str
@@ -139,18 +163,29 @@ def tolerances(
 
     Linear elasticity is assumed; a load beyond its range gives a warning, as in ``evaluate``.
 
-    Args:
-        scene: one that ``axisymmetric`` or ``equivalent-inclusion`` can evaluate.
-        ratio: allowed standard deviation of ln ratio, 0.01 for 1 %.
-        bench: see ``probe_design.tolerances.uncertain_numbers.list_uncertain_numbers``.
-        materials: names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
-        given: standard deviations by name, see ``list_uncertain_numbers``.
-        samples: a power of 2 from 64 to 65536; see ``sample_probes``.
-        seed: of the samples.
+    Parameters
+    ----------
+    scene
+        One that ``axisymmetric`` or ``equivalent-inclusion`` can evaluate.
+    ratio
+        Allowed standard deviation of ln ratio, 0.01 for 1 %.
+    bench
+        See ``probe_design.tolerances.uncertain_numbers.list_uncertain_numbers``.
+    materials
+        Names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
+    given
+        Standard deviations by name, see ``list_uncertain_numbers``.
+    samples
+        A power of 2 from 64 to 65536; see ``sample_probes``.
+    seed
+        Of the samples.
 
-    Raises:
-        InputError: a number is out of range, or see ``list_uncertain_numbers``.
-        Refusal: no such evaluator takes the scene, or a film is not under pressure.
+    Raises
+    ------
+    InputError
+        A number is out of range, or see ``list_uncertain_numbers``.
+    Refusal
+        No such evaluator takes the scene, or a film is not under pressure.
     """
     start = perf_counter()
     _check_request(ratio, samples)

@@ -33,8 +33,10 @@ from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solv
 def choose_evaluator(scene: Scene) -> str:
     """Return the name of the evaluator that computes the derivatives.
 
-    Raises:
-        Refusal: neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene.
+    Raises
+    ------
+    Refusal
+        Neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene.
     """
     if Axisymmetric().refusal(scene) is None:
         return "axisymmetric"
@@ -49,8 +51,10 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
     blocks are neglected: the derivatives of the log-sensitivity then have errors of some 10 % where the overburden is half a
     diameter.
 
-    Raises:
-        Refusal: see ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
+    Raises
+    ------
+    Refusal
+        See ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
     """
     names = tuple(dict.fromkeys([*(variable.name for variable in variables if variable.kind != "gain"), GAP_KEY]))
     scene_gradients = _compute_gradients(scene, names, accuracy)

@@ -15,9 +15,12 @@ from probe_design.tolerances.budget import ToleranceBudget
 def plot_budget(budget: ToleranceBudget, path: Path) -> Path:
     """Draw a budget to a file. Returns ``path``.
 
-    Raises:
-        InputError: see ``check_format``.
-        OSError: the file cannot be written.
+    Raises
+    ------
+    InputError
+        See ``check_format``.
+    OSError
+        The file cannot be written.
     """
     check_format(path)
 

@@ -40,13 +40,19 @@ COMPLEX_STEP = 1e-30  # complex: exact to rounding
 class SampleStatistics:
     """Statistics of the four ``OUTPUT_NAMES`` over samples of built probes; v variables.
 
-    Attributes:
-        derivatives: dy/d eta of the closed form, shape (4, v).
-        sd: standard deviations of the outputs, shape (4,).
-        sd_error: half-widths of their 95 % intervals, shape (4,).
-        indices: Sobol indices, ``first`` and ``total``, shape (4, v); their 95 % bootstrap intervals, ``first_interval`` and
-            ``total_interval``, shape (4, v, 2).
-        designs: number of designs evaluated.
+    Attributes
+    ----------
+    derivatives
+        Dy/d eta of the closed form, shape (4, v).
+    sd
+        Standard deviations of the outputs, shape (4,).
+    sd_error
+        Half-widths of their 95 % intervals, shape (4,).
+    indices
+        Sobol indices, ``first`` and ``total``, shape (4, v); their 95 % bootstrap intervals, ``first_interval`` and
+        ``total_interval``, shape (4, v, 2).
+    designs
+        Number of designs evaluated.
     """
 
     derivatives: Floats
@@ -65,11 +71,16 @@ class SampleStatistics:
 def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: int, seed: int) -> SampleStatistics | None:
     """Sample built probes with the closed form; return None if it has no finite result for some of them.
 
-    Args:
-        scene: given by its outer radius; one that ``closed-form`` can evaluate.
-        variables: the v uncertain numbers.
-        samples: n, a power of 2. Indices use n (v + 2) designs, standard deviations max(n, 1024).
-        seed: of the scrambled Sobol sequences.
+    Parameters
+    ----------
+    scene
+        Given by its outer radius; one that ``closed-form`` can evaluate.
+    variables
+        The v uncertain numbers.
+    samples
+        n, a power of 2. Indices use n (v + 2) designs, standard deviations max(n, 1024).
+    seed
+        Of the scrambled Sobol sequences.
     """
     compute_outputs, d = _build_output_function(scene, variables), len(variables)
     derivatives = compute_outputs(1j * COMPLEX_STEP * np.eye(d)).imag / COMPLEX_STEP

@@ -43,12 +43,18 @@ ALLOWED_POISSON_SD = "a standard deviation from 0 to 0.1, such as 0.003"
 class UncertainNumber:
     """A number of the probe that varies between built probes.
 
-    Attributes:
-        name: its key in the scene file; for the gain of a film one of ``GAIN_NAMES``.
-        kind: length, modulus, Poisson's ratio or gain.
-        value: as drawn, SI; 1 for a gain.
-        sd: standard deviation of the built value, SI; for a modulus E that of ln E, times E.
-        source: where the standard deviation comes from.
+    Attributes
+    ----------
+    name
+        Its key in the scene file; for the gain of a film one of ``GAIN_NAMES``.
+    kind
+        Length, modulus, Poisson's ratio or gain.
+    value
+        As drawn, SI; 1 for a gain.
+    sd
+        Standard deviation of the built value, SI; for a modulus E that of ln E, times E.
+    source
+        Where the standard deviation comes from.
     """
 
     name: str
@@ -75,15 +81,22 @@ def list_uncertain_numbers(
     Lengths vary by the tolerance of the process of their block (``geometry.workshop.processes``), the gap by that of the hole's
     radius. A modulus from the catalogue varies as the catalogue states, any other as a measured one.
 
-    Args:
-        scene: see ``probe_design.built_probe.block_predictions.express_by_outer_radius``.
-        bench: its ``[channels]`` give the gains, its ``[workshop]`` lengths and measured numbers; by default as above.
-        materials: names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
-        given: standard deviations by name, which replace the above: text with a unit, "5 %", or SI numbers; relative for
-            moduli and gains.
+    Parameters
+    ----------
+    scene
+        See ``probe_design.built_probe.block_predictions.express_by_outer_radius``.
+    bench
+        Its ``[channels]`` give the gains, its ``[workshop]`` lengths and measured numbers; by default as above.
+    materials
+        Names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
+    given
+        Standard deviations by name, which replace the above: text with a unit, "5 %", or SI numbers; relative for moduli and
+        gains.
 
-    Raises:
-        InputError: there is no such block, material or name, or a given value is no standard deviation.
+    Raises
+    ------
+    InputError
+        There is no such block, material or name, or a given value is no standard deviation.
     """
     workshop, channels = (Workshop(), Channels()) if bench is None else (bench.workshop, bench.channels)
     origin = "built-in bench" if bench is None else "bench"

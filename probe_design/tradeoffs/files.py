@@ -30,8 +30,10 @@ FILE_NAMES = ("tradeoff.png", "tradeoff.md", "tradeoff.json", "report.html")
 def write_all(study: Tradeoff, folder: Path) -> list[Path]:
     """Write all files into ``folder``, all or none; return their paths.
 
-    Raises:
-        OSError: the folder cannot be written.
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
     """
     files = [folder / name for name in FILE_NAMES]
     summary = study.as_dict() | {"files": [str(file) for file in files], "provenance": build_provenance()}

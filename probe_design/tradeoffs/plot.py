@@ -31,8 +31,10 @@ MAX_PANELS = 30  # scenes drawn; the title says if there are more
 def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
     """Draw a panel for each of the first 30 scenes to a .png file; returns ``path``.
 
-    Raises:
-        OSError: the file cannot be written.
+    Raises
+    ------
+    OSError
+        The file cannot be written.
     """
     names = list(study.scenes)[:MAX_PANELS]
     column_count = min(3, len(names))

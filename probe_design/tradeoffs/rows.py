@@ -17,8 +17,10 @@ MIN_LOG_SENSITIVITY = 1e-5  # smaller values are compared with this: no evaluato
 class Setting:
     """An evaluator and its requested accuracy.
 
-    Attributes:
-        accuracy: relative; None for an evaluator that ignores it.
+    Attributes
+    ----------
+    accuracy
+        Relative; None for an evaluator that ignores it.
     """
 
     evaluator: str
@@ -29,23 +31,38 @@ class Setting:
 class Row:
     """Result, time and errors of one setting on one scene; None where there is no result, see ``reason``.
 
-    Attributes:
-        scene: its name.
-        evaluator, accuracy: see ``Setting``.
-        ratio, log_sensitivity: see ``solver.Result``.
-        stated_error: relative error of the ratio, as stated by the result.
-        error_kind: see ``solver.Result``; a row of ``closed-form``, whose error is no bound, is not chosen for its stated error.
-        seconds_first: wall clock of the first evaluation of the scene; includes what a process computes only once.
-        seconds_probe: median for a new probe and mesh, with nothing cached; that of the first evaluation if there is no other.
-        seconds_tumour: median for another tumour under the same probe; None without a tumour.
-        reason: why there is no result.
-        reference: whether this is the result with which the others of the scene are compared.
-        same_level: whether the reference is of the same evaluator: the comparison then shows its convergence, but no error that
-            all its settings share.
-        true_error: relative difference of the ratio from the reference's.
-        true_error_least, true_error_most: limits of the true error, as the reference has a stated error itself.
-        log_sensitivity_error: difference of the log-sensitivity from the reference's, relative to it or, where it is smaller, to
-            1e-5. The error of the reference's log-sensitivity is not stated, and so not counted.
+    Attributes
+    ----------
+    scene
+        Its name.
+    evaluator, accuracy
+        See ``Setting``.
+    ratio, log_sensitivity
+        See ``solver.Result``.
+    stated_error
+        Relative error of the ratio, as stated by the result.
+    error_kind
+        See ``solver.Result``; a row of ``closed-form``, whose error is no bound, is not chosen for its stated error.
+    seconds_first
+        Wall clock of the first evaluation of the scene; includes what a process computes only once.
+    seconds_probe
+        Median for a new probe and mesh, with nothing cached; that of the first evaluation if there is no other.
+    seconds_tumour
+        Median for another tumour under the same probe; None without a tumour.
+    reason
+        Why there is no result.
+    reference
+        Whether this is the result with which the others of the scene are compared.
+    same_level
+        Whether the reference is of the same evaluator: the comparison then shows its convergence, but no error that all its
+        settings share.
+    true_error
+        Relative difference of the ratio from the reference's.
+    true_error_least, true_error_most
+        Limits of the true error, as the reference has a stated error itself.
+    log_sensitivity_error
+        Difference of the log-sensitivity from the reference's, relative to it or, where it is smaller, to 1e-5. The error of the
+        reference's log-sensitivity is not stated, and so not counted.
     """
 
     scene: str

@@ -50,11 +50,16 @@ Progress = Callable[[str, int, int], None]
 class Tradeoff:
     """Speed against accuracy of all evaluators on some scenes.
 
-    Attributes:
-        scenes: by name.
-        rows: one for each scene and setting, in that order.
-        skipped: evaluators that were not used for every scene, with the reason.
-        warnings: of loads for which linear elasticity, to which all errors refer, is not accurate.
+    Attributes
+    ----------
+    scenes
+        By name.
+    rows
+        One for each scene and setting, in that order.
+    skipped
+        Evaluators that were not used for every scene, with the reason.
+    warnings
+        Of loads for which linear elasticity, to which all errors refer, is not accurate.
     """
 
     scenes: Mapping[str, Scene]
@@ -128,18 +133,28 @@ def measure_tradeoff(
 ) -> Tradeoff:
     """Evaluate scenes with every evaluator and setting, time them, and compare the results with the finest one.
 
-    Args:
-        scenes: by name.
-        solid: whether to use the three-dimensional evaluator too, which takes minutes per scene. It is used anyway where no
-            other converging evaluator takes the scene.
-        progress: called with a scene's name, the number of finished settings and the total.
-        settings: the timed settings.
-        finest: settings tried in turn until one states an error of at most 1e-5, for the reference; timed once.
-        linear: whether to accept loads for which linear elasticity, to which all errors refer, is less accurate than 1 %.
+    Parameters
+    ----------
+    scenes
+        By name.
+    solid
+        Whether to use the three-dimensional evaluator too, which takes minutes per scene. It is used anyway where no other
+        converging evaluator takes the scene.
+    progress
+        Called with a scene's name, the number of finished settings and the total.
+    settings
+        The timed settings.
+    finest
+        Settings tried in turn until one states an error of at most 1e-5, for the reference; timed once.
+    linear
+        Whether to accept loads for which linear elasticity, to which all errors refer, is less accurate than 1 %.
 
-    Raises:
-        InputError: there is no scene.
-        Refusal: no evaluator takes any of the scenes, or a load is beyond the limit of linear elasticity.
+    Raises
+    ------
+    InputError
+        There is no scene.
+    Refusal
+        No evaluator takes any of the scenes, or a load is beyond the limit of linear elasticity.
     """
     if not scenes:
         raise InputError("SCENE", Words("none"), "one scene or more")

@@ -33,11 +33,16 @@ Tell = Callable[[str], None]
 class ExportSummary:
     """The exported files, with notes for the user.
 
-    Attributes:
-        scene: the given scene, or the rounded one.
-        files: their paths, the STEP files of the parts first.
-        rounding: the rounded sizes and their effect; None without ``step``.
-        remarks: for the user, one line each.
+    Attributes
+    ----------
+    scene
+        The given scene, or the rounded one.
+    files
+        Their paths, the STEP files of the parts first.
+    rounding
+        The rounded sizes and their effect; None without ``step``.
+    remarks
+        For the user, one line each.
     """
 
     scene: Scene
@@ -67,21 +72,35 @@ def export(
 
     All files are written or none; see ``geometry.cad.export.export_parts`` and ``geometry.workshop.package.build_writers``.
 
-    Args:
-        scene: of the probe.
-        folder: for the files, created if needed.
-        step: m, sizes are rounded to its multiples; None: not rounded. See ``probe_design.workshop.rounding.round_sizes``.
-        force: whether to replace parts of another design in the folder.
-        tolerance: standard deviation of ln ratio that the tolerances may cause: 0.01 for 1 %.
-        casting: how the blocks are cast.
-        extra_writers: returns further files to write, for the scene as built.
-        tell: called with a line before each long step.
+    Parameters
+    ----------
+    scene
+        Of the probe.
+    folder
+        For the files, created if needed.
+    step
+        m, sizes are rounded to its multiples; None: not rounded. See ``probe_design.workshop.rounding.round_sizes``.
+    force
+        Whether to replace parts of another design in the folder.
+    tolerance
+        Standard deviation of ln ratio that the tolerances may cause: 0.01 for 1 %.
+    casting
+        How the blocks are cast.
+    extra_writers
+        Returns further files to write, for the scene as built.
+    tell
+        Called with a line before each long step.
 
-    Raises:
-        ExportError: a written file does not agree with the scene.
-        InputError: the folder contains another design, or the scene, step or casting is not valid.
-        MissingLibrary: CAD cannot be loaded.
-        OSError: the folder cannot be written.
+    Raises
+    ------
+    ExportError
+        A written file does not agree with the scene.
+    InputError
+        The folder contains another design, or the scene, step or casting is not valid.
+    MissingLibrary
+        CAD cannot be loaded.
+    OSError
+        The folder cannot be written.
     """
     check_writable(folder)  # fail before the work, not after it
     check_tolerance(tolerance)

@@ -30,15 +30,22 @@ DRAWING_DIMENSIONS = {
 def compute_ratio_budget(scene: Scene, tolerance: float) -> Budget:
     """Compute the deviations of a probe's dimensions that a standard deviation of the ratio allows.
 
-    Args:
-        scene: of the probe.
-        tolerance: allowed standard deviation of ln ratio from dimensions, moduli and gains together: 0.01 for 1 %.
+    Parameters
+    ----------
+    scene
+        Of the probe.
+    tolerance
+        Allowed standard deviation of ln ratio from dimensions, moduli and gains together: 0.01 for 1 %.
 
-    Returns:
+    Returns
+    -------
+    Budget
         The budget; without numbers, but with a remark, if no evaluator has derivatives for the scene.
 
-    Raises:
-        InputError: the tolerance is not above 0 and below 1.
+    Raises
+    ------
+    InputError
+        The tolerance is not above 0 and below 1.
     """
     check_tolerance(tolerance)
     edge = scene.contact.edge_radius

@@ -44,12 +44,18 @@ class RoundingCost:
 class Rounding(Record):
     """A rounded scene.
 
-    Attributes:
-        step: sizes are multiples of it, m.
-        scene: the rounded one.
-        changes: rounded sizes in the order of the scene file, without those that were multiples of the step already.
-        before, after: results before and after rounding; None if no evaluator takes the scenes.
-        remark: why there are no results.
+    Attributes
+    ----------
+    step
+        Sizes are multiples of it, m.
+    scene
+        The rounded one.
+    changes
+        Rounded sizes in the order of the scene file, without those that were multiples of the step already.
+    before, after
+        Results before and after rounding; None if no evaluator takes the scenes.
+    remark
+        Why there are no results.
     """
 
     INTERNAL = ("scene",)
@@ -67,8 +73,10 @@ def round_sizes(scene: Scene, step: float) -> Rounding:
     The outer radius replaces ``area_ratio``. The wall keeps its limit, see ``MIN_WALL_M``; the groove stays inside its block. The
     thickness of the film is given by its maker and the round edges by the tool: they are not rounded.
 
-    Raises:
-        InputError: a size is below half the step, or the rounded scene is not valid.
+    Raises
+    ------
+    InputError
+        A size is below half the step, or the rounded scene is not valid.
     """
     step = LENGTH_QUANTITY.read("step", step, units_required=False)
     sizes = _list_sizes(scene.probe)

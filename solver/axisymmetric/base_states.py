@@ -50,14 +50,22 @@ _mesh = keep_result(build_topology)
 class MeridianModel:
     """A section with its materials on one mesh: element matrices and the factorised system.
 
-    Attributes:
-        section, materials, interface: what is modelled.
-        mesh: the elements.
-        shapes: their functions.
-        geometry: their geometry.
-        law: of each element, shape (n,).
-        condensed: the elements' matrices without their insides.
-        system: of the unknowns on corners and edges.
+    Attributes
+    ----------
+    section, materials, interface
+        What is modelled.
+    mesh
+        The elements.
+    shapes
+        Their functions.
+    geometry
+        Their geometry.
+    law
+        Of each element, shape (n,).
+    condensed
+        The elements' matrices without their insides.
+    system
+        Of the unknowns on corners and edges.
     """
 
     section: Section
@@ -98,14 +106,22 @@ class MeridianModel:
 class BaseStates:
     """Film forces per unit displacement of the blocks.
 
-    Attributes:
-        model: what was solved.
-        v: the unknowns of both states, shape (unknowns, 2).
-        edge: the elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
-        shift: these shifts along z, shape (n, 2).
-        forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
-        rounding: bound on the rounding error of ``forces``, shape (2, 2).
-        residual: the larger of both solutions, relative to |K| |u|.
+    Attributes
+    ----------
+    model
+        What was solved.
+    v
+        The unknowns of both states, shape (unknowns, 2).
+    edge
+        The elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
+    shift
+        These shifts along z, shape (n, 2).
+    forces
+        F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
+    rounding
+        Bound on the rounding error of ``forces``, shape (2, 2).
+    residual
+        The larger of both solutions, relative to |K| |u|.
     """
 
     model: MeridianModel
@@ -133,9 +149,12 @@ def build_model(
 ) -> MeridianModel:
     """Build the model of a section on one mesh: integrate, condense and factorise the stiffness.
 
-    Raises:
-        SolveError: the mesh has a cell without area.
-        LimitReached: the mesh has too many cells for the limit of memory, or the time limit is exceeded.
+    Raises
+    ------
+    SolveError
+        The mesh has a cell without area.
+    LimitReached
+        The mesh has too many cells for the limit of memory, or the time limit is exceeded.
     """
     mesh = _mesh(kind or kind_of(section, fineness.lean), fineness)
     functions = build_shapes(fineness.order)
@@ -178,8 +197,10 @@ def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, la
 def solve_base_states(model: MeridianModel) -> BaseStates:
     """Solve both base states.
 
-    Raises:
-        SolveError: the residual of the solution is too large to be trusted.
+    Raises
+    ------
+    SolveError
+        The residual of the solution is too large to be trusted.
     """
     system = model.system
     for passes, largest in ((1, np.inf), (2, LARGEST_RESIDUAL)):
@@ -215,12 +236,17 @@ def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, sti
 
     Returns the elements' values, shape (n, 8 p, 2 + m) or, with ``stiffest`` above 1, (n, 8 p, 2 + m + 2).
 
-    Args:
-        states: on the whole space; their projections come first.
-        vectors: elements' values without a lift, shape (n, 8 p, m).
-        degree: at least 1.
-        stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved there, too, and
-            their differences from the first come last: they describe the strain of a nearly rigid inclusion.
+    Parameters
+    ----------
+    states
+        On the whole space; their projections come first.
+    vectors
+        Elements' values without a lift, shape (n, 8 p, m).
+    degree
+        At least 1.
+    stiffest
+        A modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved there, too, and their
+        differences from the first come last: they describe the strain of a nearly rigid inclusion.
     """
     system, lift = states.model.system, states.model.system.numbering.lift
     space = select_subspace(system.numbering, degree)

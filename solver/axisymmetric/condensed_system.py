@@ -23,11 +23,16 @@ class System:
     A rigid shift causes no strain, but a stiff element computes large forces from its rounding errors.
     So each element's displacements are taken relative to those of its first corner.
 
-    Attributes:
-        numbering: of the unknowns.
-        stiffness: of the elements, shape (n, 8 p, 8 p).
-        matrix: the assembled stiffness, shape (unknowns, unknowns).
-        factor: of the matrix.
+    Attributes
+    ----------
+    numbering
+        Of the unknowns.
+    stiffness
+        Of the elements, shape (n, 8 p, 8 p).
+    matrix
+        The assembled stiffness, shape (unknowns, unknowns).
+    factor
+        Of the matrix.
     """
 
     numbering: Numbering
@@ -68,8 +73,10 @@ class System:
     def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1, largest: float = LARGEST_RESIDUAL) -> Solution:
         """Solve K (v + lift) = forces, with iterative refinement in ``passes`` - 1 further steps.
 
-        Raises:
-            SolveError: the relative residual is above ``largest``, so that the solution cannot be trusted.
+        Raises
+        ------
+        SolveError
+            The relative residual is above ``largest``, so that the solution cannot be trusted.
         """
         v = np.zeros_like(forces)
         unbalanced = forces - self.compute_lift_forces(lift) if isinstance(lift, np.ndarray) else forces
@@ -91,10 +98,14 @@ class System:
     def _compute_relative_residual(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
         """Return the largest relative residual of k solutions.
 
-        Args:
-            unbalanced: residual forces, shape (unknowns, k).
-            magnitude: of the elements' forces, shape (n, 8 p, k); assembled, and with ``forces`` added, it is the reference.
-            forces: on the unknowns, shape (unknowns, k).
+        Parameters
+        ----------
+        unbalanced
+            Residual forces, shape (unknowns, k).
+        magnitude
+            Of the elements' forces, shape (n, 8 p, k); assembled, and with ``forces`` added, it is the reference.
+        forces
+            On the unknowns, shape (unknowns, k).
         """
         scale = np.linalg.norm(self.numbering.unsigned_scatter @ magnitude.reshape(-1, forces.shape[-1]) + np.abs(forces), axis=0)
         return float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
@@ -104,14 +115,21 @@ class System:
 class Solution:
     """Displacements under k sets of forces.
 
-    Attributes:
-        v: the unknowns, shape (unknowns, k).
-        values: the elements' values, without rigid shifts, shape (n, 8 p, k).
-        shift: these shifts along z, shape (n, k).
-        loads: the elements' forces, shape (n, 8 p, k).
-        unbalanced: residual forces, shape (unknowns, k).
-        residual: the largest relative to |K| |u|, to which rounding errors are proportional; where it is small, relative to the
-            diagonal's part of |K| |u|, which gives a somewhat larger number.
+    Attributes
+    ----------
+    v
+        The unknowns, shape (unknowns, k).
+    values
+        The elements' values, without rigid shifts, shape (n, 8 p, k).
+    shift
+        These shifts along z, shape (n, k).
+    loads
+        The elements' forces, shape (n, 8 p, k).
+    unbalanced
+        Residual forces, shape (unknowns, k).
+    residual
+        The largest relative to |K| |u|, to which rounding errors are proportional; where it is small, relative to the diagonal's
+        part of |K| |u|, which gives a somewhat larger number.
     """
 
     v: Floats

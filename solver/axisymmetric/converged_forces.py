@@ -28,12 +28,18 @@ UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: corners of fi
 class Converged:
     """Film forces at each modulus, with their errors.
 
-    Attributes:
-        films: with their errors.
-        sample: where they come from; its states are those of one of the moduli, or of one between them.
-        plan: features that are modelled or left out, beyond blocks and tissue.
-        notes: warnings that explain what limits the accuracy, one line each.
-        stopped: the reason why no finer mesh was used where one was needed; None where none was needed.
+    Attributes
+    ----------
+    films
+        With their errors.
+    sample
+        Where they come from; its states are those of one of the moduli, or of one between them.
+    plan
+        Features that are modelled or left out, beyond blocks and tissue.
+    notes
+        Warnings that explain what limits the accuracy, one line each.
+    stopped
+        The reason why no finer mesh was used where one was needed; None where none was needed.
     """
 
     films: tuple[FilmForces, ...]
@@ -46,9 +52,12 @@ class Converged:
 def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
     """Return film forces on the first mesh that meets ``accuracy``, or on the finest.
 
-    Raises:
-        SolveError: the scene's equations cannot be solved in double precision.
-        LimitReached: not even the meshes that an error bound needs are within the limits of memory and time.
+    Raises
+    ------
+    SolveError
+        The scene's equations cannot be solved in double precision.
+    LimitReached
+        Not even the meshes that an error bound needs are within the limits of memory and time.
     """
     get_workspace().begin()
     plain = build_sections(scene)

@@ -28,17 +28,26 @@ class Numbering:
     For fields of azimuthal order m > 0 (``solver/multiple_scattering/azimuthal_systems.py``) there are three components and 12 p
     values for each element.
 
-    Attributes:
-        gather: from unknowns to the elements' own values, shape (8 p n, unknowns). Odd functions of an edge change their sign in
-            elements that run along the edge in the opposite direction. The transpose sums elements' forces.
-        lift: the elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape
-            (n, 8 p, 2); for blocks it is zero, as their shift causes no strain.
-        rows, starts: of the system's matrix in compressed columns.
-        sums: of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
-        signs: of the elements' own values, shape (n, 8 p).
-        degrees: of the unknowns' functions, 1 at corners, shape (unknowns,).
-        vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
-        pattern: shared by the matrices of systems that are used one after the other.
+    Attributes
+    ----------
+    gather
+        From unknowns to the elements' own values, shape (8 p n, unknowns). Odd functions of an edge change their sign in elements
+        that run along the edge in the opposite direction. The transpose sums elements' forces.
+    lift
+        The elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape (n, 8 p, 2); for
+        blocks it is zero, as their shift causes no strain.
+    rows, starts
+        Of the system's matrix in compressed columns.
+    sums
+        Of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
+    signs
+        Of the elements' own values, shape (n, 8 p).
+    degrees
+        Of the unknowns' functions, 1 at corners, shape (unknowns,).
+    vertical
+        The elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
+    pattern
+        Shared by the matrices of systems that are used one after the other.
     """
 
     gather: sp.csr_array
@@ -110,11 +119,16 @@ def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0
 class Subspace:
     """The unknowns of functions up to a degree.
 
-    Attributes:
-        unknowns: their numbers.
-        entries: of the matrix's data, those between them.
-        rows, starts: of their matrix in compressed columns.
-        pattern: of their matrices.
+    Attributes
+    ----------
+    unknowns
+        Their numbers.
+    entries
+        Of the matrix's data, those between them.
+    rows, starts
+        Of their matrix in compressed columns.
+    pattern
+        Of their matrices.
     """
 
     unknowns: Ints

@@ -25,13 +25,20 @@ from solver.elements.shape_functions import Shapes
 class EnergyPoints:
     """The q Gauss points of n elements, whose arrays have the shape (n, q).
 
-    Attributes:
-        shapes: the elements' functions.
-        slopes: d(x, y) / d(r, z) in the order x by r, x by z, y by r, y by z; x and y are the unit square's.
-        curvature: 1 / r.
-        weight: w.
-        two_mu, lam: times w.
-        inverse_mass: of the pressures, shape (n, pressures, pressures).
+    Attributes
+    ----------
+    shapes
+        The elements' functions.
+    slopes
+        d(x, y) / d(r, z) in the order x by r, x by z, y by r, y by z; x and y are the unit square's.
+    curvature
+        1 / r.
+    weight
+        w.
+    two_mu, lam
+        Times w.
+    inverse_mass
+        Of the pressures, shape (n, pressures, pressures).
     """
 
     shapes: Shapes

@@ -47,8 +47,10 @@ class Axisymmetric(FilmEvaluator):
 
         A curve of moduli needs one factorisation per mesh.
 
-        Raises:
-            Refusal: the scene is not rotationally symmetric, or its equations cannot be solved in double precision.
+        Raises
+        ------
+        Refusal
+            The scene is not rotationally symmetric, or its equations cannot be solved in double precision.
         """
         converged = self.compute_converged(scene, accuracy, moduli)
         return FilmSolution(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
@@ -62,8 +64,10 @@ class Axisymmetric(FilmEvaluator):
     def compute_converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
         """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``.
 
-        Raises:
-            Refusal: see ``solve``.
+        Raises
+        ------
+        Refusal
+            See ``solve``.
         """
         reason = self.refusal(scene)
         if reason is not None:

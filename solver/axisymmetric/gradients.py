@@ -28,10 +28,14 @@ BODY_OF_MATERIAL = {
 class Gradients:
     """Outputs at the scene's load, for k Young's moduli of the inclusion, and their derivatives.
 
-    Attributes:
-        variables: keys of ``geometry.scenes.variables.list_values``, v of them.
-        values: by name of ``OUTPUT_NAMES``, SI, shape (k,).
-        derivatives: by output, in SI units per SI unit of each variable, shape (k, v).
+    Attributes
+    ----------
+    variables
+        Keys of ``geometry.scenes.variables.list_values``, v of them.
+    values
+        By name of ``OUTPUT_NAMES``, SI, shape (k,).
+    derivatives
+        By output, in SI units per SI unit of each variable, shape (k, v).
     """
 
     variables: tuple[str, ...]
@@ -45,8 +49,10 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     Derivatives of log_sensitivity take one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
     base or a film stay constant.
 
-    Raises:
-        InputError: a name is not one of the scene's variables.
+    Raises
+    ------
+    InputError
+        A name is not one of the scene's variables.
     """
     allowed = _list_differentiable(scene, sample)
     chosen = allowed if names is None else names

@@ -75,9 +75,12 @@ def is_graded_everywhere(section: Section) -> bool:
 class _Curve:
     """Both base states as functions of the inclusion's modulus.
 
-    Attributes:
-        values: the elements', of both at the modulus that was solved for and of the vectors of eq. AX.9, shape (n, 8 p, 2 + m).
-        rational: coefficients of the states on these vectors; None where there is one modulus, and so no vectors.
+    Attributes
+    ----------
+    values
+        The elements', of both at the modulus that was solved for and of the vectors of eq. AX.9, shape (n, 8 p, 2 + m).
+    rational
+        Coefficients of the states on these vectors; None where there is one modulus, and so no vectors.
     """
 
     values: Floats
@@ -96,10 +99,14 @@ class _Curve:
 class _Change:
     """The difference between the states of a smaller space and those of the whole, at every modulus.
 
-    Attributes:
-        values: vectors that span the difference, elements' values, shape (n, 8 p, m).
-        loads: their forces, shape (n, 8 p, m).
-        low, whole: the states of the smaller and the whole space; for a curve ``values`` holds the vectors of both.
+    Attributes
+    ----------
+    values
+        Vectors that span the difference, elements' values, shape (n, 8 p, m).
+    loads
+        Their forces, shape (n, 8 p, m).
+    low, whole
+        The states of the smaller and the whole space; for a curve ``values`` holds the vectors of both.
     """
 
     values: Floats

@@ -31,11 +31,16 @@ class ModulusResponse:
 
         F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)        (AX.8)
 
-    Attributes:
-        body: the body whose modulus varies.
-        states: both base states u_1, u_2 at t = 1.
-        edge: the elements' values of the basis v_k on corners and edges, without rigid shifts, shape (n, 8 p, m).
-        rational: eq. AX.8, l_k, G and c.
+    Attributes
+    ----------
+    body
+        The body whose modulus varies.
+    states
+        Both base states u_1, u_2 at t = 1.
+    edge
+        The elements' values of the basis v_k on corners and edges, without rigid shifts, shape (n, 8 p, m).
+    rational
+        eq. AX.8, l_k, G and c.
     """
 
     body: Body
@@ -71,8 +76,10 @@ class ModulusResponse:
 def compute_response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
     """Return film forces for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
 
-    Raises:
-        SolveError: the body has no elements, or the range is too wide for the tolerance.
+    Raises
+    ------
+    SolveError
+        The body has no elements, or the range is too wide for the tolerance.
     """
     inside = np.flatnonzero(states.model.mesh.body == body)
     if not inside.size:
@@ -112,7 +119,9 @@ class _BodyEnergy:
     def grow(self) -> bool:
         """Extend the basis by one block Krylov step, K^-1 K_b times its newest vectors, and the energies with it.
 
-        Returns:
+        Returns
+        -------
+        bool
             Whether any of the new vectors was independent of the basis; otherwise nothing changes.
         """
         new = self.basis.grow(np.asarray(self.gather.T @ self.newest_loads.reshape(-1, self.newest_loads.shape[2])))

@@ -28,10 +28,14 @@ BRACKET_MARGIN_FACTOR = 1.2  # on the bracket of sides that are not round: the r
 class Change:
     """A feature and a bound on the change of the film forces by its omission, at each of k moduli.
 
-    Attributes:
-        sensitivity: estimate of the change of the log-sensitivities, shape (k,).
-        totals: forces on each film to which the bounds are relative, N/m, shape (k, 2).
-        shift: known part of the change, which is added to the forces, N/m, shape (k, 2, 2); 0 where none is known.
+    Attributes
+    ----------
+    sensitivity
+        Estimate of the change of the log-sensitivities, shape (k,).
+    totals
+        Forces on each film to which the bounds are relative, N/m, shape (k, 2).
+    shift
+        Known part of the change, which is added to the forces, N/m, shape (k, 2, 2); 0 where none is known.
     """
 
     feature: str
@@ -63,14 +67,21 @@ def bound_omitted_changes(
 ) -> Iterable[Change]:
     """Yield bounds on the effects that round blocks on a rigid base and round tissue leave out.
 
-    Args:
-        scene: whose details are left out.
-        plain: its sections without them.
-        rough: solves the section on the coarsest mesh.
-        moduli: of the inclusion, Pa, shape (k,), or None for its own.
+    Parameters
+    ----------
+    scene
+        Whose details are left out.
+    plain
+        Its sections without them.
+    rough
+        Solves the section on the coarsest mesh.
+    moduli
+        Of the inclusion, Pa, shape (k,), or None for its own.
 
-    Raises:
-        SolveError: the coarsest mesh cannot be solved.
+    Raises
+    ------
+    SolveError
+        The coarsest mesh cannot be solved.
     """
     zeros = np.zeros(1 if moduli is None else len(moduli))
     for detail in iterate_details(scene.probe):

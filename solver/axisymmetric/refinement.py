@@ -58,17 +58,27 @@ def refine(
 
     The last of the three results explains why no finer mesh was used, if one was needed: a ``Note`` where a limit prevented it.
 
-    Args:
-        solve: solves on a mesh.
-        accuracy: relative.
-        is_good: returns whether a sample with its errors is accurate enough.
-        one_mesh_bounds: functions that bound the errors of a sample from its own mesh or return None, the cheapest first.
-        margin: factor of error bounds from several meshes; above 1 they are used only where no mesh bounds its own errors.
-        one_mesh_orders: orders of the meshes that can bound their own errors.
+    Parameters
+    ----------
+    solve
+        Solves on a mesh.
+    accuracy
+        relative.
+    is_good
+        Returns whether a sample with its errors is accurate enough.
+    one_mesh_bounds
+        Functions that bound the errors of a sample from its own mesh or return None, the cheapest first.
+    margin
+        Factor of error bounds from several meshes; above 1 they are used only where no mesh bounds its own errors.
+    one_mesh_orders
+        Orders of the meshes that can bound their own errors.
 
-    Raises:
-        SolveError: the meshes that a first bound needs could not be solved.
-        LimitReached: they could not be solved within the limits.
+    Raises
+    ------
+    SolveError
+        The meshes that a first bound needs could not be solved.
+    LimitReached
+        They could not be solved within the limits.
     """
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None

@@ -21,11 +21,16 @@ from solver.axisymmetric.sections import Sections
 class MeshSample:
     """Film forces at one or several moduli on one mesh.
 
-    Attributes:
-        forces, modulus_derivative: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
-        states: the base states from which they are computed.
-        times: the moduli as multiples of that of ``states``, shape (k,).
-        response: the states as functions of the modulus; None where there is one modulus.
+    Attributes
+    ----------
+    forces, modulus_derivative
+        F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
+    states
+        The base states from which they are computed.
+    times
+        The moduli as multiples of that of ``states``, shape (k,).
+    response
+        The states as functions of the modulus; None where there is one modulus.
     """
 
     forces: Floats
@@ -63,8 +68,10 @@ def solve_on_mesh(
 ) -> MeshSample:
     """Solve one section on one mesh, at the inclusion's modulus or at all ``moduli``.
 
-    Raises:
-        SolveError: the equations cannot be solved in double precision.
+    Raises
+    ------
+    SolveError
+        The equations cannot be solved in double precision.
     """
     materials, interface = dict(scene_sections.materials), scene.contact.interface
     assert interface != "unilateral"  # refused before

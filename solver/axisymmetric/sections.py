@@ -26,11 +26,16 @@ class Sections:
     Material added to the tissue's sides adds energy to every state, so that in the order of symmetric matrices
     F(inscribed cylinder) <= F <= F(circumscribed cylinder) (AX.1); the cylinder of the same area lies between them too.
 
-    Attributes:
-        section: with the tissue as a cylinder of its own cross-section's area about the probe's axis.
-        bracket: cylinders from the inscribed to the circumscribed one; empty where the tissue is round about the axis.
-        materials: of every body.
-        outline: distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
+    Attributes
+    ----------
+    section
+        With the tissue as a cylinder of its own cross-section's area about the probe's axis.
+    bracket
+        Cylinders from the inscribed to the circumscribed one; empty where the tissue is round about the axis.
+    materials
+        Of every body.
+    outline
+        Distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
     """
 
     section: Section
@@ -94,8 +99,10 @@ def _move_off_poles(section: Section) -> Section:
 def add_details(scene: Scene, plain: Sections) -> Sections:
     """Add the scene's films and elastic base.
 
-    Raises:
-        InputError: the base's flange is narrower than the tube.
+    Raises
+    ------
+    InputError
+        The base's flange is narrower than the tube.
     """
     probe, layers, materials = scene.probe, {}, dict(plain.materials)
     film, base = probe.film, probe.base

@@ -54,11 +54,16 @@ def solve_shared_designs(
 ) -> list[SolutionOrError]:
     """Solve each scene at its accuracy, or return its refusal; scenes that share a design are solved together.
 
-    Args:
-        converge: computes film forces at moduli, Pa, shape (k,); used for scenes with exactly one inclusion.
-        solve_alone: solves one scene.
-        scenes: scenes of any kind; those that the evaluator does not take are refused.
-        accuracies: one for each; scenes that share a design are solved to the finest.
+    Parameters
+    ----------
+    converge
+        Computes film forces at moduli, Pa, shape (k,); used for scenes with exactly one inclusion.
+    solve_alone
+        Solves one scene.
+    scenes
+        Scenes of any kind; those that the evaluator does not take are refused.
+    accuracies
+        One for each; scenes that share a design are solved to the finest.
     """
     groups: dict[Scene, list[int]] = defaultdict(list)
     for place, scene in enumerate(scenes):

@@ -26,10 +26,14 @@ REMAINDER_FACTOR = 2.0  # times the negligible remainder: allowed for the other 
 class StateForms:
     """Forms of k pairs of states, and their changes, as sums of forms of a few pairs.
 
-    Attributes:
-        states: coefficients of s pairs on the basis, shape (m, 2, s).
-        values: weights that give g_i of all pairs from g_i of these, shape (k, s).
-        changes: weights that give g_i' of all pairs likewise, shape (k, s).
+    Attributes
+    ----------
+    states
+        Coefficients of s pairs on the basis, shape (m, 2, s).
+    values
+        Weights that give g_i of all pairs from g_i of these, shape (k, s).
+    changes
+        Weights that give g_i' of all pairs likewise, shape (k, s).
     """
 
     states: Floats
@@ -40,10 +44,14 @@ class StateForms:
     def choose_pairs(cls, u: Floats, w: Floats, size: Floats) -> StateForms:
         """Choose the pairs by which all forms and changes are expressed.
 
-        Args:
-            u: coefficients of the states on a basis, shape (k, m, 2).
-            w: coefficients of their changes, shape (k, m, 2).
-            size: norms of the basis vectors, shape (m,): coefficients times norms are compared.
+        Parameters
+        ----------
+        u
+            Coefficients of the states on a basis, shape (k, m, 2).
+        w
+            Coefficients of their changes, shape (k, m, 2).
+        size
+            Norms of the basis vectors, shape (m,): coefficients times norms are compared.
         """
         step = _compute_steps(u * size[:, None], w * size[:, None])
         products = np.concatenate([_compute_products(u, u, size), 2 * _compute_products(u, step * w, size)])

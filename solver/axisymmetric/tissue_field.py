@@ -30,10 +30,14 @@ MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 12, 1e-13  # tolerance: last step in the un
 class Strains:
     """Displacements and strains of both base states at m points; last axis: inner or outer block displaced by one unit.
 
-    Attributes:
-        displacement: u_r, u_z per unit displacement, shape (m, 2, 2).
-        strain: eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, 1/m, shape (m, 4, 2).
-        dilation: their sum as the elements project it, 1/m, shape (m, 2): near incompressibility the sum itself oscillates.
+    Attributes
+    ----------
+    displacement
+        u_r, u_z per unit displacement, shape (m, 2, 2).
+    strain
+        eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, 1/m, shape (m, 4, 2).
+    dilation
+        Their sum as the elements project it, 1/m, shape (m, 2): near incompressibility the sum itself oscillates.
     """
 
     displacement: Floats
@@ -50,8 +54,10 @@ class TissueField:
     def evaluate(self, r: Floats, z: Floats) -> Strains:
         """Evaluate at points 0 <= r <= tissue radius, -tissue depth <= z <= 0 (z out of the tissue), arrays of one shape (m,).
 
-        Raises:
-            InputError: a point lies outside the tissue, or there is an inclusion.
+        Raises
+        ------
+        InputError
+            A point lies outside the tissue, or there is an inclusion.
         """
         if np.all(self.states.model.section.sphere_radius != 0):
             raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")

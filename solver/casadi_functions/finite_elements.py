@@ -32,14 +32,21 @@ class FilmCallback(DifferentiableFunction):
     outputs. A design that does not fit this mesh gets a mesh of its own kind. An invalid scene, or one that cannot be solved,
     gives NaN, from which IPOPT steps back.
 
-    Args:
-        scene: where x starts; of a kind that ``axisymmetric`` takes.
-        variables: keys of ``geometry.scenes.variables.list_values``.
-        accuracy: of the outputs at the scene itself, see ``solver.evaluate``.
+    Parameters
+    ----------
+    scene
+        Where x starts; of a kind that ``axisymmetric`` takes.
+    variables
+        Keys of ``geometry.scenes.variables.list_values``.
+    accuracy
+        Of the outputs at the scene itself, see ``solver.evaluate``.
 
-    Raises:
-        InputError: a variable is not one of the scene's.
-        Refusal: ``axisymmetric`` cannot take the scene.
+    Raises
+    ------
+    InputError
+        A variable is not one of the scene's.
+    Refusal
+        ``axisymmetric`` cannot take the scene.
     """
 
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
@@ -59,8 +66,10 @@ class FilmCallback(DifferentiableFunction):
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
 
-        Raises:
-            ProbeError: the design cannot be solved on that mesh.
+        Raises
+        ------
+        ProbeError
+            The design cannot be solved on that mesh.
         """
         mesh_sample = solve_on_mesh(scene_sections.section, scene_sections, scene, self.fineness, kind=kind)
         return compute_gradients(scene, mesh_sample, self.variables)
@@ -95,9 +104,12 @@ class TumourCallback(FilmCallback):
 
     Reflections are left out, as they have no exact derivative: verify designs from IPOPT with reflections.
 
-    Raises:
-        InputError: a variable is not one of the scene's.
-        Refusal: the evaluator cannot take the scene.
+    Raises
+    ------
+    InputError
+        A variable is not one of the scene's.
+    Refusal
+        The evaluator cannot take the scene.
     """
 
     def solve_start(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
@@ -109,8 +121,10 @@ class TumourCallback(FilmCallback):
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
 
-        Raises:
-            ProbeError: the design cannot be solved on that mesh.
+        Raises
+        ------
+        ProbeError
+            The design cannot be solved on that mesh.
         """
         EquivalentInclusion().check(scene)
         return compute_tumour_gradients(scene, solve_first_order(scene, scene_sections, self.fineness, kind), self.variables)

@@ -129,12 +129,18 @@ def evaluate_radial_functions(radius: Array, r: Array) -> tuple[Array, Array, Ar
 class RitzSystem:
     """Eq. CF.23 of blocks of width 1, shear modulus 1, all divided by the outer radius.
 
-    Attributes:
-        S: shape (n, u, u).
-        E: shape (n, loads, u).
-        C: shape (n, loads, modes).
-        mode_coupling: D^-1 (kV + T), shape (n, u, modes).
-        C_over_D: C D^-1, shape (n, loads, modes).
+    Attributes
+    ----------
+    S
+        Shape (n, u, u).
+    E
+        Shape (n, loads, u).
+    C
+        Shape (n, loads, modes).
+    mode_coupling
+        D^-1 (kV + T), shape (n, u, modes).
+    C_over_D
+        C D^-1, shape (n, loads, modes).
     """
 
     S: Array
@@ -162,11 +168,16 @@ def build_ritz_system(
 ) -> RitzSystem:
     """Build the reduced Ritz system of eq. CF.23.
 
-    Args:
-        nu: Poisson's ratios, shape (n,).
-        slender: heights over widths, shape (n,).
-        integrals: across the blocks and along them.
-        loads: work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
+    Parameters
+    ----------
+    nu
+        Poisson's ratios, shape (n,).
+    slender
+        Heights over widths, shape (n,).
+    integrals
+        Across the blocks and along them.
+    loads
+        Work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
     """
     transverse, axial = integrals
     share, bent = 1 - 2 * nu, (transverse.slope * (slender * slender))[:, None]

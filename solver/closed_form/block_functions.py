@@ -92,10 +92,14 @@ def build_axial_functions(height: Array, steepness: Array, nodes: int = HEIGHT_N
 class HeightRule:
     """Gauss's rule on (-1, 1).
 
-    Attributes:
-        y, weight: nodes and weights, shape (nodes,).
-        series: from values at the nodes to the coefficients of Legendre's polynomials, shape (nodes, nodes).
-        remaining: from these values to the integrals from each node to 1, shape (nodes, nodes).
+    Attributes
+    ----------
+    y, weight
+        Nodes and weights, shape (nodes,).
+    series
+        From values at the nodes to the coefficients of Legendre's polynomials, shape (nodes, nodes).
+    remaining
+        From these values to the integrals from each node to 1, shape (nodes, nodes).
     """
 
     y: Any
@@ -119,12 +123,18 @@ _HEIGHT_RULES = {nodes: _build_height_rule(nodes) for nodes in (HEIGHT_NODES, TA
 class AxialIntegrals:
     """Integrals along a block of height 1 of products of the functions (rows first); blocks last.
 
-    Attributes:
-        gg, dg_dg: of two functions.
-        g_dmode, dg_mode: of g with the modes' slopes, and of dg with the modes.
-        slope: of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
-        end: modes at the tissue's end, shape (modes, n).
-        modes: how much of each f_j, the first among them, is in each mode, shape (f_j, modes, n).
+    Attributes
+    ----------
+    gg, dg_dg
+        Of two functions.
+    g_dmode, dg_mode
+        Of g with the modes' slopes, and of dg with the modes.
+    slope
+        Of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
+    end
+        Modes at the tissue's end, shape (modes, n).
+    modes
+        How much of each f_j, the first among them, is in each mode, shape (f_j, modes, n).
     """
 
     gg: Array
@@ -180,13 +190,20 @@ class RadialIntegrals:
 
     Of a tube the U_i begin with a constant, which is the outer radius, and whose volume does not change.
 
-    Attributes:
-        strain: twice (e_rr e_rr + e_hoop e_hoop) of two u.
-        slide: u u, shape (U_i, U_i, n).
-        widened, turned: d(r u)/dr / r with the modes, and u with their slopes, shapes (U_i, modes, n).
-        slope: of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
-        pressed, sheared: loads on the modes and on the u, the shears' functions meant times r / radius, shapes (loads, ., n).
-        modes: how much of each P_i is in each mode, shape (P_i, modes, n).
+    Attributes
+    ----------
+    strain
+        Twice (e_rr e_rr + e_hoop e_hoop) of two u.
+    slide
+        u u, shape (U_i, U_i, n).
+    widened, turned
+        d(r u)/dr / r with the modes, and u with their slopes, shapes (U_i, modes, n).
+    slope
+        Of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
+    pressed, sheared
+        Loads on the modes and on the u, the shears' functions meant times r / radius, shapes (loads, ., n).
+    modes
+        How much of each P_i is in each mode, shape (P_i, modes, n).
     """
 
     strain: Array

@@ -92,10 +92,14 @@ class Tissue:
 class ContactSolution:
     """Forces and tractions of n designs.
 
-    Attributes:
-        forces: F_ij, N/m, shape (n, 2, 2).
-        slope: their derivatives by ln of the target's modulus, zero without one.
-        works, areas, tractions: C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
+    Attributes
+    ----------
+    forces
+        F_ij, N/m, shape (n, 2, 2).
+    slope
+        Their derivatives by ln of the target's modulus, zero without one.
+    works, areas, tractions
+        C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
     """
 
     forces: Array
@@ -125,16 +129,26 @@ def solve_contact(
 ) -> ContactSolution:
     """Solve the contact equations (eq. CF.12) with the spheres' corrections (eq. CF.14).
 
-    Args:
-        blocks: inner (solid) and outer (tube).
-        tissue: without a depth, a half-space.
-        spheres: any number.
-        target: which sphere the slope is of.
-        bonded: whether shear is carried; frictionless otherwise.
-        nodes: of the integrals over wave numbers.
-        side_nodes: of those for the tissue's sides, 0 where they are far.
-        layer_nodes: of those for its layers.
-        shared: which designs have the same blocks and tissue.
+    Parameters
+    ----------
+    blocks
+        Inner (solid) and outer (tube).
+    tissue
+        Without a depth, a half-space.
+    spheres
+        Any number.
+    target
+        Which sphere the slope is of.
+    bonded
+        Whether shear is carried; frictionless otherwise.
+    nodes
+        Of the integrals over wave numbers.
+    side_nodes
+        Of those for the tissue's sides, 0 where they are far.
+    layer_nodes
+        Of those for its layers.
+    shared
+        Which designs have the same blocks and tissue.
     """
     C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
     if tissue.depth is not None or spheres:

@@ -56,16 +56,26 @@ _HASH_WEIGHTS = np.sqrt(np.arange(2.0, 64.0))  # weights of the sum by which equ
 class Shape:
     """The structure of the closed form: the kind of scene that it describes.
 
-    Attributes:
-        on_axis: for each inclusion, whether its centre lies on the probe's axis.
-        target: index of the inclusion whose modulus ``slope`` refers to.
-        nodes: of the integrals over wave numbers.
-        bonded: whether blocks and tissue stick; frictionless otherwise.
-        bounded: whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
-        side_nodes: of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
-        places: for each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
-        layers: how many layers of other materials the tissue has.
-        layer_nodes: of the integral for these.
+    Attributes
+    ----------
+    on_axis
+        For each inclusion, whether its centre lies on the probe's axis.
+    target
+        Index of the inclusion whose modulus ``slope`` refers to.
+    nodes
+        Of the integrals over wave numbers.
+    bonded
+        Whether blocks and tissue stick; frictionless otherwise.
+    bounded
+        Whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
+    side_nodes
+        Of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
+    places
+        For each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
+    layers
+        How many layers of other materials the tissue has.
+    layer_nodes
+        Of the integral for these.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -125,13 +135,18 @@ def split_parameters(shape: Shape, values: Array) -> tuple[Array, Array]:
 def compute_forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
     """Evaluate many designs at once, about 25 000 a second on one core with one inclusion on the axis.
 
-    Args:
-        shape: see ``Shape``; ``build_parameters`` makes it from a scene.
-        values: the parameters PROBE_PARAMETERS, TISSUE_PARAMETERS, then SPHERE_PARAMETERS for each inclusion and
-            LAYER_PARAMETERS for each layer, SI, a column for each design; shape (parameters, n).
+    Parameters
+    ----------
+    shape
+        See ``Shape``; ``build_parameters`` makes it from a scene.
+    values
+        The parameters PROBE_PARAMETERS, TISSUE_PARAMETERS, then SPHERE_PARAMETERS for each inclusion and LAYER_PARAMETERS for
+        each layer, SI, a column for each design; shape (parameters, n).
 
-    Returns:
-        the forces F_ij on film i per unit displacement of base j, N/m, and their derivatives by the logarithm of the target's
+    Returns
+    -------
+    tuple[Floats, Floats]
+        The forces F_ij on film i per unit displacement of base j, N/m, and their derivatives by the logarithm of the target's
         Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
         where the equations are singular the values are NaN.
     """
@@ -167,13 +182,19 @@ def _solve_alone(shape: Shape, column: Array) -> ContactSolution:
 def compute_gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
     """Return forces of one design and their derivatives by some of its parameters, by complex steps: exact to rounding.
 
-    Args:
-        shape: see ``Shape``.
-        values: the parameters, shape (parameters,).
-        which: indices of k of them.
+    Parameters
+    ----------
+    shape
+        See ``Shape``.
+    values
+        The parameters, shape (parameters,).
+    which
+        Indices of k of them.
 
-    Returns:
-        forces and slope of the design, shape (2, 2, 2), and their derivatives, shape (k, 2, 2, 2).
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Forces and slope of the design, shape (2, 2, 2), and their derivatives, shape (k, 2, 2, 2).
     """
     steps = np.zeros((len(values), len(which)), dtype=complex)
     steps[list(which), range(len(which))] = 1e-30j * np.abs(values[list(which)])

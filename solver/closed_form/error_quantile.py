@@ -46,11 +46,16 @@ def classify(shape: Shape) -> SceneClass:
 class StatedErrors:
     """95 % quantiles of the errors of a scene's film forces.
 
-    Attributes:
-        log_ratio: of ln(ratio).
-        log_totals: of the logarithms of both totals, shape (2,).
-        log_stiffness: of the logarithm of their sum.
-        sensitivity: of the log-sensitivity, absolute.
+    Attributes
+    ----------
+    log_ratio
+        Of ln(ratio).
+    log_totals
+        Of the logarithms of both totals, shape (2,).
+    log_stiffness
+        Of the logarithm of their sum.
+    sensitivity
+        Of the log-sensitivity, absolute.
     """
 
     log_ratio: float
@@ -85,11 +90,16 @@ class StatedErrors:
 def state_errors(scene: Scene, shape: Shape, forces: Floats, slopes: Floats) -> StatedErrors:
     """State the errors of the formulas for a scene (eq. CF.19).
 
-    Args:
-        scene: the scene.
-        shape: its structure.
-        forces: N/m, shape (2, 2); positive totals.
-        slopes: their derivatives by the logarithm of the target's modulus, shape (2, 2).
+    Parameters
+    ----------
+    scene
+        The scene.
+    shape
+        Its structure.
+    forces
+        N/m, shape (2, 2); positive totals.
+    slopes
+        Their derivatives by the logarithm of the target's modulus, shape (2, 2).
     """
     table, features = _read_table(), compute_features(scene, shape, forces, slopes)
     exponents = {

@@ -87,8 +87,10 @@ class ClosedForm(FilmEvaluator):
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Solve the scene with the formulas, with a warning where their stated error is above ``accuracy``.
 
-        Raises:
-            Refusal: the scene is of another kind, or the formulas break down.
+        Raises
+        ------
+        Refusal
+            The scene is of another kind, or the formulas break down.
         """
         scenes = [scene] if moduli is None else [_replace_target_modulus(scene, item) for item in moduli.tolist()]
         solutions = []
@@ -185,12 +187,17 @@ def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
 def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
     """Return forces, slopes and residuals of designs of one structure.
 
-    Args:
-        shape: of all the designs.
-        columns: the parameters of each, see ``designs.build_parameters``, shape (parameters, n).
+    Parameters
+    ----------
+    shape
+        Of all the designs.
+    columns
+        The parameters of each, see ``designs.build_parameters``, shape (parameters, n).
 
-    Returns:
-        two arrays of shape (n, 2, 2), not finite or not positive where the formulas break down, and one of shape (n,).
+    Returns
+    -------
+    tuple[Floats, Floats, Floats]
+        Two arrays of shape (n, 2, 2), not finite or not positive where the formulas break down, and one of shape (n,).
     """
     count = columns.shape[1]
     padded = np.pad(columns, ((0, 0), (0, -count % COLUMNS_AT_ONCE)), mode="edge")

@@ -48,14 +48,21 @@ LOG_OFFSET = 1e-200  # keeps the logarithm finite where its factor is zero
 def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Array, Array, Array]:
     """Return the works between discs, eqs. CF.2-CF.5, of pressures, shears, and pressures (rows) on shears.
 
-    Args:
-        circles: increasing radii, shape (n, k).
-        radius: the shears are r / radius; shape (n, k).
-        mu: shear modulus of the half-space, shape (n,).
-        nu: its Poisson's ratio, shape (n,).
+    Parameters
+    ----------
+    circles
+        Increasing radii, shape (n, k).
+    radius
+        The shears are r / radius; shape (n, k).
+    mu
+        Shear modulus of the half-space, shape (n,).
+    nu
+        Its Poisson's ratio, shape (n,).
 
-    Returns:
-        three arrays of shape (n, k, k).
+    Returns
+    -------
+    tuple[Array, Array, Array]
+        Three arrays of shape (n, k, k).
     """
     size = circles.shape[1]
     low, high = _index_upper_triangle(size)

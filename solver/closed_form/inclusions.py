@@ -47,18 +47,29 @@ from solver.layers.stack import Matrix
 class LoadedSpheres:
     """Spheres under the loads of a probe, m in all.
 
-    Attributes:
-        sphere: places, sizes and materials.
-        points: of the quadrature.
-        sphere_waves: the waves at the sphere.
-        axis_distance: distances of the points from the probe's axis, m, shape (n, points); None for spheres on the axis.
-        loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
-        sides: strains at the points that near sides add under unit works, (n, 4 points, works), and these under each load,
-            (n, works, m); None where sides are far.
-        moments: under each load, shape (n, moments, m).
-        image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
-        strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
-        arriving: a of eq. LY.3 at the top of the sphere's layer, to which ``sphere_waves`` refers; None on half-spaces.
+    Attributes
+    ----------
+    sphere
+        Places, sizes and materials.
+    points
+        Of the quadrature.
+    sphere_waves
+        The waves at the sphere.
+    axis_distance
+        Distances of the points from the probe's axis, m, shape (n, points); None for spheres on the axis.
+    loads
+        The loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
+    sides
+        Strains at the points that near sides add under unit works, (n, 4 points, works), and these under each load, (n, works,
+        m); None where sides are far.
+    moments
+        Under each load, shape (n, moments, m).
+    image
+        G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
+    strength, strength_by_log
+        (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
+    arriving
+        A of eq. LY.3 at the top of the sphere's layer, to which ``sphere_waves`` refers; None on half-spaces.
     """
 
     sphere: SphereArray
@@ -147,16 +158,26 @@ def build_loaded_spheres(
 ) -> LoadedSpheres:
     """Build spheres under a probe's loads, in tissue of modulus E and Poisson's ratio nu, shapes (n,).
 
-    Args:
-        sphere: places, sizes and materials.
-        waves: of the tissue.
-        loads: transforms of pressures and of shears, shapes (n, q, .).
-        weights: k dk of the waves, shape (n, q).
-        E: of the tissue, shape (n,).
-        nu: of the tissue, shape (n,).
-        disc: the probe's end, None for spheres on its axis.
-        sides: of the tissue, where they are near.
-        inside: the sphere in its layer, of which E and nu are, None on half-spaces of one material; ``waves`` are but numbers.
+    Parameters
+    ----------
+    sphere
+        Places, sizes and materials.
+    waves
+        Of the tissue.
+    loads
+        Transforms of pressures and of shears, shapes (n, q, .).
+    weights
+        k dk of the waves, shape (n, q).
+    E
+        Of the tissue, shape (n,).
+    nu
+        Of the tissue, shape (n,).
+    disc
+        The probe's end, None for spheres on its axis.
+    sides
+        Of the tissue, where they are near.
+    inside
+        The sphere in its layer, of which E and nu are, None on half-spaces of one material; ``waves`` are but numbers.
     """
     sphere_waves = compute_sphere_waves(sphere, waves) if inside is None else inside.sphere_waves
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]

@@ -77,11 +77,16 @@ def _build_wave_rule(nodes: int) -> tuple[Any, Any]:
 class Sides:
     """Effect of the tissue's free sides.
 
-    Attributes:
-        work: to the works of the loads, eq. CF.11, shape (n, m, m).
-        tissue, axial_functions: the cylinder and its functions along the height.
-        sink, widen: amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``TissueColumn``.
-        side_works: those works under each load, shape (n, works, m).
+    Attributes
+    ----------
+    work
+        To the works of the loads, eq. CF.11, shape (n, m, m).
+    tissue, axial_functions
+        The cylinder and its functions along the height.
+    sink, widen
+        Amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``TissueColumn``.
+    side_works
+        Those works under each load, shape (n, works, m).
     """
 
     work: Array
@@ -119,11 +124,16 @@ def _multiply_functions(radial_part: Array, axial: Array) -> Array:
 def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
     """Compute the effect of free sides, eq. CF.11.
 
-    Args:
-        field: waves on the layer.
-        loads: transforms of pressures and of shears, shapes (n, q, .); m loads in all.
-        weights: k dk of the waves, the smoothing included, shape (n, q).
-        tissue: the cylinder, as a disc.
+    Parameters
+    ----------
+    field
+        Waves on the layer.
+    loads
+        Transforms of pressures and of shears, shapes (n, q, .); m loads in all.
+    weights
+        k dk of the waves, the smoothing included, shape (n, q).
+    tissue
+        The cylinder, as a disc.
     """
     column, axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness)
     R, dz = tissue.radius[:, None, None], axial_functions.weight.T[:, :, None]
@@ -147,9 +157,12 @@ class TissueColumn:
 
     Every P_i is 1 at the side, and of the U_i the first alone is not 0.
 
-    Attributes:
-        work: of these on each other, shape (n, works, works).
-        sink, widen: amounts of the P_i f_j and of the U_i g_j of eq. CF.8, shapes (n, functions, works).
+    Attributes
+    ----------
+    work
+        Of these on each other, shape (n, works, works).
+    sink, widen
+        Amounts of the P_i f_j and of the U_i g_j of eq. CF.8, shapes (n, functions, works).
     """
 
     work: Array

@@ -28,11 +28,16 @@ WavePair = tuple[Array, Array]
 class Waves:
     """Coefficients of eq. CF.6 times 2 mu for waves k under unit pressure and under unit shear.
 
-    Attributes:
-        k: wave numbers, 1/m, shape (n, q).
-        depth: H, shape (n, 1), or None.
-        nu: shape (n, 1).
-        by_pressure, by_shear: (c1, c2, c3, c4), each of shape (n, q); the last two None on a half-space.
+    Attributes
+    ----------
+    k
+        Wave numbers, 1/m, shape (n, q).
+    depth
+        H, shape (n, 1), or None.
+    nu
+        Shape (n, 1).
+    by_pressure, by_shear
+        (c1, c2, c3, c4), each of shape (n, q); the last two None on a half-space.
     """
 
     k: Array
@@ -80,13 +85,19 @@ def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tu
     With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a', b + b',
     (2nu-1) (b - b') - a + a' and (3-4nu) (b - b') + a - a'; dW/dz is 2 (2nu-1) (b + b') less the first.
 
-    Args:
-        waves: of q wave numbers.
-        z: depths, shape (n, p).
-        mirrored: whether the depths are their own mirror image in the layer's middle: half the exponentials serve.
+    Parameters
+    ----------
+    waves
+        Of q wave numbers.
+    z
+        Depths, shape (n, p).
+    mirrored
+        Whether the depths are their own mirror image in the layer's middle: half the exponentials serve.
 
-    Returns:
-        four arrays of shape (p, q, n) by pressure, and by shear: designs last, where waves and depths are broadcast fast.
+    Returns
+    -------
+    list[tuple[Array, ...]]
+        Four arrays of shape (p, q, n) by pressure, and by shear: designs last, where waves and depths are broadcast fast.
     """
     k, nu = waves.k.T.copy(), waves.nu[:, 0]
     t = k * z.T[:, None]
@@ -115,11 +126,16 @@ def compute_strain_amplitudes(
 ) -> tuple[Array, Array, Array]:
     """Return k U, dW/dz and (dU/dz - k W)/2 of eq. CF.6, with averages of the exponentials in place of the exponentials.
 
-    Args:
-        load: the coefficients c1 to c4 of eq. CF.6.
-        downward: (averages of) e^-t and t e^-t.
-        upward: (averages of) e^(t-2x) and t e^(t-2x); None on a half-space.
-        two_nu_minus_1: 2 nu - 1; all arrays broadcast.
+    Parameters
+    ----------
+    load
+        The coefficients c1 to c4 of eq. CF.6.
+    downward
+        (averages of) e^-t and t e^-t.
+    upward
+        (averages of) e^(t-2x) and t e^(t-2x); None on a half-space.
+    two_nu_minus_1
+        2 nu - 1; all arrays broadcast.
     """
     b = load[1] * downward[0]
     a = load[0] * downward[0] + load[1] * downward[1]

@@ -54,10 +54,14 @@ OFF_AXIS_ROWS = slice(AXIAL_MOMENTS, ALL_MOMENTS - 1)
 class SphereInLayer:
     """A sphere in its layer.
 
-    Attributes:
-        sphere_waves: strains under a unit wave a at the layer's top, moments under unit loads at the surface.
-        arriving: a of eq. LY.3 by pressure and shear at the surface.
-        image: G of eq. CF.21, shape (n, moments, moments).
+    Attributes
+    ----------
+    sphere_waves
+        Strains under a unit wave a at the layer's top, moments under unit loads at the surface.
+    arriving
+        A of eq. LY.3 by pressure and shear at the surface.
+    image
+        G of eq. CF.21, shape (n, moments, moments).
     """
 
     sphere_waves: SphereWaves

@@ -56,12 +56,18 @@ def compute_layered_works(
 ) -> list[Array]:
     """Compute the works of pressures, shears and pressures on shears, without the floor of the stiffest layer alone.
 
-    Args:
-        blocks: inner and outer.
-        layers: of the tissue from the surface downwards, the last as thick as what is left above the floor.
-        depth: of the floor, shape (n,); None on half-spaces.
-        nodes: of the integral over wave numbers.
-        bonded: whether there are shears.
+    Parameters
+    ----------
+    blocks
+        Inner and outer.
+    layers
+        Of the tissue from the surface downwards, the last as thick as what is left above the floor.
+    depth
+        Of the floor, shape (n,); None on half-spaces.
+    nodes
+        Of the integral over wave numbers.
+    bonded
+        Whether there are shears.
     """
     K = _choose_last_wave(blocks[1].radius, layers[0], nodes)
     share, weight = build_wave_rule(nodes)
@@ -122,10 +128,14 @@ def find_stiffest(layers: tuple[TissueLayer, ...]) -> TissueLayer:
 def compute_disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nodes: int) -> tuple[Array, Array]:
     """Return c_l of eq. CF.22 under pressure and under shear, shapes (n, DEGREE + 1).
 
-    Args:
-        radius: a, shape (n,).
-        layers: of the tissue, the last a half-space.
-        nodes: of the integral over wave numbers.
+    Parameters
+    ----------
+    radius
+        a, shape (n,).
+    layers
+        Of the tissue, the last a half-space.
+    nodes
+        Of the integral over wave numbers.
     """
     K = _choose_last_wave(radius, layers[0], nodes)
     share, weight = build_wave_rule(nodes)

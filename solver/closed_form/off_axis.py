@@ -50,9 +50,12 @@ class Disc:
 def shift_waves(k: Array, offset: Array) -> Array:
     """Return the amount of each moment of ``SphereWaves`` in a wave J_0 about the probe's axis, shape (n, moments, q).
 
-    Args:
-        k: wave numbers, shape (n, q).
-        offset: d, shape (n,).
+    Parameters
+    ----------
+    k
+        Wave numbers, shape (n, q).
+    offset
+        d, shape (n,).
     """
     J = bessel(k * offset[:, None], 3)
     return _repeat_for_moments(J[0], -2 * J[1], 2 * J[2])
@@ -72,16 +75,26 @@ def compute_off_axis_response(
 ) -> Array:
     """Compute the response S of the blocks to an off-axis sphere, eq. CF.18, shape (n, moments, moments).
 
-    Args:
-        sphere: off the probe's axis.
-        sphere_waves: its moments under waves about its own axis.
-        k: wave numbers, shape (n, q).
-        weights: k dk, shape (n, q).
-        disc: the probe's end.
-        mu: shear modulus of the tissue, shape (n,).
-        bonded: whether the disc takes shear, too.
-        orders: the largest n.
-        degree: the largest l.
+    Parameters
+    ----------
+    sphere
+        Off the probe's axis.
+    sphere_waves
+        Its moments under waves about its own axis.
+    k
+        Wave numbers, shape (n, q).
+    weights
+        k dk, shape (n, q).
+    disc
+        The probe's end.
+    mu
+        Shear modulus of the tissue, shape (n,).
+    bonded
+        Whether the disc takes shear, too.
+    orders
+        The largest n.
+    degree
+        The largest l.
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
     j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
@@ -120,12 +133,18 @@ def _combine_shear(sphere_waves: SphereWaves) -> tuple[Array, Array]:
 class Pairs:
     """Which products J_m(kd) j_l(ka) the columns of v are sums of: those with m + l even, and odd, each in their order.
 
-    Attributes:
-        degrees: for each parity and m, the first l, and where its products are.
-        pressed, sheared: l of each column of v, under pressure, and under shear with n + 1 before n - 1, shapes (columns,).
-        positions: for each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
-        sign: of J_n-2, shape (columns,).
-        added: of the columns of shear, those with n - 1, shape (columns,).
+    Attributes
+    ----------
+    degrees
+        For each parity and m, the first l, and where its products are.
+    pressed, sheared
+        l of each column of v, under pressure, and under shear with n + 1 before n - 1, shapes (columns,).
+    positions
+        For each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
+    sign
+        Of J_n-2, shape (columns,).
+    added
+        Of the columns of shear, those with n - 1, shape (columns,).
     """
 
     degrees: tuple[tuple[tuple[int, slice], ...], ...]

@@ -112,12 +112,18 @@ _AVERAGE_WEIGHTS = _build_average_weights()
 class BallWaves:
     """Waves about the vertical axis of spheres, in whatever depth; with s = k R, all but J0 and J1 times e^-s.
 
-    Attributes:
-        J0, J1: Bessel functions at ``PAIR_RADII``, shape (n, 4, q).
-        raised, sunk: e^(s z) and e^(-s z) at the heights z of ``PAIR_HEIGHTS``, shape (n, 4, q).
-        even_averages: mean and vertical moment of J0 e^(s z), and radial moment of J1 e^(s z), shape (n, 3, q).
-        odd_averages: the same of J0 and J1 times s z e^(s z).
-        size: s, shape (n, q).
+    Attributes
+    ----------
+    J0, J1
+        Bessel functions at ``PAIR_RADII``, shape (n, 4, q).
+    raised, sunk
+        e^(s z) and e^(-s z) at the heights z of ``PAIR_HEIGHTS``, shape (n, 4, q).
+    even_averages
+        Mean and vertical moment of J0 e^(s z), and radial moment of J1 e^(s z), shape (n, 3, q).
+    odd_averages
+        The same of J0 and J1 times s z e^(s z).
+    size
+        s, shape (n, q).
     """
 
     J0: Array
@@ -158,14 +164,20 @@ def compute_ball_waves(sphere: SphereArray, k: Array) -> BallWaves:
 class SphereWaves:
     """Moments of the strain about a sphere under waves of pressure and of shear, times 2 mu.
 
-    Attributes:
-        ball: the waves at the sphere.
-        waves: as they fade in its layer.
-        depth: of its centre below its layer's top, shape (n,).
-        moments: the first five under waves about the sphere's vertical axis; the next five under waves that go as cos about
-            that axis, and the last as cos of twice the angle, from half-spaces or layers; two arrays (n, moments, q).
-        turned: all under waves of shear about the vertical, sin and sin of twice the angle, on a half-space, (n, moments, q), the
-            first five zero; None on the probe's axis.
+    Attributes
+    ----------
+    ball
+        The waves at the sphere.
+    waves
+        As they fade in its layer.
+    depth
+        Of its centre below its layer's top, shape (n,).
+    moments
+        The first five under waves about the sphere's vertical axis; the next five under waves that go as cos about that axis, and
+        the last as cos of twice the angle, from half-spaces or layers; two arrays (n, moments, q).
+    turned
+        All under waves of shear about the vertical, sin and sin of twice the angle, on a half-space, (n, moments, q), the first
+        five zero; None on the probe's axis.
     """
 
     ball: BallWaves
@@ -224,10 +236,14 @@ def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array],
 
     At a height z above the centre, in radii, a wave has (A + A' z) e^sz of what runs down and (R + R' z) e^-sz of what runs up.
 
-    Args:
-        sphere_waves: the waves.
-        loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
-        axis_distance: of ``OFF_AXIS_POINTS`` from the waves' axis, m, shape (n, points); None where that is the sphere's.
+    Parameters
+    ----------
+    sphere_waves
+        The waves.
+    loads
+        So much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
+    axis_distance
+        Of ``OFF_AXIS_POINTS`` from the waves' axis, m, shape (n, points); None where that is the sphere's.
     """
     two_nu_minus_1 = 2 * sphere_waves.waves.nu[:, :, None] - 1
     (a, slope, b), upward = _compute_running_waves(sphere_waves, loads)

@@ -23,9 +23,12 @@ from solver.closed_form.bessel import Array, bessel
 class LoadedEnds(Protocol):
     """The tissue ends of n blocks of one kind: what the loads on them depend on.
 
-    Attributes:
-        radius: outer radii, m, shape (n,).
-        width: of the ends from axis or hole to the outer radius, m, shape (n,).
+    Attributes
+    ----------
+    radius
+        Outer radii, m, shape (n,).
+    width
+        Of the ends from axis or hole to the outer radius, m, shape (n,).
     """
 
     @property
@@ -46,10 +49,14 @@ EndPair = tuple[LoadedEnds, LoadedEnds]  # of the inner block and the outer
 class Loads:
     """The functions under one kind of block, the same for all of that kind.
 
-    Attributes:
-        cuts: shares of the width where rings meet, shape (rings + 1,).
-        pressure, shear: values on the rings, shapes (rings, functions).
-        solid: whether the block is a disc.
+    Attributes
+    ----------
+    cuts
+        Shares of the width where rings meet, shape (rings + 1,).
+    pressure, shear
+        Values on the rings, shapes (rings, functions).
+    solid
+        Whether the block is a disc.
     """
 
     cuts: Any
@@ -102,10 +109,14 @@ SHEARS = 2  # the first of the pressures are those of the shears, times r
 class PairLoads:
     """The functions under both blocks.
 
-    Attributes:
-        loads: of the disc and of the tube.
-        discs: what makes pressures, and shears, of discs, shapes (circles, functions).
-        transform_weights: what makes their transforms of values at the radii, shapes (radii, functions).
+    Attributes
+    ----------
+    loads
+        Of the disc and of the tube.
+    discs
+        What makes pressures, and shears, of discs, shapes (circles, functions).
+    transform_weights
+        What makes their transforms of values at the radii, shapes (radii, functions).
     """
 
     loads: tuple[Loads, Loads]

@@ -22,11 +22,16 @@ from solver.linalg.cholesky import Pattern
 class Assembly:
     """Assembles elements and contact into one sparse matrix.
 
-    Attributes:
-        numbering: numbering of the unknowns.
-        keys: column times number of unknowns plus row, for all entries, in rising order.
-        places: indices of the elements' entries in ``keys``.
-        pattern: the solver's analysis of the sparsity pattern.
+    Attributes
+    ----------
+    numbering
+        Numbering of the unknowns.
+    keys
+        Column times number of unknowns plus row, for all entries, in rising order.
+    places
+        Indices of the elements' entries in ``keys``.
+    pattern
+        The solver's analysis of the sparsity pattern.
     """
 
     numbering: Numbering

@@ -24,11 +24,16 @@ MAX_NEWTON_PASSES, HEIGHT_TOLERANCE_RELATIVE = (
 class BoundaryLine:
     """A line of the mesh as consecutive edges of elements, from its end at a block's lower corner.
 
-    Attributes:
-        element: element of each edge, shape (k,).
-        values: indices of the element's values (u_r, u_z) that belong to the edge's functions, shape (k, 2, p + 1).
-        signs: -1 where an odd function runs against the line, shape (k, p + 1).
-        place: coefficients of the undeformed edge, m: its two ends, then zeros; shape (k, 2, p + 1).
+    Attributes
+    ----------
+    element
+        Element of each edge, shape (k,).
+    values
+        Indices of the element's values (u_r, u_z) that belong to the edge's functions, shape (k, 2, p + 1).
+    signs
+        -1 where an odd function runs against the line, shape (k, p + 1).
+    place
+        Coefficients of the undeformed edge, m: its two ends, then zeros; shape (k, 2, p + 1).
     """
 
     element: Ints
@@ -81,10 +86,14 @@ def find_lines(mesh: Topology, corners: Floats, order: int) -> dict[str, Boundar
     of the faces, and "open strip" and "open top" are the tissue that no face touches at rest. With sharp edges these two equal
     "strip" and "top".
 
-    Args:
-        mesh: the elements.
-        corners: corners of the elements in the undeformed section, m, shape (n, 4, 2).
-        order: polynomial order of the elements.
+    Parameters
+    ----------
+    mesh
+        The elements.
+    corners
+        Corners of the elements in the undeformed section, m, shape (n, 4, 2).
+    order
+        Polynomial order of the elements.
     """
     corner_labels = compute_labels(mesh)
     column = {name: label_line(number) for name, number in mesh.layout.column.items()}
@@ -190,8 +199,10 @@ def find_points(heights: Floats, wanted: Floats) -> tuple[LinePoints, Bools]:
 
     Returns the points for the heights that the line reaches, and a mask of these heights.
 
-    Raises:
-        SolveError: the line turns back, so that it has a height twice.
+    Raises
+    ------
+    SolveError
+        The line turns back, so that it has a height twice.
     """
     order, knots = heights.shape[-1] - 1, np.append(heights[:, 0], heights[-1, 1])
     highest = np.maximum.accumulate(knots)  # where a line sags, the first point that reaches a height counts

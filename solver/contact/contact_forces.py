@@ -33,10 +33,14 @@ REST_CONTACT_GAP_M = 1e-12  # lines nearer than this touch before there is any l
 class Grip:
     """Friction history of a pair's points.
 
-    Attributes:
-        place: positions on the undeformed master, m from its start, shape (points,).
-        shear: m of eq. CT.6, Pa, shape (points,).
-        sliding: 1 or -1 where points last slid forward or backward along the master, 0 where they did not slide.
+    Attributes
+    ----------
+    place
+        Positions on the undeformed master, m from its start, shape (points,).
+    shear
+        m of eq. CT.6, Pa, shape (points,).
+    sliding
+        1 or -1 where points last slid forward or backward along the master, 0 where they did not slide.
     """
 
     place: Floats
@@ -48,15 +52,24 @@ class Grip:
 class Touch:
     """Gaps and forces of a pair in a deformed state.
 
-    Attributes:
-        gap: gap at the slave's points, m, infinite where the master does not reach, shape (points,).
-        pressure: pressure of eq. CT.3, Pa, per undeformed area and along g, shape (points,).
-        forces: forces on the elements' values, shape (n (8 p),).
-        stiffness: tangent of the forces, sparse; not symmetric with friction; None where nothing touches.
-        grip: friction history after this state.
-        normal: pressure normal to the master, Pa, per undeformed area, shape (points,).
-        max_violation: maximum penetration of the lines, or separation where they are tied, m.
-        sliding_reversed: whether a point reversed its sliding direction: it is held, and its shear is too large.
+    Attributes
+    ----------
+    gap
+        Gap at the slave's points, m, infinite where the master does not reach, shape (points,).
+    pressure
+        Pressure of eq. CT.3, Pa, per undeformed area and along g, shape (points,).
+    forces
+        Forces on the elements' values, shape (n (8 p),).
+    stiffness
+        Tangent of the forces, sparse; not symmetric with friction; None where nothing touches.
+    grip
+        Friction history after this state.
+    normal
+        Pressure normal to the master, Pa, per undeformed area, shape (points,).
+    max_violation
+        Maximum penetration of the lines, or separation where they are tied, m.
+    sliding_reversed
+        Whether a point reversed its sliding direction: it is held, and its shear is too large.
     """
 
     gap: Floats
@@ -79,16 +92,25 @@ def compute_touch(
 ) -> Touch:
     """Compute gaps, forces and tangent of a pair.
 
-    Args:
-        pair: the two lines.
-        displacements: displacements of the elements, m, shape (n, 8 p).
-        multiplier: multipliers of the last round, Pa, shape (points,).
-        share: fraction of the penalty that is used.
-        blur: gap, m, over which the kink of eq. CT.3 is rounded; 0 at rest, where all that touches is closed.
-        grip: friction history of the last load; None without friction.
+    Parameters
+    ----------
+    pair
+        The two lines.
+    displacements
+        Displacements of the elements, m, shape (n, 8 p).
+    multiplier
+        Multipliers of the last round, Pa, shape (points,).
+    share
+        Fraction of the penalty that is used.
+    blur
+        Gap, m, over which the kink of eq. CT.3 is rounded; 0 at rest, where all that touches is closed.
+    grip
+        Friction history of the last load; None without friction.
 
-    Raises:
-        SolveError: a line folds over.
+    Raises
+    ------
+    SolveError
+        A line folds over.
     """
     size, penalty, feet = displacements.size, share * pair.penalty, PointGaps.from_displacements(pair, displacements)
     gap, inside = feet.gap, feet.inside

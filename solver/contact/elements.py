@@ -31,11 +31,16 @@ class ElementValues:
 class Elimination:
     """Elimination of pressures and interior values from the tangent of one state; it is also used for states near it.
 
-    Attributes:
-        inner_by_edge: derivative of interior values with respect to values on corners and edges, (n, i, 8 p).
-        pressure_by_u: derivative of the pressures with respect to all displacements, (n, m, 2 s).
-        inner_by_force: derivative of interior values with respect to forces on them, (n, i, i).
-        pressure_by_gap: derivative of the pressures with respect to the volume residual, (n, m, m).
+    Attributes
+    ----------
+    inner_by_edge
+        Derivative of interior values with respect to values on corners and edges, (n, i, 8 p).
+    pressure_by_u
+        Derivative of the pressures with respect to all displacements, (n, m, 2 s).
+    inner_by_force
+        Derivative of interior values with respect to forces on them, (n, i, i).
+    pressure_by_gap
+        Derivative of the pressures with respect to the volume residual, (n, m, m).
     """
 
     inner_by_edge: Floats
@@ -48,10 +53,14 @@ class Elimination:
 class Balance:
     """Forces of all elements in a state, with pressures and interior values eliminated.
 
-    Attributes:
-        forces: forces on the values on corners and edges, shape (n, 8 p).
-        internal: forces before the elimination, shape (n, 2 s).
-        inner, pressure: Newton corrections of interior values and pressures with corners and edges fixed, (n, i) and (n, m).
+    Attributes
+    ----------
+    forces
+        Forces on the values on corners and edges, shape (n, 8 p).
+    internal
+        Forces before the elimination, shape (n, 2 s).
+    inner, pressure
+        Newton corrections of interior values and pressures with corners and edges fixed, (n, i) and (n, m).
     """
 
     forces: Floats
@@ -64,10 +73,14 @@ class Balance:
 class Elements:
     """The elements of a mesh: all that does not change as they deform.
 
-    Attributes:
-        shapes: shape functions.
-        material: material of each element.
-        square: geometry of the elements, mapped from the unit square.
+    Attributes
+    ----------
+    shapes
+        Shape functions.
+    material
+        Material of each element.
+    square
+        Geometry of the elements, mapped from the unit square.
     """
 
     shapes: Shapes

@@ -44,8 +44,10 @@ class ContactEvaluator(FilmEvaluator):
 
         The log-sensitivity is taken at the scene's force, or at the force of its indentation.
 
-        Raises:
-            Refusal: the scene is not supported or too extreme, or no step converges at its load.
+        Raises
+        ------
+        Refusal
+            The scene is not supported or too extreme, or no step converges at its load.
         """
         return self.press_and_answer(scene, accuracy, moduli)[0]
 
@@ -104,8 +106,10 @@ class ContactEvaluator(FilmEvaluator):
     def prepare_scene(self, scene: Scene, accuracy: float = 0.01) -> LoadedScene:
         """Prepare a scene at rest on two meshes, ready to be pressed.
 
-        Raises:
-            Refusal: the scene is not supported, or too extreme.
+        Raises
+        ------
+        Refusal
+            The scene is not supported, or too extreme.
         """
         reason = self.refusal(scene)
         if reason is not None:
@@ -137,12 +141,17 @@ def press_refined(
 ) -> tuple[LoadedForces, LoadedScene, tuple[Note, ...]]:
     """Press a scene to its load, on finer meshes until the result is accurate enough; a note names a limit that stopped this.
 
-    Args:
-        loaded: the scene at rest.
-        is_accurate: whether film forces are accurate enough.
+    Parameters
+    ----------
+    loaded
+        The scene at rest.
+    is_accurate
+        Whether film forces are accurate enough.
 
-    Raises:
-        Refusal, StoppedError, LimitReached: see ``LoadedScene.press_to_force``; on the first two meshes.
+    Raises
+    ------
+    Refusal, StoppedError, LimitReached
+        See ``LoadedScene.press_to_force``; on the first two meshes.
     """
     result, loaded = press_with_enough_points(loaded, LoadedScene.press_to_scene_load)
     while not is_accurate(result.films):

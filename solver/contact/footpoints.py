@@ -16,9 +16,12 @@ from solver.contact.pairs import Pair
 class PointGaps:
     """Gaps of all points of a pair's slave line.
 
-    Attributes:
-        gap: g of eq. CT.2, m, infinite where the master does not reach, shape (points,).
-        place: position on the undeformed master line, m from its start; not a number where the master does not reach.
+    Attributes
+    ----------
+    gap
+        g of eq. CT.2, m, infinite where the master does not reach, shape (points,).
+    place
+        Position on the undeformed master line, m from its start; not a number where the master does not reach.
     """
 
     pair: Pair
@@ -32,8 +35,10 @@ class PointGaps:
     def from_displacements(cls, pair: Pair, displacements: Floats) -> PointGaps:
         """Compute the gaps for displacements of the elements, m, shape (n, 8 p).
 
-        Raises:
-            SolveError: a line folds over.
+        Raises
+        ------
+        SolveError
+            A line folds over.
         """
         value = pair.gauss[1]
         t, s = np.einsum("ac,kcp,gp->akg", pair.axes, pair.slave.compute_positions(displacements), value).reshape(2, -1)
@@ -70,11 +75,16 @@ class PointGaps:
 class Footpoints:
     """Points in contact; x, from 0 to 1, is the position on the master's edge and k = ds/dt the slope of the master there.
 
-    Attributes:
-        slave_edges, master_edges: edge of each point on either line, shape (j,) each.
-        on_slave, on_master: edge functions of both lines at the points, shape (j, p + 1) each.
-        slope: derivatives of the master's edge functions with respect to x, shape (j, p + 1).
-        k, run, curl: ds/dt, dt/dx and dk/dx of the fixed master line, shape (j,) each.
+    Attributes
+    ----------
+    slave_edges, master_edges
+        Edge of each point on either line, shape (j,) each.
+    on_slave, on_master
+        Edge functions of both lines at the points, shape (j, p + 1) each.
+    slope
+        Derivatives of the master's edge functions with respect to x, shape (j, p + 1).
+    k, run, curl
+        Ds/dt, dt/dx and dk/dx of the fixed master line, shape (j,) each.
     """
 
     pair: Pair

@@ -22,9 +22,12 @@ def find_gap_closure_load(path: Path) -> LargestLoad | None:
     Walls approach each other faster and faster, so that the load cannot be extrapolated: the path is followed until they touch,
     and the bracket is then narrowed by extrapolating the last gaps to zero.
 
-    Raises:
-        StoppedError: no further step converges, and the gap is still open.
-        LimitReached: the time limit is reached.
+    Raises
+    ------
+    StoppedError
+        No further step converges, and the gap is still open.
+    LimitReached
+        The time limit is reached.
     """
     if not is_gap_closed(path):
         for _ in path.iterate_steps(MAX_DEPTH_RELATIVE * path.radius):
@@ -47,17 +50,26 @@ def _is_touching(path: Path, point: PathPoint) -> bool:
 def find_change_load(path: Path, value: Callable[[PathPoint], float], allowed: float, quantity: str) -> LargestLoad | None:
     """Find the load at which a value has changed from its value at rest by the allowed relative amount.
 
-    Args:
-        path: a load path, pressed as far as is wanted.
-        value: function that gives the value at a point; a value of 0 at rest sets no limit.
-        allowed: relative change, above 0.
-        quantity: name of the value, for the result.
+    Parameters
+    ----------
+    path
+        A load path, pressed as far as is wanted.
+    value
+        Function that gives the value at a point; a value of 0 at rest sets no limit.
+    allowed
+        Relative change, above 0.
+    quantity
+        Name of the value, for the result.
 
-    Returns:
+    Returns
+    -------
+    LargestLoad | None
         The load, or None if the path does not reach that change.
 
-    Raises:
-        StoppedError, LimitReached: see ``find_gap_closure_load``.
+    Raises
+    ------
+    StoppedError, LimitReached
+        See ``find_gap_closure_load``.
     """
     rest_value = value(path.points[0])
     if rest_value == 0:

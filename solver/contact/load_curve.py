@@ -38,16 +38,25 @@ def compute_load_curve(
 ) -> LoadCurve:
     """Press a scene to each of several loads and return the curve; see ``solver.evaluation.load``.
 
-    Args:
-        scene: a scene that evaluator ``contact`` supports; its own load does not matter.
-        loads: loads in rising order, N or m, shape (k,).
-        accuracy: relative accuracy.
-        by_force: whether loads are forces.
-        tell: called with a line of text before each load.
+    Parameters
+    ----------
+    scene
+        A scene that evaluator ``contact`` supports; its own load does not matter.
+    loads
+        Loads in rising order, N or m, shape (k,).
+    accuracy
+        Relative accuracy.
+    by_force
+        Whether loads are forces.
+    tell
+        Called with a line of text before each load.
 
-    Raises:
-        Refusal: the scene is not supported or too extreme, or the first load does not converge.
-        LimitReached: the first load exceeds the limits of memory or time.
+    Raises
+    ------
+    Refusal
+        The scene is not supported or too extreme, or the first load does not converge.
+    LimitReached
+        The first load exceeds the limits of memory or time.
     """
     start = perf_counter()
     evaluator, points, stopped = ContactEvaluator(), [], None
@@ -87,8 +96,10 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
 
     They are computed on the coarser of two meshes; the lowest limit of linear elasticity is computed on the finer one too.
 
-    Raises:
-        Refusal: see ``compute_load_curve``.
+    Raises
+    ------
+    Refusal
+        See ``compute_load_curve``.
     """
     with start_clock(), threadpool_limits(1, user_api="blas"):
         loaded = ContactEvaluator().prepare_scene(scene, accuracy)

@@ -45,14 +45,21 @@ SCALING_TOLERANCE = 0.2  # relative: meshes nearer to the linear log-sensitivity
 class LoadedScene:
     """A scene on two meshes, with the load paths computed so far.
 
-    Attributes:
-        scene: a scene with at most one sphere, on the axis.
-        accuracy: relative accuracy of the result.
-        linear: linear film forces; where faces may open, those of frictionless faces, for scale only.
-        paths: load paths on two meshes, the finer last.
-        known: mesh differences on the part of the load path that was not computed because the path began at a loaded state of
-            another modulus.
-        dense: whether lines that touch have twice the usual number of contact points.
+    Attributes
+    ----------
+    scene
+        A scene with at most one sphere, on the axis.
+    accuracy
+        Relative accuracy of the result.
+    linear
+        Linear film forces; where faces may open, those of frictionless faces, for scale only.
+    paths
+        Load paths on two meshes, the finer last.
+    known
+        Mesh differences on the part of the load path that was not computed because the path began at a loaded state of another
+        modulus.
+    dense
+        Whether lines that touch have twice the usual number of contact points.
     """
 
     scene: Scene
@@ -66,9 +73,12 @@ class LoadedScene:
     def from_scene(cls, scene: Scene, accuracy: float) -> LoadedScene:
         """Solve a scene at rest, linearly and on two meshes.
 
-        Raises:
-            SolveError: the equations cannot be solved in double precision.
-            LimitReached: a limit of memory or time is exceeded.
+        Raises
+        ------
+        SolveError
+            The equations cannot be solved in double precision.
+        LimitReached
+            A limit of memory or time is exceeded.
         """
         linear = compute_converged_forces(_tie_faces(scene), LINEAR_SHARE * accuracy)
         first, second = (_build_path(scene, linear, fineness) for fineness in MESH_FINENESSES[:2])
@@ -109,9 +119,12 @@ class LoadedScene:
     def press_to_scene_load(self) -> LoadedForces:
         """Press the probe to the scene's load.
 
-        Raises:
-            StoppedError: no further step converges.
-            LimitReached: the time limit is reached.
+        Raises
+        ------
+        StoppedError
+            No further step converges.
+        LimitReached
+            The time limit is reached.
         """
         load = self.scene.load
         if load.indentation is not None:
@@ -121,8 +134,10 @@ class LoadedScene:
     def press_to_force(self, force: float, key: str = "load.force") -> LoadedForces:
         """Press to a force, N; see ``press_to_scene_load``.
 
-        Raises:
-            Refusal: the force, named by ``key``, is far above what any path reaches.
+        Raises
+        ------
+        Refusal
+            The force, named by ``key``, is far above what any path reaches.
         """
         estimate, radius = force / self._stiffness, self.paths[1].radius
         if estimate > MAX_LINEAR_DEPTH_RELATIVE * radius:
@@ -231,9 +246,12 @@ def press_with_enough_points(
 ) -> tuple[LoadedForces, LoadedScene]:
     """Press a scene, with more contact points where no step converges; return the result and the scene that was pressed.
 
-    Raises:
-        StoppedError: no step converges with more points either; it is of the path that got further.
-        LimitReached: the time limit is reached.
+    Raises
+    ------
+    StoppedError
+        No step converges with more points either; it is of the path that got further.
+    LimitReached
+        The time limit is reached.
     """
     try:
         return press(loaded), loaded
@@ -250,12 +268,17 @@ def press_with_enough_points(
 def compute_modulus_curve(loaded: LoadedScene, moduli: Floats) -> list[LoadedForces]:
     """Return film forces at a scene's load for other moduli of the target, each started from its neighbour's state.
 
-    Args:
-        loaded: the scene, pressed to its load.
-        moduli: Young's moduli, Pa, shape (k,).
+    Parameters
+    ----------
+    loaded
+        The scene, pressed to its load.
+    moduli
+        Young's moduli, Pa, shape (k,).
 
-    Raises:
-        SolveError, LimitReached: see ``LoadedScene.from_scene`` and ``LoadedScene.press_to_scene_load``.
+    Raises
+    ------
+    SolveError, LimitReached
+        See ``LoadedScene.from_scene`` and ``LoadedScene.press_to_scene_load``.
     """
     linear = compute_converged_forces(_tie_faces(loaded.scene), LINEAR_SHARE * loaded.accuracy, moduli)
     log_ratios = np.log(moduli / loaded.scene.inclusion[0].youngs_modulus)

@@ -42,12 +42,18 @@ _mesh = keep_result(build_topology)
 class ContactModel:
     """A section with its materials on one mesh, ready to be deformed.
 
-    Attributes:
-        section, materials: the modelled section and its materials.
-        mesh, elements, numbering: the discretisation.
-        assembly: assembler of elements and contact.
-        pairs: pairs of lines that may touch.
-        lift: displacements of the elements' values per indentation of either block, rigid shift included, (n, 8 p, 2).
+    Attributes
+    ----------
+    section, materials
+        The modelled section and its materials.
+    mesh, elements, numbering
+        The discretisation.
+    assembly
+        Assembler of elements and contact.
+    pairs
+        Pairs of lines that may touch.
+    lift
+        Displacements of the elements' values per indentation of either block, rigid shift included, (n, 8 p, 2).
     """
 
     section: Section
@@ -75,8 +81,10 @@ class ContactModel:
 
         Friction acts through springs; ``spring`` scales their stiffness. For ``dense`` see ``find_pairs``.
 
-        Raises:
-            SolveError: the mesh has a cell without area.
+        Raises
+        ------
+        SolveError
+            The mesh has a cell without area.
         """
         mesh, functions = _mesh(kind_of(section), fineness), build_shapes(fineness.order)
         element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
@@ -135,8 +143,10 @@ class ContactModel:
     def compute_touches(self, state: State) -> tuple[Touch, ...]:
         """Compute gaps, forces and tangent of all pairs in a state.
 
-        Raises:
-            SolveError: a line folds over.
+        Raises
+        ------
+        SolveError
+            A line folds over.
         """
         displacements = self.compute_displacements(state.v, state.indentation)
         lengths = self.compute_contact_lengths(state.indentation)
@@ -150,8 +160,10 @@ class ContactModel:
     def linearise(self, state: State, known: Linearised | None = None) -> Linearised:
         """Linearise about a state; ``known`` gives the elements' part if only contact has changed.
 
-        Raises:
-            SolveError: a line folds over.
+        Raises
+        ------
+        SolveError
+            A line folds over.
         """
         if known is None:
             balance, stiffness, elimination = self.elements.linearise(state.elements)
@@ -250,8 +262,10 @@ class ContactModel:
 
         Their shapes are (unknowns, k) and (2, k).
 
-        Raises:
-            SolveError: the residual of the solution is too large.
+        Raises
+        ------
+        SolveError
+            The residual of the solution is too large.
         """
         gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
         driven = self._apply_tangent(equations, flat.sum(axis=1, keepdims=True))

@@ -37,10 +37,14 @@ MAX_PENETRATION_RELATIVE = 1e-3  # contact lengths: deeper penetration requires 
 class Equilibrium:
     """A state in equilibrium.
 
-    Attributes:
-        state: the state.
-        equations: the equations about it; their tangent may be that of a state within ``LAST_STEP_RESIDUAL`` of it.
-        residuals: relative residual after each Newton step, of all rounds in order.
+    Attributes
+    ----------
+    state
+        The state.
+    equations
+        The equations about it; their tangent may be that of a state within ``LAST_STEP_RESIDUAL`` of it.
+    residuals
+        Relative residual after each Newton step, of all rounds in order.
     """
 
     state: State
@@ -51,14 +55,21 @@ class Equilibrium:
 def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibrium:
     """Find equilibrium at the indentation of a state.
 
-    Args:
-        model: model of the section.
-        start: a state near equilibrium, at the wanted indentation.
-        known: whether its multipliers are extrapolated from earlier loads.
+    Parameters
+    ----------
+    model
+        Model of the section.
+    start
+        A state near equilibrium, at the wanted indentation.
+    known
+        Whether its multipliers are extrapolated from earlier loads.
 
-    Raises:
-        SolveError: Newton's method does not converge, or an element folds over.
-        LimitReached: the time limit is reached.
+    Raises
+    ------
+    SolveError
+        Newton's method does not converge, or an element folds over.
+    LimitReached
+        The time limit is reached.
     """
     tries = [*([SHARP_ROUNDS] if known else []), *([] if model.may_open else [PENALTY_ROUNDS]), SLOW_ROUNDS]
     for rounds in tries[:-1]:

@@ -33,9 +33,12 @@ OUTWARD_AXES, INWARD_AXES = (
 class RoundEdge:
     """A block's rounded lower edge: the height that it removes from the block's line, along s.
 
-    Attributes:
-        place: position of the corner on the undeformed line, m from its start; infinite if there is none.
-        radius: edge radius, m.
+    Attributes
+    ----------
+    place
+        Position of the corner on the undeformed line, m from its start; infinite if there is none.
+    radius
+        Edge radius, m.
     """
 
     place: float = np.inf
@@ -58,18 +61,30 @@ class RoundEdge:
 class Pair:
     """Two lines that may touch.
 
-    Attributes:
-        name: for messages.
-        slave, master: the softer line, whose points are checked, and the harder line.
-        axes: unit vectors of t and s, as (r, z), shape (2, 2).
-        sign: 1 if the gap is s of the master minus s of the slave, else -1.
-        penalty: penalty e of eq. CT.3, Pa/m.
-        points_per_edge: Gauss points on each edge of the slave.
-        loose: whether lines lie on each other from the start, faces that may open.
-        friction: Coulomb's coefficient.
-        spring: f of eq. CT.6, in penalties.
-        slave_edge, master_edge: of the block on either line.
-        tied: mask of the slave's points that cannot leave the master, shape (points,); empty if there are none.
+    Attributes
+    ----------
+    name
+        For messages.
+    slave, master
+        The softer line, whose points are checked, and the harder line.
+    axes
+        Unit vectors of t and s, as (r, z), shape (2, 2).
+    sign
+        1 if the gap is s of the master minus s of the slave, else -1.
+    penalty
+        Penalty e of eq. CT.3, Pa/m.
+    points_per_edge
+        Gauss points on each edge of the slave.
+    loose
+        Whether lines lie on each other from the start, faces that may open.
+    friction
+        Coulomb's coefficient.
+    spring
+        f of eq. CT.6, in penalties.
+    slave_edge, master_edge
+        Of the block on either line.
+    tied
+        Mask of the slave's points that cannot leave the master, shape (points,); empty if there are none.
     """
 
     name: str

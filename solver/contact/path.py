@@ -33,13 +33,19 @@ MIN_DISTANCE_RELATIVE = 0.1  # of the distance to extrapolate over: nearer point
 class Path:
     """A load path: the states of a section under rising indentation.
 
-    Attributes:
-        model: model of the section.
-        sensitive: whether derivatives with respect to the target's modulus are computed.
-        linear: more accurate film forces per indentation at rest, N/m, shape (2,), or None. Their ratio to this mesh's corrects
-            all forces on the path, by one factor for each film.
-        points: the point at rest, then all that converged, by rising indentation.
-        length: length of the next step, m.
+    Attributes
+    ----------
+    model
+        Model of the section.
+    sensitive
+        Whether derivatives with respect to the target's modulus are computed.
+    linear
+        More accurate film forces per indentation at rest, N/m, shape (2,), or None. Their ratio to this mesh's corrects all
+        forces on the path, by one factor for each film.
+    points
+        The point at rest, then all that converged, by rising indentation.
+    length
+        Length of the next step, m.
     """
 
     model: ContactModel
@@ -92,9 +98,12 @@ class Path:
     def iterate_steps(self, until: float) -> Iterator[PathPoint]:
         """Press to the indentation ``until``, m, and yield each point on the way.
 
-        Raises:
-            StoppedError: no further step converges.
-            LimitReached: the time limit is reached.
+        Raises
+        ------
+        StoppedError
+            No further step converges.
+        LimitReached
+            The time limit is reached.
         """
         while self.last.indentation < until * (1 - 1e-12):
             next_indentation = self.last.indentation + self.length
@@ -158,9 +167,12 @@ class Path:
     def insert(self, indentation: float) -> PathPoint:
         """Compute a point between others and add it to the path.
 
-        Raises:
-            SolveError: see ``solver.contact.newton.solve``.
-            LimitReached: the time limit is reached.
+        Raises
+        ------
+        SolveError
+            See ``solver.contact.newton.solve``.
+        LimitReached
+            The time limit is reached.
         """
         point = self._solve_point(indentation)
         self.points.append(point)

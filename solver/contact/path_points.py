@@ -17,17 +17,28 @@ from solver.results.film_forces import FilmForces
 class PathPoint:
     """Results at one point of a load path.
 
-    Attributes:
-        indentation: indentation of the base, m.
-        films: forces on both films, N, shape (2,).
-        tangent: derivatives of the film forces with respect to indentation, N/m, shape (2,).
-        log_sensitivity: d ln(ratio of film forces) / d ln E of the target, at constant force; 0 without a target.
-        walls: minimum distance of the gap's walls, m; 0 where they touch.
-        contact_radius: outer radius of the contact with the tissue, m.
-        strain: maximum |lambda - 1| of the principal stretches lambda.
-        residual: relative residual of the equilibrium.
-        equilibrium: the state and its equations.
-        rates: derivative of the state with respect to indentation.
+    Attributes
+    ----------
+    indentation
+        Indentation of the base, m.
+    films
+        Forces on both films, N, shape (2,).
+    tangent
+        Derivatives of the film forces with respect to indentation, N/m, shape (2,).
+    log_sensitivity
+        d ln(ratio of film forces) / d ln E of the target, at constant force; 0 without a target.
+    walls
+        Minimum distance of the gap's walls, m; 0 where they touch.
+    contact_radius
+        Outer radius of the contact with the tissue, m.
+    strain
+        Maximum |lambda - 1| of the principal stretches lambda.
+    residual
+        Relative residual of the equilibrium.
+    equilibrium
+        The state and its equations.
+    rates
+        Derivative of the state with respect to indentation.
     """
 
     indentation: float
@@ -51,9 +62,12 @@ class PathPoint:
 class LoadedForces:
     """Film forces under one load.
 
-    Attributes:
-        point: point of the load path on the finest mesh.
-        films: film forces per indentation with bounds; their derivatives are taken at constant force.
+    Attributes
+    ----------
+    point
+        Point of the load path on the finest mesh.
+    films
+        Film forces per indentation with bounds; their derivatives are taken at constant force.
     """
 
     point: PathPoint
@@ -80,9 +94,12 @@ NO_DIFFERENCES = MeshDifferences(np.zeros(2), 0.0, 0.0)
 class StoppedError(SolveError):
     """No further step converges.
 
-    Attributes:
-        last: the deepest point computed.
-        reason: why no further step converges.
+    Attributes
+    ----------
+    last
+        The deepest point computed.
+    reason
+        Why no further step converges.
     """
 
     def __init__(self, last: PathPoint, reason: str) -> None:

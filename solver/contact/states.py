@@ -18,14 +18,22 @@ from solver.linalg.cholesky import Factor
 class State:
     """A deformed section.
 
-    Attributes:
-        indentation: indentation of the base, m.
-        v: unknowns on corners and edges, shape (unknowns,).
-        elements: values of all elements.
-        multipliers: contact multipliers at each pair's points, Pa.
-        grips: friction history of each pair since the load before; None without friction.
-        share: fraction of the pairs' penalties that is used.
-        blur: rounding of the contact's kink, in contact lengths.
+    Attributes
+    ----------
+    indentation
+        Indentation of the base, m.
+    v
+        Unknowns on corners and edges, shape (unknowns,).
+    elements
+        Values of all elements.
+    multipliers
+        Contact multipliers at each pair's points, Pa.
+    grips
+        Friction history of each pair since the load before; None without friction.
+    share
+        Fraction of the pairs' penalties that is used.
+    blur
+        Rounding of the contact's kink, in contact lengths.
     """
 
     indentation: float
@@ -46,13 +54,20 @@ class State:
 class WorkingForces:
     """Forces in a state.
 
-    Attributes:
-        balance: forces of the elements.
-        touches: forces of the pairs.
-        contact: forces of all pairs on the elements' values, N, shape (n (8 p),).
-        residual: forces out of balance, N, shape (unknowns,).
-        scale: norm of the forces that balance, N.
-        deepest: maximum penetration of lines, or separation where they are tied, in contact lengths.
+    Attributes
+    ----------
+    balance
+        Forces of the elements.
+    touches
+        Forces of the pairs.
+    contact
+        Forces of all pairs on the elements' values, N, shape (n (8 p),).
+    residual
+        Forces out of balance, N, shape (unknowns,).
+    scale
+        Norm of the forces that balance, N.
+    deepest
+        Maximum penetration of lines, or separation where they are tied, in contact lengths.
     """
 
     balance: Balance
@@ -82,10 +97,14 @@ class WorkingForces:
 class Linearised(WorkingForces):
     """The equations about a state.
 
-    Attributes:
-        elimination, stiffness: the elements' tangent, at this state or at the one before the last step.
-        contact_stiffness: the pairs' tangent, sparse; None where nothing touches.
-        factor: factorisation of the tangent, or None.
+    Attributes
+    ----------
+    elimination, stiffness
+        The elements' tangent, at this state or at the one before the last step.
+    contact_stiffness
+        The pairs' tangent, sparse; None where nothing touches.
+    factor
+        Factorisation of the tangent, or None.
     """
 
     elimination: Elimination

@@ -25,10 +25,14 @@ from solver.materials.linear import Isotropic
 class Geometry:
     """The geometry of elements at their Gauss points.
 
-    Attributes:
-        radius: r, shape (n, q).
-        weight: 2 pi r times area, shape (n, q).
-        inverse: of the Jacobian, d(u, v) / d(r, z), shape (n, q, 2, 2).
+    Attributes
+    ----------
+    radius
+        r, shape (n, q).
+    weight
+        2 pi r times area, shape (n, q).
+    inverse
+        Of the Jacobian, d(u, v) / d(r, z), shape (n, q, 2, 2).
     """
 
     radius: Floats
@@ -44,10 +48,14 @@ class Geometry:
 class Blocks:
     """Blocks of element matrices: functions on corners and edges (outside), and functions within the element (inside).
 
-    Attributes:
-        outside: shape (n, c 4 p, c 4 p) for c components.
-        across: forces on the inside by values of the outside, shape (n, c (p-1)^2, c 4 p).
-        inside: shape (n, c (p-1)^2, c (p-1)^2).
+    Attributes
+    ----------
+    outside
+        Shape (n, c 4 p, c 4 p) for c components.
+    across
+        Forces on the inside by values of the outside, shape (n, c (p-1)^2, c 4 p).
+    inside
+        Shape (n, c (p-1)^2, c (p-1)^2).
     """
 
     outside: Floats
@@ -73,11 +81,14 @@ class Blocks:
 class Condensed:
     """Element matrices after elimination of the functions within each element.
 
-    Attributes:
-        stiffness: of the functions on corners and edges, shape (n, c 4 p, c 4 p).
-        upper: Cholesky factors U of the insides, U^T U, shape (n, c (p-1)^2, c (p-1)^2); entries below the diagonal are
-            undefined.
-        half: U^-T times ``Blocks.across``.
+    Attributes
+    ----------
+    stiffness
+        Of the functions on corners and edges, shape (n, c 4 p, c 4 p).
+    upper
+        Cholesky factors U of the insides, U^T U, shape (n, c (p-1)^2, c (p-1)^2); entries below the diagonal are undefined.
+    half
+        U^-T times ``Blocks.across``.
     """
 
     stiffness: Floats
@@ -88,12 +99,17 @@ class Condensed:
     def from_blocks(cls, parts: Iterable[Blocks], count: int) -> Condensed:
         """Eliminate the insides by Cholesky's method, with half of the operations of Gauss's.
 
-        Args:
-            parts: matrices of some elements at a time, so that not all are in memory together.
-            count: number of all elements.
+        Parameters
+        ----------
+        parts
+            Matrices of some elements at a time, so that not all are in memory together.
+        count
+            Number of all elements.
 
-        Raises:
-            LinAlgError: an inside is not positive definite to rounding.
+        Raises
+        ------
+        LinAlgError
+            An inside is not positive definite to rounding.
         """
         whole: Condensed | None = None
         done = 0
@@ -127,8 +143,10 @@ class Condensed:
 def compute_geometry(nodes: Floats, shapes: Shapes) -> Geometry:
     """Return the elements' geometry at the Gauss points from their nodes, shape (n, s, 2).
 
-    Raises:
-        SolveError: an element has no area or is inverted.
+    Raises
+    ------
+    SolveError
+        An element has no area or is inverted.
     """
     radius = nodes[..., 0] @ shapes.geometry.T
     (a, b), (c, d) = ([nodes[..., x] @ shapes.tangents[k].T for k in (0, 1)] for x in (0, 1))

@@ -32,12 +32,17 @@ from solver.materials.linear import Isotropic
 class RectangleTables:
     """Integrals of eq. EL.2 for pairs of functions.
 
-    Attributes:
-        rr: factors of l r_0 / h, l, h r_0 / l, h^2 / l and h l / r_a, for pairs on corners and edges, of the inside with these,
-            and within; shape (4 + points, pairs).
-        zz: of the first four, likewise.
-        rz: of r_0 and h, for all pairs, shape (2, s^2).
-        pairs: the numbers of the pairs' functions, shape (2, pairs).
+    Attributes
+    ----------
+    rr
+        Factors of l r_0 / h, l, h r_0 / l, h^2 / l and h l / r_a, for pairs on corners and edges, of the inside with these, and
+        within; shape (4 + points, pairs).
+    zz
+        Of the first four, likewise.
+    rz
+        Of r_0 and h, for all pairs, shape (2, s^2).
+    pairs
+        The numbers of the pairs' functions, shape (2, pairs).
     """
 
     rr: Floats
@@ -81,11 +86,16 @@ def _build_tables(order: int) -> RectangleTables:
 def integrate_rectangles(geometry: Geometry, shapes: Shapes, law: Isotropic, columns: Ints) -> Blocks:
     """Return the blocks of rectangles' stiffness matrices, as ``quadrilateral.integrate_stiffness`` does in general.
 
-    Args:
-        geometry: their geometry.
-        shapes: their functions.
-        law: of each, shape (n,).
-        columns: number of the first rectangle of each run between the same two radii, and n at the end; rising.
+    Parameters
+    ----------
+    geometry
+        Their geometry.
+    shapes
+        Their functions.
+    law
+        Of each, shape (n,).
+    columns
+        Number of the first rectangle of each run between the same two radii, and n at the end; rising.
     """
     table, s, (first, count) = _build_tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
     rr, zz, rz = _integrate_shear(geometry, shapes, law.two_mu)

@@ -21,16 +21,26 @@ from solver.linalg.workspace import keep_result
 class Shapes:
     """The s = (p+1)^2 functions of order p, the first 4 p on corners and edges.
 
-    Attributes:
-        order: p.
-        degrees: along x and y, 0 and 1 for the two linear ones, shape (s, 2).
-        points, weights: of Gauss quadrature, shapes (q, 2) and (q,).
-        value, slope: of the functions at the points, shapes (q, s) and (2, q, s).
-        pressure: polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
-        places: nodes (u, v) whose positions define an element's geometry, shape (s, 2).
-        geometry, tangents: interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
-        tables: of the functions' products, from which elements' matrices are sums.
-        mass: products of two pressures at the points, shape (q, m^2) with m of them.
+    Attributes
+    ----------
+    order
+        p.
+    degrees
+        Along x and y, 0 and 1 for the two linear ones, shape (s, 2).
+    points, weights
+        Of Gauss quadrature, shapes (q, 2) and (q,).
+    value, slope
+        Of the functions at the points, shapes (q, s) and (2, q, s).
+    pressure
+        Polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
+    places
+        Nodes (u, v) whose positions define an element's geometry, shape (s, 2).
+    geometry, tangents
+        Interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
+    tables
+        Of the functions' products, from which elements' matrices are sums.
+    mass
+        Products of two pressures at the points, shape (q, m^2) with m of them.
     """
 
     order: int

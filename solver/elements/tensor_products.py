@@ -24,10 +24,14 @@ Coefficients = Sequence[Floats | None]  # each (n, points), or None for those th
 class TensorSums:
     """Sums of terms c f_i g_j whose x-factors are tables that several terms share.
 
-    Attributes:
-        y_tables: the terms' tables by y, each (points along y, pairs).
-        x_tables: the groups' tables by x, one below the other, shape (groups times points along x, pairs).
-        groups: for each table by x, the numbers of the terms that share it.
+    Attributes
+    ----------
+    y_tables
+        The terms' tables by y, each (points along y, pairs).
+    x_tables
+        The groups' tables by x, one below the other, shape (groups times points along x, pairs).
+    groups
+        For each table by x, the numbers of the terms that share it.
     """
 
     y_tables: tuple[Floats, ...]
@@ -59,13 +63,19 @@ class TensorSums:
 class ElementTables:
     """Tables from which the element matrices of one order are summed.
 
-    Attributes:
-        symmetric: sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, only for i_2 <= j_2: an
-            exchange of both functions changes nothing.
-        unsymmetric: of X X, X Y, Y X and Y Y.
-        dilation: of P X, P Y and P N, P a pressure.
-        stiffness: where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
-        moments: where the moments lie in the sums of P times div u, those by u_r before those by u_z; (pressures, 2 s).
+    Attributes
+    ----------
+    symmetric
+        Sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, only for i_2 <= j_2: an exchange
+        of both functions changes nothing.
+    unsymmetric
+        Of X X, X Y, Y X and Y Y.
+    dilation
+        Of P X, P Y and P N, P a pressure.
+    stiffness
+        Where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
+    moments
+        Where the moments lie in the sums of P times div u, those by u_r before those by u_z; (pressures, 2 s).
     """
 
     symmetric: TensorSums
@@ -78,10 +88,14 @@ class ElementTables:
     def from_functions(cls, functions: tuple[Floats, Floats], pressures: Floats, degrees: tuple[Ints, Ints]) -> ElementTables:
         """Tabulate products of functions.
 
-        Args:
-            functions: one-dimensional, at the Gauss points of an edge, and their slopes, shape (points, p + 1) both.
-            pressures: likewise, (points, p).
-            degrees: along x and y of the functions, (s, 2), and of the pressures.
+        Parameters
+        ----------
+        functions
+            One-dimensional, at the Gauss points of an edge, and their slopes, shape (points, p + 1) both.
+        pressures
+            Likewise, (points, p).
+        degrees
+            Along x and y of the functions, (s, 2), and of the pressures.
         """
         (N, S), L = functions, pressures
         size, order = N.shape[1], L.shape[1]

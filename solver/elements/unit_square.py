@@ -22,12 +22,18 @@ from solver.linalg.workspace import keep_table
 class Tables:
     """Functions X, Y, N at the q points, (s, 3 q), and products of two of them, of one and a pressure, at all points.
 
-    Attributes:
-        flat: X, Y, N, shape (s, 3 q).
-        radial: X X, X Y + Y X, Y Y, X N + N X, Y N + N Y, N N, shape (6 q, s^2).
-        crossed: X X, X Y, Y X, Y Y, N X, N Y, shape (6 q, s^2).
-        vertical: X X, X Y + Y X, Y Y, shape (3 q, s^2).
-        pressed: P X, P Y, P N, shape (3 q, m s).
+    Attributes
+    ----------
+    flat
+        X, Y, N, shape (s, 3 q).
+    radial
+        X X, X Y + Y X, Y Y, X N + N X, Y N + N Y, N N, shape (6 q, s^2).
+    crossed
+        X X, X Y, Y X, Y Y, N X, N Y, shape (6 q, s^2).
+    vertical
+        X X, X Y + Y X, Y Y, shape (3 q, s^2).
+    pressed
+        P X, P Y, P N, shape (3 q, m s).
     """
 
     flat: Floats
@@ -41,12 +47,18 @@ class Tables:
 class UnitSquare:
     """The geometry of elements with the map from the unit square.
 
-    Attributes:
-        functions: theirs.
-        tables: of these.
-        weight: 2 pi r dA at the Gauss points, shape (n, q).
-        xr, xz, yr, yz: of d(x, y) / d(r, z), shape (n, q) each.
-        inverse_radius: 1 / r, shape (n, q).
+    Attributes
+    ----------
+    functions
+        theirs.
+    tables
+        Of these.
+    weight
+        2 pi r dA at the Gauss points, shape (n, q).
+    xr, xz, yr, yz
+        Of d(x, y) / d(r, z), shape (n, q) each.
+    inverse_radius
+        1 / r, shape (n, q).
     """
 
     functions: Shapes

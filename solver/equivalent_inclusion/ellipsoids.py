@@ -32,12 +32,18 @@ SATURATION_SHARE = 0.1  # of the derivative by the modulus, which saturates diff
 class ShapeCorrection:
     """Correction from the sphere of equal volume to an ellipsoid, N/m, shapes (2, 2).
 
-    Attributes:
-        forces: change of the film forces by the ellipsoid less that by the sphere.
-        slope: derivative of that with respect to ln E of the body.
-        sphere_slope: derivative of the sphere's change with respect to ln E.
-        share: relative size of ``forces``.
-        ellipsoid_forces: first-order change of the film forces by the ellipsoid.
+    Attributes
+    ----------
+    forces
+        Change of the film forces by the ellipsoid less that by the sphere.
+    slope
+        Derivative of that with respect to ln E of the body.
+    sphere_slope
+        Derivative of the sphere's change with respect to ln E.
+    share
+        Relative size of ``forces``.
+    ellipsoid_forces
+        First-order change of the film forces by the ellipsoid.
     """
 
     forces: Floats
@@ -50,8 +56,10 @@ class ShapeCorrection:
 def check_ellipsoids(scene: Scene) -> None:
     """Refuse ellipsoids that no sphere of equal volume can represent.
 
-    Raises:
-        Refusal: the sphere of an ellipsoid's volume leaves the tissue or touches another body.
+    Raises
+    ------
+    Refusal
+        The sphere of an ellipsoid's volume leaves the tissue or touches another body.
     """
     if all(body.diameter is not None for body in scene.inclusion):
         return
@@ -75,8 +83,10 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, 
 
     To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
 
-    Raises:
-        Refusal: see ``compute_hill_tensor``.
+    Raises
+    ------
+    Refusal
+        See ``compute_hill_tensor``.
     """
     target = scene.target or 0
     forces, bound, slope, slope_bound = (
@@ -130,8 +140,10 @@ def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCo
 def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
     """Compute the first-order difference between an ellipsoid and the sphere of equal volume.
 
-    Raises:
-        Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``compute_hill_tensor``.
+    Raises
+    ------
+    Refusal
+        The ellipsoid reaches beyond the modelled tissue; see also ``compute_hill_tensor``.
     """
     placement, axes = scene.placement, np.array(compute_semi_axes(body))
     points, weights = build_whole_ball(*BALL_POINTS)

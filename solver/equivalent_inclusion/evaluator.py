@@ -35,9 +35,11 @@ class EquivalentInclusion(FilmEvaluator):
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Solve the scene to first order where that is accurate enough, else with reflections.
 
-        Raises:
-            Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision; a curve
-                of a scene with ellipsoids.
+        Raises
+        ------
+        Refusal
+            The scene is of another kind, or so extreme that its equations cannot be solved in double precision; a curve of a
+            scene with ellipsoids.
         """
         base, target, tumours = self.prepare(scene, accuracy), scene.target or 0, Tumours.from_scene(scene)
         if moduli is None:
@@ -57,8 +59,10 @@ class EquivalentInclusion(FilmEvaluator):
     def prepare(self, scene: Scene, accuracy: float) -> Undisturbed:
         """Solve the scene's probe on its tissue without tumours.
 
-        Raises:
-            Refusal: see ``solve``.
+        Raises
+        ------
+        Refusal
+            See ``solve``.
         """
         self.check(scene)
         return solve_undisturbed(scene, accuracy)
@@ -67,8 +71,10 @@ class EquivalentInclusion(FilmEvaluator):
     def solve_alone(self, scene: Scene, accuracy: float) -> ProbeAlone:
         """Compute only the film forces without tumours; many of these need little memory.
 
-        Raises:
-            Refusal: see ``solve``.
+        Raises
+        ------
+        Refusal
+            See ``solve``.
         """
         self.check(scene)
         return solve_alone(scene, accuracy)

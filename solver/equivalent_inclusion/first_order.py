@@ -37,12 +37,18 @@ PAIR_INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three p
 class Effects:
     """Changes of the film forces F_ij (N/m) by n spheres, each alone, and their derivatives; shapes (n, 2, 2).
 
-    Attributes:
-        forces: eq. EI.1.
-        by_log_modulus: by ln E of the sphere.
-        by_poisson: by its Poisson's ratio.
-        by_depth, by_offset: by the place of its centre, N/m^2; None unless asked for.
-        by_log_diameter: None unless asked for.
+    Attributes
+    ----------
+    forces
+        eq. EI.1.
+    by_log_modulus
+        By ln E of the sphere.
+    by_poisson
+        By its Poisson's ratio.
+    by_depth, by_offset
+        By the place of its centre, N/m^2; None unless asked for.
+    by_log_diameter
+        None unless asked for.
     """
 
     forces: Floats
@@ -56,14 +62,21 @@ class Effects:
 def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tumours, places: bool = False) -> Effects:
     """Compute the first-order effect of each of n spheres (arrays of shape (n,)).
 
-    Args:
-        energies: of the base states.
-        hosts: the material about them, one for all or each its own.
-        tumours: the spheres.
-        places: whether to compute the derivatives by depth, offset and diameter too.
+    Parameters
+    ----------
+    energies
+        Of the base states.
+    hosts
+        The material about them, one for all or each its own.
+    tumours
+        The spheres.
+    places
+        Whether to compute the derivatives by depth, offset and diameter too.
 
-    Raises:
-        InputError: a sphere lies partly outside the tissue.
+    Raises
+    ------
+    InputError
+        A sphere lies partly outside the tissue.
     """
     sphere_strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
     inside = _integrate_products(energies, tumours, *build_half_ball(*BALL_POINTS))[0]

@@ -27,14 +27,22 @@ STRAIN_METRIC = np.array([1.0, 1.0, 1.0, 2.0])  # of rr, zz, hoop and rz in eps:
 class QuadraturePoints:
     """The points of t tumours' quadratures, q in all, in a mesh without them.
 
-    Attributes:
-        states: whose elements they lie in.
-        tumour: the number of each point's tumour, shape (q,).
-        weight: parts of the tumours' volumes, m^3, shape (q,).
-        element: in which they lie, shape (q,).
-        place: in its unit square, shape (q, 2).
-        r: their radii, shape (q,).
-        by_depth, by_log_diameter: how they move, (q, 2) each, along r and z.
+    Attributes
+    ----------
+    states
+        Whose elements they lie in.
+    tumour
+        The number of each point's tumour, shape (q,).
+    weight
+        Parts of the tumours' volumes, m^3, shape (q,).
+    element
+        In which they lie, shape (q,).
+    place
+        In its unit square, shape (q, 2).
+    r
+        Their radii, shape (q,).
+    by_depth, by_log_diameter
+        How they move, (q, 2) each, along r and z.
     """
 
     states: BaseStates
@@ -86,9 +94,12 @@ class QuadraturePoints:
     def compute_forms(self, corners: Any, moved: Any = 0.0) -> tuple[Any, Any]:
         """Return strains rr, zz, hoop and rz, (q, 4, 2, s), and dilation, (q, 2, s), per own value of each point's element.
 
-        Args:
-            corners: of ``elements``, (e, 4, 2).
-            moved: by how much the points moved, (q, 2), small and imaginary in derivatives.
+        Parameters
+        ----------
+        corners
+            Of ``elements``, (e, 4, 2).
+        moved
+            By how much the points moved, (q, 2), small and imaginary in derivatives.
         """
         model, mine = self.states.model, corners[self.row]
         was = np.real(mine)

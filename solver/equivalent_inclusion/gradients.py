@@ -43,12 +43,18 @@ Strengths = tuple[Any, Any]  # k_v and k_d of every tumour
 class FirstOrder:
     """Film forces of one scene on one mesh to first order, and what their derivatives need.
 
-    Attributes:
-        states: base states without tumours.
-        points: of the tumours' quadratures.
-        tumours: shape (t,).
-        target: the number of one, or None.
-        strata: the tissue's materials by depth.
+    Attributes
+    ----------
+    states
+        Base states without tumours.
+    points
+        Of the tumours' quadratures.
+    tumours
+        Shape (t,).
+    target
+        The number of one, or None.
+    strata
+        The tissue's materials by depth.
     """
 
     states: BaseStates
@@ -100,9 +106,11 @@ class FirstOrder:
     def compute_strengths(self, **changed: Any) -> tuple[Strengths, Strengths]:
         """Return k_v and k_d of all tumours, and their derivatives by ln E of the target (0 for the others).
 
-        Args:
-            changed: perhaps complex values that take the place of modulus, nu (of the tissue about each tumour), youngs_modulus,
-                poisson_ratio (of the tumours).
+        Parameters
+        ----------
+        changed
+            Perhaps complex values that take the place of modulus, nu (of the tissue about each tumour), youngs_modulus,
+            poisson_ratio (of the tumours).
         """
         t, hosts = self.tumours, self.strata.find_hosts(self.tumours.depth)
         moduli: dict[str, object] = {"modulus": hosts.youngs_modulus, "nu": hosts.poisson_ratio}
@@ -136,8 +144,10 @@ def solve_first_order(
 ) -> FirstOrder:
     """Solve the base states of sections without tumours and place the scene's spheres in them.
 
-    Raises:
-        SolveError: the equations cannot be solved in double precision.
+    Raises
+    ------
+    SolveError
+        The equations cannot be solved in double precision.
     """
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused before
@@ -153,8 +163,10 @@ def solve_first_order(
 def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...]) -> Gradients:
     """Differentiate first-order outputs at a fixed topology of the mesh, see ``solver.axisymmetric.gradients.compute_gradients``.
 
-    Raises:
-        InputError: a name is none of the scene's variables.
+    Raises
+    ------
+    InputError
+        A name is none of the scene's variables.
     """
     allowed = tuple(list_values(scene))
     unknown = [name for name in names if name not in allowed]

@@ -48,15 +48,24 @@ FILM_ACCURACY_SHARE = 0.2  # fraction of the requested accuracy for film forces 
 class ProbeAlone:
     """Film forces of a scene's probe on its tissue without tumours, without the mesh: enough for bounds at many places.
 
-    Attributes:
-        scene: without inclusions, at no load.
-        accuracy: requested with tumours.
-        films: film forces without tumours.
-        plan: features that are left out or modelled beyond blocks and tissue.
-        notes: features that are left out and matter.
-        stopped: notes on limits of memory and time that stopped refinement.
-        section, materials: what is modelled.
-        residual: the largest relative residual of the linear solutions.
+    Attributes
+    ----------
+    scene
+        Without inclusions, at no load.
+    accuracy
+        Requested with tumours.
+    films
+        Film forces without tumours.
+    plan
+        Features that are left out or modelled beyond blocks and tissue.
+    notes
+        Features that are left out and matter.
+    stopped
+        Notes on limits of memory and time that stopped refinement.
+    section, materials
+        What is modelled.
+    residual
+        The largest relative residual of the linear solutions.
     """
 
     scene: Scene
@@ -103,9 +112,12 @@ class ProbeAlone:
 class Undisturbed(ProbeAlone):
     """The base states of a scene's probe and tissue, everywhere.
 
-    Attributes:
-        energies: strain products of the base states, on another mesh than film forces.
-        nearest_error: relative error of the effects of near tumours that follow from them.
+    Attributes
+    ----------
+    energies
+        Strain products of the base states, on another mesh than film forces.
+    nearest_error
+        Relative error of the effects of near tumours that follow from them.
     """
 
     energies: Energies
@@ -174,8 +186,10 @@ class Undisturbed(ProbeAlone):
         Tissue in a block, or not centred under the probe, is a cylinder of the same area, and a half-space ends somewhere: a
         tumour may lie beyond it. At the new position its effect is larger, as strains decay with distance.
 
-        Raises:
-            Refusal: a sphere larger than the modelled tissue.
+        Raises
+        ------
+        Refusal
+            A sphere larger than the modelled tissue.
         """
         section, radius = self.field.states.model.section, tumours.diameter / 2
         widest, deepest = ((size - radius) * (1 - 1e-6) for size in (section.tissue_radius, section.tissue_depth))
@@ -193,8 +207,10 @@ def solve_undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
 
     The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
 
-    Raises:
-        Refusal: scenes so extreme that their equations cannot be solved in double precision.
+    Raises
+    ------
+    Refusal
+        Scenes so extreme that their equations cannot be solved in double precision.
     """
     get_workspace().begin()
     shallow = any(body.depth < SHALLOW_DEPTH_OUTER_RADII * scene.probe.tube_radius for body in scene.inclusion)
@@ -204,8 +220,10 @@ def solve_undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
 def solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
     """Solve only the film forces of a scene's probe on its tissue; they are cached too.
 
-    Raises:
-        Refusal: see ``solve_undisturbed``.
+    Raises
+    ------
+    Refusal
+        See ``solve_undisturbed``.
     """
     get_workspace().begin()
     return _solve_alone(_remove_tumours(scene), accuracy)
@@ -221,12 +239,17 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     Film forces are of that mesh too, so that two such results differ by the effect of the tissue and not by their meshes; the
     bounds are those of ``base``.
 
-    Args:
-        base: of the same probe on the tissue before.
-        scene: with the other tissue, of the same number of layers.
+    Parameters
+    ----------
+    base
+        Of the same probe on the tissue before.
+    scene
+        With the other tissue, of the same number of layers.
 
-    Raises:
-        Refusal: see ``solve_undisturbed``.
+    Raises
+    ------
+    Refusal
+        See ``solve_undisturbed``.
     """
     previous, layers = base.field.states.model, dict(zip(LAYERS, scene.tissue.layer, strict=False))
     section = replace(previous.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})

@@ -34,17 +34,27 @@ MIN_REFLECTED_ERROR, MIN_LAYERED_ERROR = 5e-4, 4e-3  # minimum error, of a tumou
 class Readings:
     """Readings over n sets of tumours.
 
-    Attributes:
-        areas: nominal end areas of inner and outer block, m^2, shape (2,).
-        forces: F_ij, force on film i per unit displacement of base j, N/m, shape (n, 2, 2).
-        bound: on the error of each film's total, N/m, shape (n, 2).
-        log_ratio_bound: on the error of ln(ratio), shape (n,); inf where a total is below its own error.
-        slope_bound: on the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
-        reflected: whether reflections were computed, shape (n,).
-        first_share: bound on the error of ln(ratio) without reflections, shape (n,).
-        first_totals: of the forces to first order, N/m, shape (n, 2).
-        derivatives: of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter
-            and depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where asked for.
+    Attributes
+    ----------
+    areas
+        Nominal end areas of inner and outer block, m^2, shape (2,).
+    forces
+        F_ij, force on film i per unit displacement of base j, N/m, shape (n, 2, 2).
+    bound
+        On the error of each film's total, N/m, shape (n, 2).
+    log_ratio_bound
+        On the error of ln(ratio), shape (n,); inf where a total is below its own error.
+    slope_bound
+        On the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
+    reflected
+        Whether reflections were computed, shape (n,).
+    first_share
+        Bound on the error of ln(ratio) without reflections, shape (n,).
+    first_totals
+        Of the forces to first order, N/m, shape (n, 2).
+    derivatives
+        Of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and depth, by
+        poisson_ratio, per m by offset from the probe's axis; all but the first only where asked for.
     """
 
     areas: Floats
@@ -134,18 +144,29 @@ def compute_readings(
     All are computed to first order, some 20 000 tumours a second (a few 1000 within 0.15 outer radii of the surface); then those
     whose error bound is above ``base.accuracy`` once more with reflections, some 5 to 100 ms each.
 
-    Args:
-        base: the probe on the tissue without tumours.
-        tumours: spheres, relative to the probe's axis.
-        target: which of the t tumours the derivatives refer to.
-        places: whether to compute the derivatives by depth, offset, diameter and Poisson's ratio too.
-        progress: called with how many sets are done with reflections, and of how many.
-        reflect: whether to use reflections for all sets (True) or none (False).
-        sensitive: whether to use them also where the log-sensitivity's error is above 5 times the accuracy and above 1e-5.
+    Parameters
+    ----------
+    base
+        The probe on the tissue without tumours.
+    tumours
+        Spheres, relative to the probe's axis.
+    target
+        Which of the t tumours the derivatives refer to.
+    places
+        Whether to compute the derivatives by depth, offset, diameter and Poisson's ratio too.
+    progress
+        Called with how many sets are done with reflections, and of how many.
+    reflect
+        Whether to use reflections for all sets (True) or none (False).
+    sensitive
+        Whether to use them also where the log-sensitivity's error is above 5 times the accuracy and above 1e-5.
 
-    Raises:
-        InputError: a sphere lies partly outside the tissue.
-        Refusal: the reflections of a set cannot be computed in double precision; an interface of the tissue crosses a sphere.
+    Raises
+    ------
+    InputError
+        A sphere lies partly outside the tissue.
+    Refusal
+        The reflections of a set cannot be computed in double precision; an interface of the tissue crosses a sphere.
     """
     with limit_to_one_thread():
         inside, left_out = base.move_inside(tumours)

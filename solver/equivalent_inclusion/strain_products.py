@@ -33,8 +33,10 @@ class Energies:
     def evaluate(self, r: Floats, z: Floats) -> Floats:
         """Return tr tr and e:e of the pairs inner-inner, inner-outer, outer-outer, 1/m^2, shape (6, m), at points (m,).
 
-        Raises:
-            InputError: a point lies outside the tissue.
+        Raises
+        ------
+        InputError
+            A point lies outside the tissue.
         """
         strains = self.field.evaluate(r, z)
         rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)

@@ -36,9 +36,12 @@ MAX_ASPECT_RATIO = 20.0  # ratio of an ellipsoid's diameters; above it eq. IN.3 
 class Strength:
     """Eq. IN.2 of spheres and its derivatives; arrays of any one shape, Pa.
 
-    Attributes:
-        volume, shear: k_v and k_d.
-        by_log_modulus, by_poisson: derivatives of both by ln E and by nu of the spheres.
+    Attributes
+    ----------
+    volume, shear
+        k_v and k_d.
+    by_log_modulus, by_poisson
+        Derivatives of both by ln E and by nu of the spheres.
     """
 
     volume: Any
@@ -77,13 +80,19 @@ def compute_polarisation(matrix: Isotropic, body: LinearLaw, axes: Floats) -> tu
 
     They work on strains (xx, yy, zz, 2 yz, 2 xz, 2 xy) of the frame in which the semi-axes are given.
 
-    Args:
-        matrix: the tissue's law.
-        body: the ellipsoid's law.
-        axes: semi-axes as columns, shape (3, 3), m.
+    Parameters
+    ----------
+    matrix
+        The tissue's law.
+    body
+        The ellipsoid's law.
+    axes
+        Semi-axes as columns, shape (3, 3), m.
 
-    Raises:
-        Refusal: an ellipsoid whose longest and shortest diameters are too far apart.
+    Raises
+    ------
+    Refusal
+        An ellipsoid whose longest and shortest diameters are too far apart.
     """
     hill, (stiffness, body_stiffness) = compute_hill_tensor(matrix, axes), (law.build_stiffness() for law in (matrix, body))
     share = np.linalg.inv(np.eye(6) + hill @ (body_stiffness - stiffness))  # strain inside per strain far away
@@ -98,8 +107,10 @@ def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
     G = (1 - n n (lam + mu) / (lam + 2 mu)) / mu                                              (IN.3)
     (Mura, Micromechanics of Defects in Solids, 1987, section 11; after the substitution xi = A^T k the weight is uniform).
 
-    Raises:
-        Refusal: see ``compute_polarisation``.
+    Raises
+    ------
+    Refusal
+        See ``compute_polarisation``.
     """
     lengths = np.linalg.svd(axes, compute_uv=False)
     aspect = float(lengths[0] / lengths[-1])

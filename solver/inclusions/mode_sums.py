@@ -32,9 +32,12 @@ POINTS_PER_BLOCK = 2048  # points at a time: a table of harmonics that stays in 
 class Stack:
     """The sums h_aj of eq. IN.11 of some components a.
 
-    Attributes:
-        matrix: coefficients of the harmonics per mode, sparse (a FACTORS 2 count, modes).
-        harmonics, side: of which they are sums.
+    Attributes
+    ----------
+    matrix
+        Coefficients of the harmonics per mode, sparse (a FACTORS 2 count, modes).
+    harmonics, side
+        Of which they are sums.
     """
 
     matrix: Any
@@ -82,9 +85,12 @@ def count_cached_bytes(harmonics: SolidHarmonics, count: int) -> int:
 class Table:
     """Values of harmonics at points, cached unless there are many.
 
-    Attributes:
-        harmonics, side: which.
-        points: in units of the sphere's radius from its centre, shape (n, 3).
+    Attributes
+    ----------
+    harmonics, side
+        which.
+    points
+        In units of the sphere's radius from its centre, shape (n, 3).
     """
 
     harmonics: SolidHarmonics
@@ -106,11 +112,16 @@ class Table:
 class Sampler:
     """Sums of modes at some points of a table.
 
-    Attributes:
-        stack: of the components.
-        table: with n points and more.
-        part: which of them.
-        flat: whether they all have one z.
+    Attributes
+    ----------
+    stack
+        Of the components.
+    table
+        With n points and more.
+    part
+        Which of them.
+    flat
+        Whether they all have one z.
     """
 
     stack: Stack

@@ -18,11 +18,15 @@ POINTS_PER_BATCH = 128  # points at a time: work arrays are ten times as large a
 class Projection:
     """Points on the unit sphere, and the matrix from displacements there to coefficients of modes.
 
-    Attributes:
-        points: shape (q, 3): the whole sphere for parity "both", its half y > 0 for "even", one meridian (y = 0, x > 0) for
-            axisymmetric modes.
-        weights: each point's part of the whole sphere's 4 pi, its images' included, shape (q,).
-        matrix: coefficients per displacement, shape (modes, q, 3).
+    Attributes
+    ----------
+    points
+        Shape (q, 3): the whole sphere for parity "both", its half y > 0 for "even", one meridian (y = 0, x > 0) for axisymmetric
+        modes.
+    weights
+        Each point's part of the whole sphere's 4 pi, its images' included, shape (q,).
+    matrix
+        Coefficients per displacement, shape (modes, q, 3).
     """
 
     points: Floats

@@ -24,9 +24,12 @@ Side = Literal["regular", "outgoing"]
 class SolidHarmonics:
     """All harmonics up to a degree and an azimuthal order.
 
-    Attributes:
-        degree: largest l.
-        order: largest m, at most ``degree``.
+    Attributes
+    ----------
+    degree
+        Largest l.
+    order
+        Largest m, at most ``degree``.
     """
 
     degree: int

@@ -25,12 +25,17 @@ from solver.linalg.workspace import keep_table
 class Scattering:
     """Sparse (modes, modes) matrices of one sphere.
 
-    Attributes:
-        S: outgoing coefficients per regular ones, both in m.
-        T: work, symmetric, in N/m: dF = c^T T c in J for c in m. Semi-definite, positive where the sphere is stiffer
-            in both moduli, zero for rigid motions.
-        inside: coefficients inside, of ``Modes`` with the sphere's nu, per regular ones.
-        by_log_modulus: derivatives of S and T by the logarithm of the sphere's Young's modulus.
+    Attributes
+    ----------
+    S
+        Outgoing coefficients per regular ones, both in m.
+    T
+        Work, symmetric, in N/m: dF = c^T T c in J for c in m. Semi-definite, positive where the sphere is stiffer in both moduli,
+        zero for rigid motions.
+    inside
+        Coefficients inside, of ``Modes`` with the sphere's nu, per regular ones.
+    by_log_modulus
+        Derivatives of S and T by the logarithm of the sphere's Young's modulus.
     """
 
     S: Any
@@ -45,12 +50,18 @@ def compute_scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: c
     Moduli may be complex: an imaginary part of 1e-30 gives derivatives. T is proportional to both moduli together, so that
     its derivative by ln E of the matrix at constant ratios is T minus that by the sphere's.
 
-    Args:
-        modes: regular and outgoing modes of the matrix, with its Poisson's ratio.
-        E: the matrix's Young's modulus, Pa.
-        sphere_E: the sphere's Young's modulus, Pa, 1e-6 to 1e6 times the matrix's.
-        sphere_nu: the sphere's Poisson's ratio, up to 0.499999.
-        radius: R, m.
+    Parameters
+    ----------
+    modes
+        Regular and outgoing modes of the matrix, with its Poisson's ratio.
+    E
+        The matrix's Young's modulus, Pa.
+    sphere_E
+        The sphere's Young's modulus, Pa, 1e-6 to 1e6 times the matrix's.
+    sphere_nu
+        The sphere's Poisson's ratio, up to 0.499999.
+    radius
+        R, m.
     """
     ratio = sphere_E / E * (1 + modes.nu) / (1 + sphere_nu)
     S, T, inside, slope, work = _match_modes(modes, sphere_nu, ratio)

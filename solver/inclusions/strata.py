@@ -19,9 +19,12 @@ from solver.materials.linear import Isotropic
 class Strata:
     """The materials of a tissue from the surface downwards, and where they meet.
 
-    Attributes:
-        interfaces: depths of the k interfaces, m, rising.
-        materials: of the k layers, and the tissue's own below them.
+    Attributes
+    ----------
+    interfaces
+        Depths of the k interfaces, m, rising.
+    materials
+        Of the k layers, and the tissue's own below them.
     """
 
     interfaces: tuple[float, ...]

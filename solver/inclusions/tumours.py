@@ -17,12 +17,18 @@ from geometry.scenes.scene import Inclusion, Scene
 class Tumours:
     """Spheres under a probe, on or off its axis: floats or arrays that broadcast to one shape, usually (sets, tumours of a set).
 
-    Attributes:
-        x, y: of the centres from the probe's axis, m.
-        depth: of the centres under the surface, m.
-        diameter: m.
-        youngs_modulus: Pa.
-        poisson_ratio: below 1/2.
+    Attributes
+    ----------
+    x, y
+        Of the centres from the probe's axis, m.
+    depth
+        Of the centres under the surface, m.
+    diameter
+        m.
+    youngs_modulus
+        Pa.
+    poisson_ratio
+        Below 1/2.
     """
 
     x: Any
@@ -35,8 +41,10 @@ class Tumours:
     def __post_init__(self) -> None:
         """Broadcast to one shape.
 
-        Raises:
-            InputError: a number is not finite, or a size or modulus not positive.
+        Raises
+        ------
+        InputError
+            A number is not finite, or a size or modulus not positive.
         """
         arrays = np.broadcast_arrays(*(np.asarray(getattr(self, field.name), dtype=float) for field in fields(self)))
         for field, array in zip(fields(self), arrays, strict=True):

@@ -56,11 +56,16 @@ DISPLACEMENT_COMPONENTS = ALL_COMPONENTS[:3]
 class Modes:
     """A set of modes in a matrix, sorted by (m, sine, l, kind), see ``labels``.
 
-    Attributes:
-        degree: largest l.
-        nu: the matrix's Poisson ratio, 0 to 0.499999; complex for derivatives by complex steps.
-        order: largest m, at most ``degree``; with 0 and "even" the fields are axisymmetric, without torsion.
-        parity: "even" for fields that mirror in the local plane y = 0, or "both".
+    Attributes
+    ----------
+    degree
+        Largest l.
+    nu
+        The matrix's Poisson ratio, 0 to 0.499999; complex for derivatives by complex steps.
+    order
+        Largest m, at most ``degree``; with 0 and "even" the fields are axisymmetric, without torsion.
+    parity
+        "even" for fields that mirror in the local plane y = 0, or "both".
     """
 
     degree: int
@@ -122,11 +127,16 @@ class Modes:
     def outgoing(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
         """Return displacement and stress of sums of outgoing modes.
 
-        Args:
-            points: in units of R from the centre, shape (n, 3); not the centre.
-            coefficients: shape (modes, k), in m for a field in m.
+        Parameters
+        ----------
+        points
+            In units of R from the centre, shape (n, 3); not the centre.
+        coefficients
+            Shape (modes, k), in m for a field in m.
 
-        Returns:
+        Returns
+        -------
+        tuple[Values, Values]
             Displacement in the coefficients' unit, shape (n, 3, k), and stress xx, yy, zz, yz, xz, xy, shape (n, 6, k), to be
             multiplied by 2 mu / R for Pa.
         """

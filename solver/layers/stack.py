@@ -73,10 +73,14 @@ class Echo:
 def compute_echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
     """Return the echo from below in each layer for waves k (n, q), from the first on.
 
-    Args:
-        k: wave numbers.
-        layers: from the surface downwards; the last has a thickness if ``rigid``.
-        rigid: whether the last lies on a rigid floor; it is a half-space otherwise.
+    Parameters
+    ----------
+    k
+        Wave numbers.
+    layers
+        From the surface downwards; the last has a thickness if ``rigid``.
+    rigid
+        Whether the last lies on a rigid floor; it is a half-space otherwise.
     """
     last = layers[-1]
     results = [compute_echo(k, last, _compute_rigid_reflection(last)) if rigid else Echo(None, None, k)]

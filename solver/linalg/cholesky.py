@@ -41,9 +41,12 @@ class Pattern:
 def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
     """Factorise a symmetric positive definite matrix in compressed columns.
 
-    Args:
-        matrix: both triangles, rows sorted.
-        pattern: the object that all matrices of one mesh share; None for a single matrix.
+    Parameters
+    ----------
+    matrix
+        Both triangles, rows sorted.
+    pattern
+        The object that all matrices of one mesh share; None for a single matrix.
     """
     library = load_pardiso()
     if library is not None:

@@ -47,8 +47,10 @@ PANIC_MODULE = "pyo3_runtime"  # module of the exceptions that panics in Rust ra
 class Stiffness:
     """A symmetric matrix stored by its lower triangle.
 
-    Attributes:
-        lower: compressed columns, rows sorted, shape (n, n).
+    Attributes
+    ----------
+    lower
+        Compressed columns, rows sorted, shape (n, n).
     """
 
     def __init__(self, lower: sp.csc_array) -> None:
@@ -65,9 +67,12 @@ class Stiffness:
     def factor(self, single: bool = False, like: MatrixAnalysis | None = None) -> Factor:
         """Factorise in double or in single precision; ``like`` as in ``factorise_lower``.
 
-        Raises:
-            SolveError: the matrix is singular.
-            LimitReached: the factors would take more memory than is allowed, or take too long.
+        Raises
+        ------
+        SolveError
+            The matrix is singular.
+        LimitReached
+            The factors would take more memory than is allowed, or take too long.
         """
         return factorise_lower(round_to_single(self.lower) if single else self.lower, like)
 
@@ -83,9 +88,12 @@ def round_to_single(lower: sp.csc_array) -> sp.csc_array:
 class MatrixAnalysis:
     """rslab's analysis of a sparsity pattern.
 
-    Attributes:
-        symbolic: the library's object.
-        starts, rows: of the lower triangle in compressed columns.
+    Attributes
+    ----------
+    symbolic
+        The library's object.
+    starts, rows
+        Of the lower triangle in compressed columns.
     """
 
     symbolic: Any
@@ -110,9 +118,12 @@ def get_analysis(factor: Factor) -> MatrixAnalysis | None:
 def factorise_lower(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Factor:
     """Factorise a symmetric matrix in the precision of its lower triangle; the analysis ``like`` is reused if it fits.
 
-    Raises:
-        SolveError: the matrix is singular.
-        LimitReached: the factors would take more memory than is allowed, or take too long.
+    Raises
+    ------
+    SolveError
+        The matrix is singular.
+    LimitReached
+        The factors would take more memory than is allowed, or take too long.
     """
     library, unknowns = _load_rslab(), lower.shape[0]
     get_workspace().make_room(FACTOR_BYTES * unknowns ** (4 / 3))
@@ -198,8 +209,10 @@ def estimate_held_bytes(unknowns: float, factor: float) -> float:
 def _reserve(size: float) -> None:
     """Check that the system provides so many bytes, as a library in Rust ends the process when it does not.
 
-    Raises:
-        LimitReached: the system provides less.
+    Raises
+    ------
+    LimitReached
+        The system provides less.
     """
     wanted, stacks = size + RESERVED_BYTES, []
     if _is_memory_limited():
@@ -255,9 +268,12 @@ def solve(
     ``factor`` is the factor of a matrix close to K. The iteration ends at the relative residual ``target``; up to ten times that
     is accepted.
 
-    Raises:
-        SolveError: the residual is too large for the solution to be trusted.
-        LimitReached: the time limit is exceeded.
+    Raises
+    ------
+    SolveError
+        The residual is too large for the solution to be trusted.
+    LimitReached
+        The time limit is exceeded.
     """
     v = np.zeros_like(forces) if start is None else start.copy()
     remainder, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)

@@ -15,10 +15,14 @@ Array = Any  # array of floats, or of complex numbers for derivatives by complex
 class PiecewisePolynomials:
     """Polynomials that interpolate a function at Chebyshev's points of every step; complex steps differentiate them exactly.
 
-    Args:
-        function: takes numbers (m,), returns arrays of shapes (m, ...).
-        start, step, steps: where the first step begins, how long each is, and how many there are.
-        degree: of the polynomials.
+    Parameters
+    ----------
+    function
+        Takes numbers (m,), returns arrays of shapes (m, ...).
+    start, step, steps
+        Where the first step begins, how long each is, and how many there are.
+    degree
+        Of the polynomials.
     """
 
     def __init__(self, function: Callable[[Any], Sequence[Any]], start: float, step: float, steps: int, degree: int) -> None:

@@ -18,15 +18,23 @@ from geometry.common.arrays import Floats
 class KrylovBasis:
     """A growing basis, orthonormal in K.
 
-    Args:
-        matrix: K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
-        solve: returns K^-1 loads, shape (n, k) both.
-        unknowns: n.
-        negligible: fraction of its energy that a new vector must have outside the basis; otherwise it is dropped.
+    Parameters
+    ----------
+    matrix
+        K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
+    solve
+        Returns K^-1 loads, shape (n, k) both.
+    unknowns
+        n.
+    negligible
+        Fraction of its energy that a new vector must have outside the basis; otherwise it is dropped.
 
-    Attributes:
-        vectors: v_k, shape (n, m).
-        images: K v_k, shape (n, m).
+    Attributes
+    ----------
+    vectors
+        v_k, shape (n, m).
+    images
+        K v_k, shape (n, m).
     """
 
     def __init__(self, matrix: Any, solve: Callable[[Floats], Floats], unknowns: int, negligible: float) -> None:
@@ -62,13 +70,20 @@ class RationalResponse:
 
         F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k).
 
-    Attributes:
-        start: F(1), shape (k, k).
-        inside: G, shape (k, k).
-        share: l_k, the part of w_k's energy that is B's, 0 to 1, shape (m,).
-        coupling: c, shape (m, k).
-        turn: from the basis v to w, shape (m, m).
-        weight: factor of the sum, from the modelled part to the whole body: 2 for one half of a symmetric body.
+    Attributes
+    ----------
+    start
+        F(1), shape (k, k).
+    inside
+        G, shape (k, k).
+    share
+        l_k, the part of w_k's energy that is B's, 0 to 1, shape (m,).
+    coupling
+        c, shape (m, k).
+    turn
+        From the basis v to w, shape (m, m).
+    weight
+        Factor of the sum, from the modelled part to the whole body: 2 for one half of a symmetric body.
     """
 
     start: Floats

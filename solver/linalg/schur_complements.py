@@ -46,9 +46,12 @@ class SchurComplements:
 
         An additional column A e, e a known vector, has the known product B^T e: it checks the solution.
 
-        Args:
-            A: symmetric positive definite, both triangles in compressed columns, rows sorted, shape (n, n).
-            B: sparse by rows, shape (n, k).
+        Parameters
+        ----------
+        A
+            Symmetric positive definite, both triangles in compressed columns, rows sorted, shape (n, n).
+        B
+            Sparse by rows, shape (n, k).
         """
         if not has_pardiso():
             return None

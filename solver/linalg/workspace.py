@@ -108,9 +108,12 @@ class Workspace:
 def measure_bytes(value: Any, seen: set[int] | None = None) -> int:
     """Return the bytes of all arrays that a value refers to, plus the ``foreign_bytes`` that libraries hold for it.
 
-    Args:
-        value: any object, container or array.
-        seen: identities of objects that are already counted; new ones are added.
+    Parameters
+    ----------
+    value
+        Any object, container or array.
+    seen
+        Identities of objects that are already counted; new ones are added.
     """
     seen, total, queue = set() if seen is None else seen, 0, [value]
     while queue:
@@ -175,8 +178,10 @@ def use_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[C
 def get_process_workspace() -> Workspace:
     """Return the process's workspace, which evaluators without one of their own use.
 
-    Raises:
-        InputError: ``PROBE_DESIGN_MEMORY`` is not a number of GB.
+    Raises
+    ------
+    InputError
+        ``PROBE_DESIGN_MEMORY`` is not a number of GB.
     """
     given = os.environ.get(LIMIT_VARIABLE, f"{DEFAULT_LIMIT_GB:g}")
     try:

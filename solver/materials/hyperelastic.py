@@ -40,15 +40,24 @@ class Stress:
     ``hessian_coefficient``; the outer product of ``distortion`` with itself times ``bend``; and the outer product of ``cofactor``
     with ``cofactor_coefficient``, plus its transpose.
 
-    Attributes:
-        first_piola: first Piola-Kirchhoff stress without the pressure's part, Pa.
-        change: J - 1.
-        cofactor: dJ/dh.
-        F: deformation gradient.
-        distortion: dI/dh.
-        weight: mu f' J^(-2/3), Pa.
-        bend: mu f'', Pa; None for neo-Hookean materials.
-        bulk: bulk modulus without the pressure's part, Pa, shape (n, 1).
+    Attributes
+    ----------
+    first_piola
+        First Piola-Kirchhoff stress without the pressure's part, Pa.
+    change
+        J - 1.
+    cofactor
+        dJ/dh.
+    F
+        Deformation gradient.
+    distortion
+        dI/dh.
+    weight
+        Mu f' J^(-2/3), Pa.
+    bend
+        Mu f'', Pa; None for neo-Hookean materials.
+    bulk
+        Bulk modulus without the pressure's part, Pa, shape (n, 1).
     """
 
     first_piola: Floats
@@ -84,11 +93,16 @@ class Stress:
 class Hyperelastic:
     """Material constants of n elements, for the law of eq. LW.2.
 
-    Attributes:
-        shear: mu, Pa, shape (n,).
-        lam: modulus of the pressure's part, Pa, > 0, shape (n,).
-        bulk: rest of the bulk modulus, K - lam, Pa, shape (n,).
-        laws: numbers of the elements that are not neo-Hookean, with their f.
+    Attributes
+    ----------
+    shear
+        Mu, Pa, shape (n,).
+    lam
+        Modulus of the pressure's part, Pa, > 0, shape (n,).
+    bulk
+        Rest of the bulk modulus, K - lam, Pa, shape (n,).
+    laws
+        Numbers of the elements that are not neo-Hookean, with their f.
     """
 
     shear: Floats

@@ -45,9 +45,12 @@ class LinearLaw(Protocol):
 class Isotropic:
     """Isotropic materials; numbers or arrays of one shape, complex for derivatives by complex steps.
 
-    Attributes:
-        youngs_modulus: E of eq. LW.1, Pa.
-        poisson_ratio: nu, below 1/2.
+    Attributes
+    ----------
+    youngs_modulus
+        E of eq. LW.1, Pa.
+    poisson_ratio
+        Nu, below 1/2.
     """
 
     youngs_modulus: Any

@@ -36,8 +36,10 @@ class StrainEnergy(Protocol):
 class Yeoh:
     """f = (x + c2 x^2 + c3 x^3) / 2 (O. H. Yeoh, Rubber Chem. Technol. 66, 1993, 754).
 
-    Attributes:
-        c2, c3: the constants C2 and C3 over C1 = mu / 2.
+    Attributes
+    ----------
+    c2, c3
+        The constants C2 and C3 over C1 = mu / 2.
     """
 
     c2: float
@@ -65,9 +67,12 @@ def build_strain_energy(material: Material) -> StrainEnergy | None:
 class StableRange:
     """The range in which a law is stable, eq. LW.4.
 
-    Attributes:
-        x: the largest I - 3; infinite if nothing was found up to ``MAX_TESTED_STRETCH``.
-        stretch: of a body in uniaxial tension there.
+    Attributes
+    ----------
+    x
+        The largest I - 3; infinite if nothing was found up to ``MAX_TESTED_STRETCH``.
+    stretch
+        Of a body in uniaxial tension there.
     """
 
     x: float

@@ -38,14 +38,22 @@ COMPONENT_MATRICES = {
 class Harmonic:
     """The linear system of one azimuthal order.
 
-    Attributes:
-        m: the order.
-        model: the base states' model, whose mesh and materials it shares.
-        boundary: elements with an edge on the tissue's boundary, shape (e,).
-        stiffness: stiffness of these elements on corners and edges, shape (e, 4 c p, 4 c p), c components.
-        numbering: numbering of the components on corners and edges.
-        matrix: matrix of the system, shape (unknowns, unknowns).
-        known: an existing factor of the matrix, or None.
+    Attributes
+    ----------
+    m
+        The order.
+    model
+        The base states' model, whose mesh and materials it shares.
+    boundary
+        Elements with an edge on the tissue's boundary, shape (e,).
+    stiffness
+        Stiffness of these elements on corners and edges, shape (e, 4 c p, 4 c p), c components.
+    numbering
+        Numbering of the components on corners and edges.
+    matrix
+        Matrix of the system, shape (unknowns, unknowns).
+    known
+        An existing factor of the matrix, or None.
     """
 
     m: int
@@ -69,8 +77,10 @@ class Harmonic:
     def solve(self, forces: Floats) -> Floats:
         """Solve for the unknowns under forces, shape (unknowns, k) both.
 
-        Raises:
-            SolveError: the residual is too large.
+        Raises
+        ------
+        SolveError
+            The residual is too large.
         """
         v = self.factor.solve(forces)
         mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
@@ -95,9 +105,12 @@ class Harmonic:
     def compute_values(self, edge: Floats, recovery: Floats) -> Floats:
         """Return all values U, V, W of some elements, (e, 3, s, k).
 
-        Args:
-            edge: the components on corners and edges, shape (e, 4 c p, k).
-            recovery: recovery of the elements, see ``AzimuthalSystems.compute_recovery``.
+        Parameters
+        ----------
+        edge
+            The components on corners and edges, shape (e, 4 c p, k).
+        recovery
+            Recovery of the elements, see ``AzimuthalSystems.compute_recovery``.
         """
         e, k, c = len(edge), edge.shape[-1], self.amplitudes.shape[1]
         inside = recovery @ edge
@@ -111,10 +124,14 @@ class AzimuthalSystems:
 
     Element matrices are quadratic in m, eq. MS.3: those of m = 1, 2 and 3 determine all others (MS.2).
 
-    Attributes:
-        model: the base states'.
-        interface: between blocks and tissue.
-        boundary: elements with an edge on the tissue's boundary, shape (e,).
+    Attributes
+    ----------
+    model
+        The base states'.
+    interface
+        Between blocks and tissue.
+    boundary
+        Elements with an edge on the tissue's boundary, shape (e,).
     """
 
     model: MeridianModel

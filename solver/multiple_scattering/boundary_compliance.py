@@ -55,11 +55,15 @@ class BoundaryData:
     Data are the amplitudes t_r, t_theta, t_z, u_r, u_theta, u_z (tractions by the outward normal) of all n points, one below the
     other: 6 n rows. Those of several layers stand one below the other.
 
-    Attributes:
-        forces: forces on the values of the e elements with an edge on the boundary, by the tractions on surface, side and
-            interfaces, sparse (4 c p e, 6 n), c components.
-        values: lifted values of the elements: displacements of the blocks' ends, and minus those of floor and interfaces.
-        direct: the last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
+    Attributes
+    ----------
+    forces
+        Forces on the values of the e elements with an edge on the boundary, by the tractions on surface, side and interfaces,
+        sparse (4 c p e, 6 n), c components.
+    values
+        Lifted values of the elements: displacements of the blocks' ends, and minus those of floor and interfaces.
+    direct
+        The last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """
 
     forces: Any
@@ -148,10 +152,14 @@ class _EntryPlaces:
 class BoundaryResponse:
     """Response of one azimuthal order to data on the boundary: the symmetric matrix of eq. MS.6.
 
-    Attributes:
-        assemble: assembles the order's system.
-        boundary: matrices from data to the elements.
-        complements: computes the matrix at the cost of a factor, if PARDISO is installed.
+    Attributes
+    ----------
+    assemble
+        Assembles the order's system.
+    boundary
+        Matrices from data to the elements.
+    complements
+        Computes the matrix at the cost of a factor, if PARDISO is installed.
     """
 
     assemble: Callable[[], Harmonic]
@@ -161,8 +169,10 @@ class BoundaryResponse:
     def apply(self, data: Floats, often: bool) -> Floats:
         """Return the matrix times data, shape (6 n, k) both; without PARDISO the matrix is formed only with ``often``.
 
-        Raises:
-            SolveError: see ``Harmonic.solve``.
+        Raises
+        ------
+        SolveError
+            See ``Harmonic.solve``.
         """
         product = np.asarray(self.boundary.direct @ data)
         if not often and not has_pardiso():
@@ -192,10 +202,14 @@ class BoundaryResponse:
 class _System:
     """The system of one order with the forces that boundary data exert on it.
 
-    Attributes:
-        harmonic: the order's system.
-        force_matrix: forces F on the unknowns by data, eq. MS.5, sparse by rows (unknowns, 6 n).
-        lifting: the terms of eq. MS.6 with Y, sparse (6 n, 6 n), symmetric.
+    Attributes
+    ----------
+    harmonic
+        The order's system.
+    force_matrix
+        Forces F on the unknowns by data, eq. MS.5, sparse by rows (unknowns, 6 n).
+    lifting
+        The terms of eq. MS.6 with Y, sparse (6 n, 6 n), symmetric.
     """
 
     harmonic: Harmonic
@@ -214,16 +228,20 @@ class _System:
     def compute_work(self, data: Floats) -> Floats:
         """Return eq. MS.6 without ``BoundaryData.direct``, times data.
 
-        Raises:
-            SolveError: see ``Harmonic.solve``.
+        Raises
+        ------
+        SolveError
+            See ``Harmonic.solve``.
         """
         return np.asarray(self.lifting @ data - self._transposed_forces @ self._factor.solve(self.force_matrix @ data))
 
     def compute_matrix(self, active_data: Ints, complements: SchurComplements) -> Floats:
         """Return eq. MS.6 without ``BoundaryData.direct``, as a matrix between some data.
 
-        Raises:
-            SolveError: see ``Harmonic.solve``.
+        Raises
+        ------
+        SolveError
+            See ``Harmonic.solve``.
         """
         pressed, lifting = self.force_matrix[:, active_data], self.lifting[active_data][:, active_data].toarray()
         works = complements.compute_product(self.harmonic.matrix, pressed)

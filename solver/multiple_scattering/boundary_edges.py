@@ -19,12 +19,18 @@ EXTRA_POINTS = 3  # Gauss-Lobatto points of an edge beyond those that its polyno
 class Edges:
     """Edges of elements with their functions and integration points.
 
-    Attributes:
-        element: element of each edge, shape (e,).
-        local: indices of the edge's functions among the element's, shape (e, p + 1).
-        r, z: coordinates of the edge's points, m, shape (e, q).
-        weight: weights for integrals along the edge times r, shape (e, q).
-        values: values of the edge's functions at its points, shape (q, p + 1).
+    Attributes
+    ----------
+    element
+        Element of each edge, shape (e,).
+    local
+        Indices of the edge's functions among the element's, shape (e, p + 1).
+    r, z
+        Coordinates of the edge's points, m, shape (e, q).
+    weight
+        Weights for integrals along the edge times r, shape (e, q).
+    values
+        Values of the edge's functions at its points, shape (q, p + 1).
     """
 
     element: Ints
@@ -47,10 +53,14 @@ class Edges:
 class Boundary:
     """Edges of one layer's boundary in the base states' mesh without a sphere; lines that it does not have are empty.
 
-    Attributes:
-        surface, side, floor: the tissue's own.
-        ends: the blocks', of the uppermost layer.
-        above, below: interfaces with the layers above and below it.
+    Attributes
+    ----------
+    surface, side, floor
+        The tissue's own.
+    ends
+        The blocks', of the uppermost layer.
+    above, below
+        Interfaces with the layers above and below it.
     """
 
     surface: Edges

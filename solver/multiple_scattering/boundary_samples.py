@@ -22,11 +22,16 @@ from solver.multiple_scattering.rings import AzimuthalGrid, ModeSource, Rings, b
 class ModeSamples:
     """Samples of the outgoing modes of some spheres on the boundary.
 
-    Attributes:
-        sources: the spheres.
-        panels: n points on the boundary's meridian.
-        rounds: angles at which fields are sampled at most.
-        two_mu: 2 mu of the tissue, with its shear modulus mu, Pa.
+    Attributes
+    ----------
+    sources
+        The spheres.
+    panels
+        n points on the boundary's meridian.
+    rounds
+        Angles at which fields are sampled at most.
+    two_mu
+        2 mu of the tissue, with its shear modulus mu, Pa.
     """
 
     sources: Sequence[ModeSource]
@@ -43,8 +48,10 @@ class ModeSamples:
     def compute_amplitudes(self, scattered: Sequence[Floats]) -> Floats:
         """Compute amplitudes of tractions (outward normal) and displacements, shape (orders, 6 n, families k).
 
-        Args:
-            scattered: outgoing coefficients about each sphere, (modes, k), m.
+        Parameters
+        ----------
+        scattered
+            Outgoing coefficients about each sphere, (modes, k), m.
         """
         k, orders = scattered[0].shape[1], self.rounds.orders
         amplitudes = np.zeros((orders, 6, len(self.panels.r), self.rounds.families, k))
@@ -67,8 +74,10 @@ class ModeSamples:
     def works(self, weights: Floats) -> list[Floats]:
         """Apply the transpose of ``compute_amplitudes``: products of every outgoing mode of each sphere with weights, (modes, k).
 
-        Args:
-            weights: weights of the first orders, shape (some orders, 6 n, families k).
+        Parameters
+        ----------
+        weights
+            Weights of the first orders, shape (some orders, 6 n, families k).
         """
         parts = weights.reshape(len(weights), 6, len(self.panels.r), self.rounds.families, -1).transpose(1, 0, 3, 4, 2)
         sums: list[dict[tuple[int, ...], Any]] = [dict.fromkeys(sphere_parts, 0.0) for sphere_parts in self._stacks]

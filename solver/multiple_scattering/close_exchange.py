@@ -45,12 +45,18 @@ class _SpherePlace:
 class CloseExchange:
     """Exchange of fields between one boundary and spheres close to it.
 
-    Attributes:
-        interior: returns the response inside the tissue for an azimuthal order and a layer, by numbers.
-        field: locates points in the mesh.
-        interface: between blocks and tissue.
-        spheres: the spheres.
-        rounds: angles at which fields are sampled.
+    Attributes
+    ----------
+    interior
+        Returns the response inside the tissue for an azimuthal order and a layer, by numbers.
+    field
+        Locates points in the mesh.
+    interface
+        Between blocks and tissue.
+    spheres
+        The spheres.
+    rounds
+        Angles at which fields are sampled.
     """
 
     interior: Callable[[int, int], Interior]

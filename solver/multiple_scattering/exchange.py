@@ -39,10 +39,14 @@ LESS_MEMORY_HINT = "fewer, or further from surface, floor and interfaces, take l
 class Reflector:
     """The boundary of one probe's tissue, with the cached response of each azimuthal order.
 
-    Attributes:
-        states: base states without a sphere.
-        interface: between blocks and tissue.
-        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``close_exchange.py``.
+    Attributes
+    ----------
+    states
+        Base states without a sphere.
+    interface
+        Between blocks and tissue.
+    close
+        Whether spheres may lie too close to the boundary for eq. MS.6, see ``close_exchange.py``.
     """
 
     states: BaseStates
@@ -67,13 +71,19 @@ class Reflector:
     def find_interior(self, m: int, layer: int = 0, beside: float = 0.0) -> Interior:
         """Return the response of an order inside the tissue to fields in one layer, for spheres close to the boundary.
 
-        Args:
-            m: the order.
-            layer: the layer's number.
-            beside: bytes that the spheres use.
+        Parameters
+        ----------
+        m
+            The order.
+        layer
+            The layer's number.
+        beside
+            Bytes that the spheres use.
 
-        Raises:
-            LimitReached: one order already exceeds the memory limit.
+        Raises
+        ------
+        LimitReached
+            One order already exceeds the memory limit.
         """
         if m not in self._harmonic_of_order:
             self._reserve_memory(beside)
@@ -128,12 +138,17 @@ class Reflector:
     def build_exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
         """Build the exchange of fields between spheres and boundary; all that does not depend on the fields is computed once.
 
-        Args:
-            spheres: anywhere in the tissue.
-            rounds: angles at which their fields are sampled.
+        Parameters
+        ----------
+        spheres
+            Anywhere in the tissue.
+        rounds
+            Angles at which their fields are sampled.
 
-        Raises:
-            LimitReached: there are so many spheres that this exceeds the memory limit.
+        Raises
+        ------
+        LimitReached
+            There are so many spheres that this exceeds the memory limit.
         """
         if self.close:
             interior = partial(self.find_interior, beside=measure_bytes(list(spheres)))
@@ -147,10 +162,14 @@ class Reflector:
 class Exchange:
     """Exchange of fields between some spheres and one boundary.
 
-    Attributes:
-        reflector: the boundary.
-        spheres: the spheres.
-        samples: samples of their fields on the boundary.
+    Attributes
+    ----------
+    reflector
+        The boundary.
+    spheres
+        The spheres.
+    samples
+        Samples of their fields on the boundary.
     """
 
     reflector: Reflector
@@ -162,13 +181,19 @@ class Exchange:
     ) -> Steps[tuple[list[Floats], int]]:
         """Reflect fields order by order; return each sphere's regular coefficients, m, and the number of orders.
 
-        Args:
-            scattered: outgoing coefficients about each, (modes, k), m.
-            min_work: work, J; two successive orders with less end the sum.
-            max_orders: maximum number of orders.
+        Parameters
+        ----------
+        scattered
+            Outgoing coefficients about each, (modes, k), m.
+        min_work
+            Work, J; two successive orders with less end the sum.
+        max_orders
+            Maximum number of orders.
 
-        Raises:
-            SolveError: a system could not be solved.
+        Raises
+        ------
+        SolveError
+            A system could not be solved.
         """
         data = self.samples.compute_amplitudes(scattered)
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0

@@ -23,9 +23,12 @@ FORCE_EDGES, LIFTED_EDGES = ("surface", "side", "above", "below"), ("ends", "flo
 class BoundaryAmplitudes:
     """Amplitudes of one order on a layer's boundary, U, V, W last but one, shapes (e, q, 3, k).
 
-    Attributes:
-        forces: tractions t_r, t_theta, t_z, outward normal, Pa, by the names of ``Boundary``: all but ends and floor.
-        lifted: displacements, m, by its names: all but surface and side.
+    Attributes
+    ----------
+    forces
+        Tractions t_r, t_theta, t_z, outward normal, Pa, by the names of ``Boundary``: all but ends and floor.
+    lifted
+        Displacements, m, by its names: all but surface and side.
     """
 
     forces: Mapping[str, Floats]
@@ -36,10 +39,14 @@ class BoundaryAmplitudes:
 class Interior:
     """Response inside the tissue of one azimuthal order to data on one layer's boundary.
 
-    Attributes:
-        harmonic: the order's system.
-        boundary: the edges.
-        recovery: computes the recovery of values inside elements, ``AzimuthalSystems.compute_recovery`` of the order.
+    Attributes
+    ----------
+    harmonic
+        The order's system.
+    boundary
+        The edges.
+    recovery
+        Computes the recovery of values inside elements, ``AzimuthalSystems.compute_recovery`` of the order.
     """
 
     harmonic: Harmonic
@@ -101,13 +108,19 @@ class Interior:
     def solve(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:
         """Solve eq. MS.4; return values U, V, W of the reflection w in some of the tissue's elements, (e, 3, s, k).
 
-        Args:
-            imposed: imposed values of the boundary's elements, by all layers' data, see ``compute_loads``.
-            forces: forces by the same data.
-            elements: the elements.
+        Parameters
+        ----------
+        imposed
+            Imposed values of the boundary's elements, by all layers' data, see ``compute_loads``.
+        forces
+            Forces by the same data.
+        elements
+            The elements.
 
-        Raises:
-            SolveError: see ``Harmonic.solve``.
+        Raises
+        ------
+        SolveError
+            See ``Harmonic.solve``.
         """
         v = self.harmonic.solve(forces)
         edge = (self.harmonic.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])

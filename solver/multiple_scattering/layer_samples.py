@@ -19,10 +19,14 @@ from solver.multiple_scattering.spheres import ScatteringSphere
 class LayerSamples:
     """Samples of fields in several layers, one ``ModeSamples`` per layer; their amplitudes are stacked.
 
-    Attributes:
-        layers: numbers of the layers with spheres, rising.
-        members: indices of each layer's spheres.
-        parts: samples on each layer's boundary.
+    Attributes
+    ----------
+    layers
+        Numbers of the layers with spheres, rising.
+    members
+        Indices of each layer's spheres.
+    parts
+        Samples on each layer's boundary.
     """
 
     layers: tuple[int, ...]

@@ -24,9 +24,12 @@ EXTRA_POINTS = 4  # points of a panel beyond the order of the elements
 class PanelLine:
     """Gauss points of panels along a line.
 
-    Attributes:
-        ends: ends of the panels, rising, m, shape (n + 1,).
-        points: number of points of each panel.
+    Attributes
+    ----------
+    ends
+        Ends of the panels, rising, m, shape (n + 1,).
+    points
+        Number of points of each panel.
     """
 
     ends: Floats
@@ -67,11 +70,16 @@ class PanelLine:
 class Panels:
     """Points on a layer's boundary, in the order top, side, bottom (of tissue without layers surface, side, floor): n of them.
 
-    Attributes:
-        surface, floor: along r on top and bottom.
-        side: along the depth below the top.
-        section: section of the tissue.
-        top, bottom: depths of the layer's faces, m.
+    Attributes
+    ----------
+    surface, floor
+        Along r on top and bottom.
+    side
+        Along the depth below the top.
+    section
+        Section of the tissue.
+    top, bottom
+        Depths of the layer's faces, m.
     """
 
     surface: PanelLine

@@ -15,10 +15,14 @@ from geometry.common.arrays import Floats
 class Reflections:
     """Fields c_0 .. c_n of successive reflections at the spheres, eq. MS.8 of ``solve.py``.
 
-    Attributes:
-        fields: regular coefficients of both base states about all spheres, (modes, 2) each.
-        works: T times the fields, with the work matrix T of the spheres.
-        moments: mu_0 .. mu_2n of eq. MS.8, (2, 2) each.
+    Attributes
+    ----------
+    fields
+        Regular coefficients of both base states about all spheres, (modes, 2) each.
+    works
+        T times the fields, with the work matrix T of the spheres.
+    moments
+        mu_0 .. mu_2n of eq. MS.8, (2, 2) each.
     """
 
     fields: tuple[Floats, ...]

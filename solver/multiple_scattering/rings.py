@@ -26,9 +26,12 @@ SIDE_COMPONENTS = (3, 8, 4, 7, 6, 0, 1, 2)  # sampled on the side: xx, xy, yy, x
 class AzimuthalGrid:
     """Angles about the probe's axis at which fields are sampled: the half plane's y > 0 where they mirror, or all round.
 
-    Attributes:
-        count: number of angles.
-        mirrored: whether fields are even about y = 0.
+    Attributes
+    ----------
+    count
+        Number of angles.
+    mirrored
+        Whether fields are even about y = 0.
     """
 
     count: int
@@ -80,13 +83,18 @@ class ModeSource:
 class Rings:
     """Points of the boundary's meridian, repeated at angles about the axis: fewer angles where fields are smooth.
 
-    Attributes:
-        part: slice of the panels' points.
-        rounds: the angles.
-        components: sampled components, of ``solver.inclusions.vector_modes.build_stack``.
-        flat: whether all points have one z.
-        turn_matrices: slices of the points with matrices from components to tractions and displacements,
-            (angles, 6, components).
+    Attributes
+    ----------
+    part
+        Slice of the panels' points.
+    rounds
+        The angles.
+    components
+        Sampled components, of ``solver.inclusions.vector_modes.build_stack``.
+    flat
+        Whether all points have one z.
+    turn_matrices
+        Slices of the points with matrices from components to tractions and displacements, (angles, 6, components).
     """
 
     part: slice
@@ -109,10 +117,14 @@ class Rings:
 def build_rings(panels: Panels, sources: Sequence[ModeSource], rounds: AzimuthalGrid) -> list[Rings]:
     """Build the rings of surface, side and floor; for a single angle, one ring with all points.
 
-    Args:
-        panels: the points of the meridian.
-        sources: spheres whose outgoing modes are sampled.
-        rounds: maximum number of angles.
+    Parameters
+    ----------
+    panels
+        The points of the meridian.
+    sources
+        Spheres whose outgoing modes are sampled.
+    rounds
+        Maximum number of angles.
     """
     parts = panels.parts
     if rounds.count == 1:

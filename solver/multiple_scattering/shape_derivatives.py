@@ -31,11 +31,16 @@ COMPLEX_STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
 class ShapeDerivatives:
     """Derivatives of the film forces, N/m per unit, shapes (2, 2).
 
-    Attributes:
-        by_depth: with respect to depth, per m.
-        by_offset: with respect to the lateral offset from the probe's axis, per m; zero on the axis.
-        by_log_diameter: with respect to ln of the diameter.
-        by_poisson: with respect to its Poisson's ratio.
+    Attributes
+    ----------
+    by_depth
+        With respect to depth, per m.
+    by_offset
+        With respect to the lateral offset from the probe's axis, per m; zero on the axis.
+    by_log_diameter
+        With respect to ln of the diameter.
+    by_poisson
+        With respect to its Poisson's ratio.
     """
 
     by_depth: Floats

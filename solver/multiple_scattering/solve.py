@@ -61,14 +61,22 @@ ORDER_TOLERANCE_SHARE = 0.3  # of the tolerance: two azimuthal orders with less 
 class Scattered:
     """Change of the film forces by a set of spheres.
 
-    Attributes:
-        forces: dF_ij, N/m, shape (2, 2).
-        by_log_modulus: d forces / d ln E of each sphere, shape (t, 2, 2).
-        error: estimated error of each film's total by omitted reflections, degrees and orders, N/m, shape (2,).
-        slope_error: the same for ``by_log_modulus``, shape (t, 2, 2).
-        shape_derivatives: derivatives with respect to depth, offset and diameter of each sphere.
-        steps: number of reflections.
-        orders: number of azimuthal orders.
+    Attributes
+    ----------
+    forces
+        dF_ij, N/m, shape (2, 2).
+    by_log_modulus
+        d forces / d ln E of each sphere, shape (t, 2, 2).
+    error
+        Estimated error of each film's total by omitted reflections, degrees and orders, N/m, shape (2,).
+    slope_error
+        The same for ``by_log_modulus``, shape (t, 2, 2).
+    shape_derivatives
+        Derivatives with respect to depth, offset and diameter of each sphere.
+    steps
+        Number of reflections.
+    orders
+        Number of azimuthal orders.
     """
 
     forces: Floats
@@ -93,20 +101,32 @@ def solve_scattering(
 ) -> Scattered:
     """Solve eq. MS.8 for a set of t spheres until the remainder is below ``tolerance`` of each film's total.
 
-    Args:
-        field: the base states' strains.
-        reflector: reflecting boundary; its mesh may be coarser than that of ``field``.
-        strata: the tissue's materials by depth.
-        tumours: the t spheres, relative to the probe's axis.
-        tolerance: relative tolerance.
-        places: whether to compute derivatives with respect to the spheres' positions, sizes and Poisson's ratios.
-        sensitive: whether derivatives with respect to moduli must be accurate to ``SLOPE_TOLERANCE_FACTOR`` times the tolerance,
-            which takes one more reflection.
-        often: whether so many sets are solved under this probe that forming each order's matrix pays even without PARDISO.
+    Parameters
+    ----------
+    field
+        The base states' strains.
+    reflector
+        Reflecting boundary; its mesh may be coarser than that of ``field``.
+    strata
+        The tissue's materials by depth.
+    tumours
+        The t spheres, relative to the probe's axis.
+    tolerance
+        Relative tolerance.
+    places
+        Whether to compute derivatives with respect to the spheres' positions, sizes and Poisson's ratios.
+    sensitive
+        Whether derivatives with respect to moduli must be accurate to ``SLOPE_TOLERANCE_FACTOR`` times the tolerance, which takes
+        one more reflection.
+    often
+        Whether so many sets are solved under this probe that forming each order's matrix pays even without PARDISO.
 
-    Raises:
-        SolveError: the reflections could not be solved.
-        LimitReached: they would exceed the limits of memory or time.
+    Raises
+    ------
+    SolveError
+        The reflections could not be solved.
+    LimitReached
+        They would exceed the limits of memory or time.
     """
     return run_steps(iterate_scattering(field, reflector, strata, tumours, tolerance, places=places, sensitive=sensitive), often)
 
@@ -181,8 +201,10 @@ def _list_shape_derivatives(
 def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
     """Rotate spheres about the probe's axis, if possible into the plane y = 0, and choose modes and angles that resolve them.
 
-    Raises:
-        LimitReached: their projections would exceed the memory limit.
+    Raises
+    ------
+    LimitReached
+        Their projections would exceed the memory limit.
     """
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))
@@ -210,8 +232,10 @@ def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple
 def _find_projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
     """Return the projections on all modes; small ones are cached, as they take half of the time of a tumour on the axis.
 
-    Raises:
-        LimitReached: they would exceed the memory limit.
+    Raises
+    ------
+    LimitReached
+        They would exceed the memory limit.
     """
     distinct = set(modes)
     check_memory(

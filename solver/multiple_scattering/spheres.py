@@ -23,12 +23,18 @@ from solver.multiple_scattering.rings import ModeSource
 class ScatteringSphere:
     """A sphere in the axes of the probe, with the modes of the fields about it.
 
-    Attributes:
-        centre: x, y and z, m, shape (3,).
-        radius: m.
-        modes, projection: modes, and the projection of displacements on its surface on them.
-        matrix: the material about it.
-        layer: the number of the tissue's layer in which it lies.
+    Attributes
+    ----------
+    centre
+        x, y and z, m, shape (3,).
+    radius
+        m.
+    modes, projection
+        Modes, and the projection of displacements on its surface on them.
+    matrix
+        The material about it.
+    layer
+        The number of the tissue's layer in which it lies.
     """
 
     centre: Floats
@@ -71,9 +77,12 @@ class ScatteringSphere:
 class SphereSet:
     """Scattering by all spheres of a set; fields are arrays (modes of all, k), one sphere after the other.
 
-    Attributes:
-        scatterings: scattering matrices of the spheres.
-        parts: slices of their modes.
+    Attributes
+    ----------
+    scatterings
+        Scattering matrices of the spheres.
+    parts
+        Slices of their modes.
     """
 
     scatterings: Sequence[Scattering]

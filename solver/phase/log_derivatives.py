@@ -30,10 +30,14 @@ MODULUS_SUFFIX = ".youngs_modulus"
 class LogDerivatives:
     """The ratio and its derivatives on one mesh.
 
-    Attributes:
-        ratio: on this mesh; to first order in the tumours where they are off the axis.
-        derivatives: d ln(ratio) by keys of ``geometry.scenes.variables.list_values``: by ln of moduli, else per SI unit.
-        directional: derivative of ln(ratio) along each direction, shape (d,).
+    Attributes
+    ----------
+    ratio
+        On this mesh; to first order in the tumours where they are off the axis.
+    derivatives
+        d ln(ratio) by keys of ``geometry.scenes.variables.list_values``: by ln of moduli, else per SI unit.
+    directional
+        Derivative of ln(ratio) along each direction, shape (d,).
     """
 
     ratio: float
@@ -60,8 +64,10 @@ def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Diffe
 def differentiate_on_axis(scene: Scene, directions: Sequence[ValueOfMaterial], fineness: MeridianFineness) -> LogDerivatives:
     """Return the derivatives for a scene that ``axisymmetric`` takes, on one mesh.
 
-    Raises:
-        SolveError: its equations cannot be solved in double precision.
+    Raises
+    ------
+    SolveError
+        Its equations cannot be solved in double precision.
     """
     scene_sections = add_details(scene, build_sections(scene))
     solution = compute_gradients(scene, solve_on_mesh(scene_sections.section, scene_sections, scene, fineness))
@@ -74,8 +80,10 @@ def differentiate_on_axis(scene: Scene, directions: Sequence[ValueOfMaterial], f
 def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], fineness: MeridianFineness) -> LogDerivatives:
     """Return the derivatives to first order in spheres anywhere, without reflections; the error of that shows in the ratio.
 
-    Raises:
-        SolveError: see ``differentiate_on_axis``.
+    Raises
+    ------
+    SolveError
+        See ``differentiate_on_axis``.
     """
     solution = solve_first_order(scene, add_details(scene, build_sections(scene)), fineness)
     ratio, derivatives = _convert_to_logarithms(scene, compute_tumour_gradients(scene, solution, tuple(list_values(scene))))

@@ -51,11 +51,16 @@ class PhaseUnknown(ProbeError):  # noqa: N818 - says why
 class RatioPhase:
     """The phase by which stress_inner leads stress_outer, counted from the sign of their elastic ratio.
 
-    Attributes:
-        value: rad.
-        error: bound on its absolute error, rad.
-        derivatives: by the scene's numbers and loss factors, rad per SI unit; keys as in ``geometry.scenes.variables``.
-        notes: warnings.
+    Attributes
+    ----------
+    value
+        rad.
+    error
+        Bound on its absolute error, rad.
+    derivatives
+        By the scene's numbers and loss factors, rad per SI unit; keys as in ``geometry.scenes.variables``.
+    notes
+        warnings.
     """
 
     value: float
@@ -72,16 +77,25 @@ class RatioPhase:
 def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float) -> RatioPhase:
     """Compute the phase of the ratio under a small sinusoidal load, for which linear elasticity holds.
 
-    Args:
-        scene: with loss factors that hold at the frequency.
-        result: the scene's result; its error, and its difference from the ratio computed here, count in the phase's error.
-        accuracy: of the result; it sets the mesh's fineness.
-        frequency: Hz; inertia depends on it, loss factors do not.
+    Parameters
+    ----------
+    scene
+        With loss factors that hold at the frequency.
+    result
+        The scene's result; its error, and its difference from the ratio computed here, count in the phase's error.
+    accuracy
+        Of the result; it sets the mesh's fineness.
+    frequency
+        Hz; inertia depends on it, loss factors do not.
 
-    Raises:
-        InputError: a frequency at which inertia is not small.
-        PhaseUnknown: the derivatives of this kind of scene are not known, or the error bound is above ``MAX_PHASE_ERROR_RAD``.
-        LimitReached: see ``solver.evaluate``.
+    Raises
+    ------
+    InputError
+        A frequency at which inertia is not small.
+    PhaseUnknown
+        The derivatives of this kind of scene are not known, or the error bound is above ``MAX_PHASE_ERROR_RAD``.
+    LimitReached
+        See ``solver.evaluate``.
     """
     check_frequency(scene, frequency)
     swing_refusal = find_swing_refusal(scene, frequency)
@@ -125,10 +139,14 @@ def _differentiate_phase(
 ) -> tuple[dict[str, float], float]:
     """Return the phase's derivatives by eq. PH.3, and the sum of the sizes of the third-order terms of eq. PH.2.
 
-    Args:
-        scene: the scene itself.
-        middle: its derivatives.
-        differentiate: returns the derivatives after the logarithms of the moduli moved by a multiple of the loss angles.
+    Parameters
+    ----------
+    scene
+        The scene itself.
+    middle
+        Its derivatives.
+    differentiate
+        Returns the derivatives after the logarithms of the moduli moved by a multiple of the loss angles.
     """
     max_delta = max(compute_loss_angles(scene).values())
     if max_delta == 0:

@@ -36,10 +36,14 @@ PROBING_DEPTH_OUTER_RADII = 1e-3  # depth of these points under the surface, in 
 class CoarseModel:
     """A scene without tumours, groove, films, elastic base and tilt on the coarsest mesh, its contact tied.
 
-    Attributes:
-        scene: without inclusions, tilt and load; groove, films and base are its own.
-        sample: film forces and base states.
-        changes: bounds on what groove, films, base and sides that are not round change.
+    Attributes
+    ----------
+    scene
+        Without inclusions, tilt and load; groove, films and base are its own.
+    sample
+        Film forces and base states.
+    changes
+        Bounds on what groove, films, base and sides that are not round change.
     """
 
     scene: Scene
@@ -50,12 +54,17 @@ class CoarseModel:
     def from_scene(cls, scene: Scene, details: bool = True) -> CoarseModel:
         """Solve the coarse model of a scene.
 
-        Args:
-            scene: the scene.
-            details: whether to compute ``changes``.
+        Parameters
+        ----------
+        scene
+            The scene.
+        details
+            Whether to compute ``changes``.
 
-        Raises:
-            Refusal: so extreme that its equations cannot be solved in double precision.
+        Raises
+        ------
+        Refusal
+            So extreme that its equations cannot be solved in double precision.
         """
         bare = remove_tumours(scene)
         plain = build_sections(bare)
@@ -121,8 +130,10 @@ class CoarseModel:
     def build_rule(self, scene: Scene) -> LoadRule:
         """Return the rule for loads on a scene with this probe and tissue, whatever tumours it has.
 
-        Raises:
-            InputError, Refusal: see ``TumourEffects.from_scene``.
+        Raises
+        ------
+        InputError, Refusal
+            See ``TumourEffects.from_scene``.
         """
         return add_tumours(
             LoadRule.from_totals(scene, self.forces.sum(axis=1), self.closure_force), scene, lambda: self.base_states

@@ -26,9 +26,12 @@ _walls = keep_result(GapWalls.from_mesh)
 class GapProfile:
     """The walls where they face each other.
 
-    Attributes:
-        heights: at the gap, m, rising; each row is one polynomial's, shape (k, PLACES).
-        nearing: by how much the walls near each other there per unit indentation, likewise.
+    Attributes
+    ----------
+    heights
+        At the gap, m, rising; each row is one polynomial's, shape (k, PLACES).
+    nearing
+        By how much the walls near each other there per unit indentation, likewise.
     """
 
     heights: Floats

@@ -34,11 +34,16 @@ LINEAR_REMEDY = "or --linear (linear=True)"
 def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:
     """Raise ``Refusal`` where linear elasticity is not accurate enough at the scene's load.
 
-    Args:
-        scene: for its load.
-        rule: with the stiffness that turns force into indentation.
-        accuracy: see ``find_largest_load``.
-        promise: likewise.
+    Parameters
+    ----------
+    scene
+        For its load.
+    rule
+        With the stiffness that turns force into indentation.
+    accuracy
+        See ``find_largest_load``.
+    promise
+        likewise.
     """
     limit = find_largest_load(rule, accuracy, promise)
     if _is_within(rule.compute_force(scene), limit):
@@ -53,9 +58,12 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
 def check_known_load(scene: Scene, rule: LoadRule) -> None:
     """Raise ``Refusal`` where the effect of the scene's load is unknown, so that no error of a linear result can be given.
 
-    Args:
-        scene: for its load.
-        rule: of the scene.
+    Parameters
+    ----------
+    scene
+        For its load.
+    rule
+        Of the scene.
     """
     if rule.is_known(rule.compute_force(scene)):
         return
@@ -79,12 +87,18 @@ def compute_budget(rule: LoadRule, force: float, accuracy: float, promise: bool)
 def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> Result:
     """Return a linear result with the load's effect added to its errors.
 
-    Args:
-        result: of the scene.
-        scene: for its load.
-        rule: of the scene.
-        accuracy: see ``find_largest_load``.
-        promise: likewise.
+    Parameters
+    ----------
+    result
+        Of the scene.
+    scene
+        For its load.
+    rule
+        Of the scene.
+    accuracy
+        See ``find_largest_load``.
+    promise
+        likewise.
     """
     result = result.add_error(rule.bound_ratio_change(rule.compute_force(scene)))
     result = replace(result, load_limits=build_limits(rule, accuracy, promise))
@@ -110,12 +124,18 @@ def add_load_warning(
 ) -> Result:
     """Return the result of a named evaluator with load limits, and a warning beyond the linear limit: its error is linear only.
 
-    Args:
-        result: of the evaluator.
-        scene: of the result.
-        accuracy: see ``find_largest_load``.
-        rule: of the scene, where it is known.
-        known: how the rule's numbers are.
+    Parameters
+    ----------
+    result
+        Of the evaluator.
+    scene
+        Of the result.
+    accuracy
+        See ``find_largest_load``.
+    rule
+        Of the scene, where it is known.
+    known
+        How the rule's numbers are.
     """
     if result.stiffness is None:
         return result
@@ -138,9 +158,12 @@ def add_load_warning(
 class LoadChanges:
     """Effect of one load on n results.
 
-    Attributes:
-        ratio, log_sensitivity: bounds, relative, shape (n,); infinite where nothing is known.
-        weakest: the rule for the result that changes most.
+    Attributes
+    ----------
+    ratio, log_sensitivity
+        Bounds, relative, shape (n,); infinite where nothing is known.
+    weakest
+        The rule for the result that changes most.
     """
 
     ratio: Floats
@@ -151,8 +174,10 @@ class LoadChanges:
     def from_stiffness(cls, scene: Scene, rule: LoadRule, stiffness: Floats) -> LoadChanges:
         """Compute the changes at given stiffnesses, N/m, shape (n,).
 
-        Raises:
-            Refusal: the load drives the probe deeper than the tissue.
+        Raises
+        ------
+        Refusal
+            The load drives the probe deeper than the tissue.
         """
         compute_indentation(scene, float(stiffness.min()))
         load = scene.load

@@ -33,9 +33,12 @@ LOAD_SHARE = 0.8  # fraction of the accuracy for the load's effect; the rest is 
 def build_load_rule(scene: Scene) -> LoadRule:
     """Build the rule for loads on a scene from the coarsest mesh and its tumours' first-order effects.
 
-    Raises:
-        InputError: a surface file that cannot be used.
-        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
+    Raises
+    ------
+    InputError
+        A surface file that cannot be used.
+    Refusal
+        So extreme that not even the coarsest mesh can be solved in double precision.
     """
     from solver.planning.coarse_model import remove_tumours
 
@@ -45,8 +48,10 @@ def build_load_rule(scene: Scene) -> LoadRule:
 def compute_rule_numbers(scene: Scene) -> tuple[Floats, float]:
     """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
 
-    Raises:
-        Refusal: see ``build_load_rule``.
+    Raises
+    ------
+    Refusal
+        See ``build_load_rule``.
     """
     from solver.planning.coarse_model import remove_tumours
 
@@ -71,12 +76,17 @@ def _solve_without_tumours(scene: Scene) -> tuple[Floats, float]:
 def compute_load_limits(scene: Scene, accuracy: float) -> LoadLimits:
     """Return the loads up to which linear elasticity holds on a scene, by the rule.
 
-    Args:
-        scene: its own load does not matter.
-        accuracy: relative, on ratio, stresses and stiffness; the log-sensitivity of a target has five times that.
+    Parameters
+    ----------
+    scene
+        Its own load does not matter.
+    accuracy
+        Relative, on ratio, stresses and stiffness; the log-sensitivity of a target has five times that.
 
-    Raises:
-        InputError, Refusal: see ``build_load_rule``.
+    Raises
+    ------
+    InputError, Refusal
+        See ``build_load_rule``.
     """
     return build_limits(build_load_rule(scene), accuracy, scene.target is not None)
 
@@ -84,11 +94,16 @@ def compute_load_limits(scene: Scene, accuracy: float) -> LoadLimits:
 def build_limits(rule: LoadRule, accuracy: float, promise: bool, known: Basis = "bound") -> LoadLimits:
     """Build the load limits that a rule sets.
 
-    Args:
-        rule: of the scene.
-        accuracy: see ``compute_load_limits``.
-        promise: whether the log-sensitivity is promised too.
-        known: how the rule's numbers are.
+    Parameters
+    ----------
+    rule
+        Of the scene.
+    accuracy
+        See ``compute_load_limits``.
+    promise
+        Whether the log-sensitivity is promised too.
+    known
+        How the rule's numbers are.
     """
     sensitive = rule.find_sensitivity_limit(accuracy) if promise else None
     return LoadLimits(
@@ -102,10 +117,14 @@ def build_limits(rule: LoadRule, accuracy: float, promise: bool, known: Basis = 
 def combine_computed_limits(ends: LoadEnds, bounds: LoadLimits, accuracy: float) -> LoadLimits:
     """Return the limits that ``contact`` computed; the linear limit of ``auto`` still follows from the rule.
 
-    Args:
-        ends: of the load curve that ``contact`` computed.
-        bounds: by the rule.
-        accuracy: see ``compute_load_limits``.
+    Parameters
+    ----------
+    ends
+        Of the load curve that ``contact`` computed.
+    bounds
+        By the rule.
+    accuracy
+        See ``compute_load_limits``.
     """
 
     def restate(end: LargestLoad | None, question: str) -> LargestLoad | None:
@@ -122,9 +141,13 @@ def combine_computed_limits(ends: LoadEnds, bounds: LoadLimits, accuracy: float)
 def find_largest_load(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
     """Return the largest load at which ``auto`` uses linear elasticity: finite strain may take ``LOAD_SHARE`` of the accuracy.
 
-    Args:
-        rule: of the scene.
-        accuracy: relative, on ratio, stresses and stiffness.
-        promise: whether the log-sensitivity is promised too, to five times that.
+    Parameters
+    ----------
+    rule
+        Of the scene.
+    accuracy
+        Relative, on ratio, stresses and stiffness.
+    promise
+        Whether the log-sensitivity is promised too, to five times that.
     """
     return rule.find_largest_load(LOAD_SHARE * accuracy, promise)

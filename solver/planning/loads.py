@@ -59,8 +59,10 @@ def compute_sensitivity_size(films: tuple[float, float]) -> float:
 
         max(|S|, 0.2 |S_inner|, 0.2 |S_outer|)      (PL.8)
 
-    Args:
-        films: d ln force / d ln E_object of inner and outer film at a given indentation.
+    Parameters
+    ----------
+    films
+        d ln force / d ln E_object of inner and outer film at a given indentation.
     """
     inner, outer = films
     return max(abs(inner - outer), CANCELLING_FILM_SHARE * max(abs(inner), abs(outer)))
@@ -69,10 +71,14 @@ def compute_sensitivity_size(films: tuple[float, float]) -> float:
 def find_largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> tuple[float, Cause]:
     """Return the largest x (indentation over outer radius) at which the rule keeps an accuracy, and what limits it.
 
-    Args:
-        accuracy: relative, on ratio, stresses and stiffness.
-        promise: how good the log-sensitivity has to be, relative to its size by eq. PL.8; None where it does not matter.
-        covered: eq. PL.7.
+    Parameters
+    ----------
+    accuracy
+        Relative, on ratio, stresses and stiffness.
+    promise
+        How good the log-sensitivity has to be, relative to its size by eq. PL.8; None where it does not matter.
+    covered
+        eq. PL.7.
     """
     limits: dict[Cause, float] = {"strain limit": MAX_X, "ratio": accuracy / RATIO_CHANGE_PER_X / covered}
     if promise is not None:
@@ -84,9 +90,12 @@ def find_largest_x(accuracy: float, promise: float | None, covered: float = 1.0)
 def bound_closure_force(scene: Scene, totals: Floats) -> float:
     """Return a lower bound on the force that closes the gap in linear elasticity, N, from formulas that do not model the walls.
 
-    Args:
-        scene: its load does not matter.
-        totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
+    Parameters
+    ----------
+    scene
+        Its load does not matter.
+    totals
+        Force on each film, inner and outer, per indentation, N/m, shape (2,).
     """
     return float(totals.sum()) * scene.probe.gap / bound_wall_nearing(scene, totals)
 
@@ -104,13 +113,20 @@ def bound_wall_nearing(scene: Scene, totals: Floats) -> float:
 class LoadRule:
     """The rule for one probe on one tissue.
 
-    Attributes:
-        strain: x per indentation, 1/m: ``compute_tissue_strain`` and what the blocks' own strain adds.
-        stiffness: linear, force per indentation, N/m.
-        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
-        tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
-        covered: eqs. PL.7 and PL.11, times eq. PL.10.
-        films: log-sensitivities of both film forces, where a result has them, see ``compute_sensitivity_size``.
+    Attributes
+    ----------
+    strain
+        x per indentation, 1/m: ``compute_tissue_strain`` and what the blocks' own strain adds.
+    stiffness
+        Linear, force per indentation, N/m.
+    closure
+        Force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
+    tilted
+        By how much a tilt lowers one side of the probe, m, which counts as indentation.
+    covered
+        eqs. PL.7 and PL.11, times eq. PL.10.
+    films
+        Log-sensitivities of both film forces, where a result has them, see ``compute_sensitivity_size``.
     """
 
     strain: float
@@ -128,10 +144,14 @@ class LoadRule:
         the indentation: it adds e^2 h / 0.1 to x per indentation; the tissue drags a tube along as well, the thinner the more,
         which adds 1 + 0.15 R / w times that with its outer radius R and wall w (PL.3). The block that adds more counts.
 
-        Args:
-            scene: its load does not matter.
-            totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
-            closure: ``CoarseModel.closure_force``.
+        Parameters
+        ----------
+        scene
+            Its load does not matter.
+        totals
+            Force on each film, inner and outer, per indentation, N/m, shape (2,).
+        closure
+            ``CoarseModel.closure_force``.
         """
         probe = scene.probe
         inner = compute_block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)
@@ -157,9 +177,12 @@ class LoadRule:
     def find_largest_load(self, accuracy: float, promise: bool) -> LargestLoad:
         """Return the largest load that keeps an accuracy; 0 where the tilt alone does not.
 
-        Args:
-            accuracy: relative, on ratio, stresses and stiffness.
-            promise: whether the log-sensitivity has to be good to five times that.
+        Parameters
+        ----------
+        accuracy
+            Relative, on ratio, stresses and stiffness.
+        promise
+            Whether the log-sensitivity has to be good to five times that.
         """
         limits = [self.largest_open_load, self.find_ratio_limit(accuracy)]
         limits += [self.find_sensitivity_limit(accuracy)] if promise else []
@@ -232,9 +255,12 @@ class LoadRule:
 
         Where the films' log-sensitivities may cancel, a fraction of their difference says nothing: the change itself is given.
 
-        Args:
-            force: N.
-            promise: whether there is a log-sensitivity.
+        Parameters
+        ----------
+        force
+            N.
+        promise
+            Whether there is a log-sensitivity.
         """
         changes = f"ratio, stresses and stiffness by at most {self.bound_ratio_change(force):.2g}"
         if not promise:

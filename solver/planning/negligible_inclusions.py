@@ -22,10 +22,14 @@ NEIGHBOUR_SAFETY_FACTOR = 2.0  # on the bound of a first-order effect: neighbour
 class Reduced:
     """A scene without its negligible inclusions.
 
-    Attributes:
-        scene: with a marked target, if the whole had one.
-        decisions: one for each inclusion of the whole.
-        left_out: bound on what those left out change together, relative.
+    Attributes
+    ----------
+    scene
+        With a marked target, if the whole had one.
+    decisions
+        One for each inclusion of the whole.
+    left_out
+        Bound on what those left out change together, relative.
     """
 
     scene: Scene
@@ -54,9 +58,12 @@ def leave_out_negligible(scene: Scene, rough: CoarseModel, accuracy: float) -> R
     The target stays, as do a body from a surface file, whose size is not known well enough, and all in layers of tissue: the
     bounds know one material about them.
 
-    Raises:
-        InputError: a surface file that cannot be used.
-        Refusal: an inclusion larger than the modelled tissue.
+    Raises
+    ------
+    InputError
+        A surface file that cannot be used.
+    Refusal
+        An inclusion larger than the modelled tissue.
     """
     if not scene.inclusion:
         return Reduced(scene, (), 0.0)

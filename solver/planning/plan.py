@@ -44,18 +44,30 @@ WHOLE_MESH_SHARE = 0.06  # likewise without symmetry: twice the tetrahedra for t
 class Plan(LoadedRecord):
     """The evaluator for a scene, with the features that it models and neglects.
 
-    Attributes:
-        evaluator: with which ``auto`` begins; None where no evaluator takes the scene.
-        dimension: of the model, in words.
-        scene: the scene for that evaluator: without negligible inclusions.
-        accuracy: requested of that evaluator.
-        allowed: its largest allowed error: what load and left-out inclusions leave of the accuracy; at least ``accuracy``.
-        left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
-        decisions: one for each feature that could be left out.
-        rule: for loads, see ``CoarseModel.build_rule``.
-        load_limits: up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
-        warnings: one line each.
-        refusal: why ``auto`` refuses the scene; None where an evaluator is named.
+    Attributes
+    ----------
+    evaluator
+        With which ``auto`` begins; None where no evaluator takes the scene.
+    dimension
+        Of the model, in words.
+    scene
+        The scene for that evaluator: without negligible inclusions.
+    accuracy
+        Requested of that evaluator.
+    allowed
+        Its largest allowed error: what load and left-out inclusions leave of the accuracy; at least ``accuracy``.
+    left_out
+        Bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
+    decisions
+        One for each feature that could be left out.
+    rule
+        For loads, see ``CoarseModel.build_rule``.
+    load_limits
+        Up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
+    warnings
+        One line each.
+    refusal
+        Why ``auto`` refuses the scene; None where an evaluator is named.
     """
 
     INTERNAL = ("scene", "accuracy", "allowed", "left_out", "rule", "refusal")
@@ -109,8 +121,10 @@ class Plan(LoadedRecord):
     def complete_result(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
         """Complete a result for the reduced scene to one for the whole: load and left-out inclusions add to its error.
 
-        Raises:
-            Refusal: the error is above the accuracy, unless ``linear``.
+        Raises
+        ------
+        Refusal
+            The error is above the accuracy, unless ``linear``.
         """
         notes = tuple(note for note in result.warnings if note.kind != "accuracy")  # of a share of what was asked, which is met
         result = replace(result, plan=self._merge_decisions(result.plan), warnings=(*notes, *self.warnings))
@@ -160,17 +174,27 @@ def build_plan(
 ) -> Plan:
     """Plan how to solve a scene; see ``solver.evaluation.plan``.
 
-    Args:
-        scene: as there.
-        accuracy: as there.
-        evaluator: the evaluator to plan for; None for the cheapest that may do.
-        skin: whether to warn about the effect of a skin on soft tissue without layers.
-        linear: whether to use linear elasticity at any load.
-        rough: the scene's coarse model, where it is known: scenes without their tumours and loads may share it.
+    Parameters
+    ----------
+    scene
+        As there.
+    accuracy
+        As there.
+    evaluator
+        The evaluator to plan for; None for the cheapest that may do.
+    skin
+        Whether to warn about the effect of a skin on soft tissue without layers.
+    linear
+        Whether to use linear elasticity at any load.
+    rough
+        The scene's coarse model, where it is known: scenes without their tumours and loads may share it.
 
-    Raises:
-        InputError: a surface file that cannot be used.
-        Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
+    Raises
+    ------
+    InputError
+        A surface file that cannot be used.
+    Refusal
+        So extreme that not even the coarsest mesh can be solved in double precision.
     """
     rough = CoarseModel.from_scene(scene) if rough is None else rough
     fewer = leave_out_negligible(scene, rough, accuracy)
@@ -224,13 +248,20 @@ def find_next_evaluator(
 ) -> str | None:
     """Return the next evaluator that may solve the scene where those tried refuse, else None.
 
-    Args:
-        planned: for the last of them.
-        tried: their names.
-        fault: the last one's refusal.
-        scene: whole.
-        accuracy: of the whole.
-        linear: whether to use linear elasticity at any load.
+    Parameters
+    ----------
+    planned
+        For the last of them.
+    tried
+        Their names.
+    fault
+        The last one's refusal.
+    scene
+        whole.
+    accuracy
+        Of the whole.
+    linear
+        Whether to use linear elasticity at any load.
     """
     fewer = planned.scene
     if fault.key.startswith("load."):

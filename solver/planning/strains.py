@@ -64,13 +64,20 @@ def compute_both_strains(
 
         indentation sqrt(b^2 ((1.6 sqrt(1 + 5 m) - 0.6)^2 - 1 + k^2) + (1.6 f / R)^2)      (PL.11)
 
-    Args:
-        tube_radius: outer radius of the probe, m; a float, an array or casadi.
-        tissue: of any shape.
-        interface: of the blocks and the tissue.
-        added: by the blocks, eq. PL.3, 1/m; it counts k times.
-        covered: k.
-        law: s of eq. PL.12, which multiplies both.
+    Parameters
+    ----------
+    tube_radius
+        Outer radius of the probe, m; a float, an array or casadi.
+    tissue
+        Of any shape.
+    interface
+        Of the blocks and the tissue.
+    added
+        By the blocks, eq. PL.3, 1/m; it counts k times.
+    covered
+        k.
+    law
+        s of eq. PL.12, which multiplies both.
     """
     deep, soft, plate = _compute_strains(tube_radius, tissue)
     bending = 1 + BENDING_COEFFICIENT * ((1 + PLATE_COEFFICIENT * plate) ** 0.5 - 1)
@@ -107,10 +114,14 @@ def compute_tissue_strain(tube_radius: Numeric, tissue: Tissue, interface: Inter
     ``tests/reference/contact/layered.json`` and ``benchmarks.extremes.layer_loads`` hold it. Faces that are not bonded slide at
     the blocks' edges, which changes the log-sensitivity 2.2 times as soon: all counts that many times.
 
-    Args:
-        tube_radius: outer radius of the probe, m; a float, an array or casadi.
-        tissue: of any shape.
-        interface: of the blocks and the tissue.
+    Parameters
+    ----------
+    tube_radius
+        Outer radius of the probe, m; a float, an array or casadi.
+    tissue
+        Of any shape.
+    interface
+        Of the blocks and the tissue.
     """
     deep, soft, _ = _compute_strains(tube_radius, tissue)
     return _get_sliding_factor(interface) * (deep**2 + soft**2) ** 0.5
@@ -189,9 +200,12 @@ def compute_cancelling_factor(totals: Floats, areas: tuple[float, float]) -> flo
 
         max(1, 0.2 (mean stress) / (lesser stress))      (PL.10)
 
-    Args:
-        totals: force on each film per indentation, N/m, shape (2,).
-        areas: of the films, m^2.
+    Parameters
+    ----------
+    totals
+        Force on each film per indentation, N/m, shape (2,).
+    areas
+        Of the films, m^2.
     """
     stresses = [abs(float(total)) / area for total, area in zip(totals, areas, strict=True)]
     mean, min_stress = abs(float(sum(totals))) / sum(areas), min(stresses)
@@ -234,11 +248,16 @@ def bound_nearing(
     widen, and the tissue drags the tube's end inwards, the thinner and softer the more. Layers that are stiffer or more
     compressible count, by the thickness T of all that are as much so, as T / (T + 0.02 R) of the difference.
 
-    Args:
-        tissue: of any shape.
-        radii: of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
-        strains: e of both blocks, 1/m.
-        modulus: E_o of the tube, Pa.
+    Parameters
+    ----------
+    tissue
+        Of any shape.
+    radii
+        Of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
+    strains
+        e of both blocks, 1/m.
+    modulus
+        E_o of the tube, Pa.
     """
     inner_radius, hole, tube_radius = radii
     wall = tube_radius - hole

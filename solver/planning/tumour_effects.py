@@ -25,9 +25,12 @@ MIN_STIFFNESS_RELATIVE = 0.1  # of that without tumours: the first order overest
 class TumourEffects:
     """Effects of each tumour of a scene, each taken as a ball.
 
-    Attributes:
-        tumours: inside the tissue that is modelled.
-        single_effects: of each tumour alone.
+    Attributes
+    ----------
+    tumours
+        Inside the tissue that is modelled.
+    single_effects
+        Of each tumour alone.
     """
 
     tumours: Tumours
@@ -37,14 +40,20 @@ class TumourEffects:
     def from_scene(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
         """Compute the effects of a scene's tumours.
 
-        Args:
-            scene: with tumours of any shape, each taken as a ball.
-            base: base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model
-                is moved into it.
+        Parameters
+        ----------
+        scene
+            With tumours of any shape, each taken as a ball.
+        base
+            Base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model is moved into
+            it.
 
-        Raises:
-            InputError: a surface file that cannot be used.
-            Refusal: a tumour larger than the modelled tissue.
+        Raises
+        ------
+        InputError
+            A surface file that cannot be used.
+        Refusal
+            A tumour larger than the modelled tissue.
         """
         balls = tuple(_build_ball(k, body) for k, body in enumerate(scene.inclusion))
         tumours = base.move_inside(Tumours.from_scene(scene.model_copy(update={"inclusion": balls})))[0]
@@ -54,13 +63,19 @@ class TumourEffects:
 def add_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -> LoadRule:
     """Adapt the load rule without tumours to a scene's tumours.
 
-    Args:
-        rule: with the stiffness without tumours, of the coarsest mesh.
-        scene: with its tumours.
-        base: makes the base states on the coarsest mesh, where there are tumours.
+    Parameters
+    ----------
+    rule
+        With the stiffness without tumours, of the coarsest mesh.
+    scene
+        With its tumours.
+    base
+        Makes the base states on the coarsest mesh, where there are tumours.
 
-    Raises:
-        InputError, Refusal: see ``TumourEffects.from_scene``.
+    Raises
+    ------
+    InputError, Refusal
+        See ``TumourEffects.from_scene``.
     """
     if not scene.inclusion:
         return adjust_rule(rule, 1.0, None)
@@ -78,10 +93,14 @@ def adjust_rule(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule
     Softer tumours let a force press deeper; how much the film log-sensitivities cancel decides how well the log-sensitivity has
     to be known. Stiffer ones count as none: the force that closes the gap hardly depends on them.
 
-    Args:
-        rule: with the stiffness without tumours.
-        times: the stiffness with them, over that.
-        slopes: film log-sensitivities, inner and outer, shape (2,); None without a target.
+    Parameters
+    ----------
+    rule
+        With the stiffness without tumours.
+    times
+        The stiffness with them, over that.
+    slopes
+        Film log-sensitivities, inner and outer, shape (2,); None without a target.
     """
     stiffness = STIFFNESS_MARGIN * float(np.clip(times, MIN_STIFFNESS_RELATIVE, 1.0)) * rule.stiffness
     return replace(rule, stiffness=stiffness, films=_reduce_difference(slopes))

@@ -18,15 +18,23 @@ from solver.published.equations import check_numbers
 def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> float:
     """Return the equivalent modulus E_eq of tissue with an embedded object, by eq. PU.1, Pa.
 
-    Args:
-        a: radius of the circle under stress, m.
-        d: depth of the object, m.
-        D: its diameter, m.
-        E_matrix: Young's modulus of the tissue around it, Pa.
-        E_object: its own, Pa.
+    Parameters
+    ----------
+    a
+        Radius of the circle under stress, m.
+    d
+        Depth of the object, m.
+    D
+        Its diameter, m.
+    E_matrix
+        Young's modulus of the tissue around it, Pa.
+    E_object
+        Its own, Pa.
 
-    Raises:
-        InputError: k is not below 1.
+    Raises
+    ------
+    InputError
+        k is not below 1.
     """
     k = _compute_share(a, d, D)
     return 1 / ((1 - k) / E_matrix + k / E_object)
@@ -36,8 +44,10 @@ def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> f
 def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -> float:
     """Return E_object from E_eq by eq. PU.1, Pa.
 
-    Raises:
-        InputError: k is not below 1, or E_eq is not below that of a rigid object.
+    Raises
+    ------
+    InputError
+        k is not below 1, or E_eq is not below that of a rigid object.
     """
     k = _compute_share(a, d, D)
     rigid = E_matrix / (1 - k)
@@ -50,8 +60,10 @@ def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -
 def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) -> float:
     """Return the object's diameter D from E_eq by eq. PU.1, m.
 
-    Raises:
-        InputError: E_eq is not between E_matrix and E_object, so that k is not between 0 and 1.
+    Raises
+    ------
+    InputError
+        E_eq is not between E_matrix and E_object, so that k is not between 0 and 1.
     """
     if not min(E_matrix, E_object) < E_eq < max(E_matrix, E_object):
         raise InputError("E_eq", E_eq, f"between E_matrix = {E_matrix:g} and E_object = {E_object:g} Pa")

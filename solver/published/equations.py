@@ -135,8 +135,10 @@ def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
 def film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, d33: float) -> float:
     """Return the force on a film from its charge Q, N. Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
 
-    Raises:
-        InputError: the charge per force is zero.
+    Raises
+    ------
+    InputError
+        The charge per force is zero.
     """
     charge_per_force = psi_1 * d31 + psi_2 * d32 + d33
     if charge_per_force == 0:
@@ -156,8 +158,10 @@ EQUATIONS: dict[int, Callable[..., float | tuple[float, float, float]]] = {
 def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
     """Return E_object from eq. (11) with E_2 = E_object and E_3 = E_1, Pa, as at the end of section 2.3.
 
-    Raises:
-        InputError: E_eq is not below E_1 / 2: no positive modulus fits.
+    Raises
+    ------
+    InputError
+        E_eq is not below E_1 / 2: no positive modulus fits.
     """
     if E_eq >= E_1 / 2:
         raise InputError("E_eq", E_eq, f"below E_1 / 2 = {format_maximum(E_1 / 2)} Pa, else eq. (11) has no positive E_object")
@@ -170,8 +174,10 @@ def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object
 
     D = 4 d^2 E_object [E_matrix (1-nu^2) - E_eq (1-nu)^2] / (3 a E_eq [E_object (1-nu)^2 + E_matrix])
 
-    Raises:
-        InputError: E_eq is not below its value at D = 0: no positive diameter fits.
+    Raises
+    ------
+    InputError
+        E_eq is not below its value at D = 0: no positive diameter fits.
     """
     largest = E_matrix * (1 + nu) / (1 - nu)
     if E_eq >= largest:
@@ -188,8 +194,10 @@ def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix:
 
     E_object = 3 a D E_matrix E_eq / [4 E_matrix (1-nu^2) d^2 - E_eq (1-nu)^2 (4 d^2 + 3 a D)]
 
-    Raises:
-        InputError: E_eq is not below that of a rigid object: no positive modulus fits.
+    Raises
+    ------
+    InputError
+        E_eq is not below that of a rigid object: no positive modulus fits.
     """
     loose = (1 - nu) ** 2 * (4 * d**2 + 3 * a * D)
     rigid = 4 * E_matrix * (1 - nu**2) * d**2 / loose
@@ -204,8 +212,10 @@ def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix:
 def object_and_diameter(a: float, d: float, nu: float, E_matrix: float, E_eq: float) -> tuple[float, float]:
     """Return E_object, Pa, and D, m, from E_eq in the paper's order (end of section 2.3): by eq. (11), then by eq. (8).
 
-    Raises:
-        InputError: E_eq is not below E_matrix / 2.
+    Raises
+    ------
+    InputError
+        E_eq is not below E_matrix / 2.
     """
     E_object = object_modulus_from_layers(E_eq, E_matrix)
     return E_object, diameter_printed(a, d, nu=nu, E_matrix=E_matrix, E_object=E_object, E_eq=E_eq)

@@ -52,8 +52,10 @@ class Published:
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """Return ``equivalent_modulus``; the equations give no film stresses, so the other values are None.
 
-        Raises:
-            Refusal: the equations cannot describe the scene.
+        Raises
+        ------
+        Refusal
+            The equations cannot describe the scene.
         """
         start = perf_counter()
         reason = self.refusal(scene)
@@ -73,16 +75,20 @@ class Published:
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
         """Refuse: no accuracy is within reach of equations that give no stresses.
 
-        Raises:
-            Refusal: always.
+        Raises
+        ------
+        Refusal
+            always.
         """
         raise Refusal("accuracy", accuracy, "none for this evaluator: the paper's equations give no film stresses")
 
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """Refuse: there is no ratio to follow.
 
-        Raises:
-            Refusal: always.
+        Raises
+        ------
+        Refusal
+            always.
         """
         raise Refusal("evaluator", self.name, "any other for a curve: the paper's equations give no film stresses")
 

@@ -52,12 +52,16 @@ TABLE_3 = {
 class PositionCheck:
     """Consistency of the printed rows of one position.
 
-    Attributes:
-        spread: of the printed ratio over the loads, relative.
-        arithmetic: maximum deviation of the printed ratio from the quotient of the printed stresses without signs, relative.
-        signed: that quotient at the first load, with its sign.
-        area: A1 with which these stresses, were they means, would balance the load, by the paper's A2/A1: N over the unit
-            of stress.
+    Attributes
+    ----------
+    spread
+        Of the printed ratio over the loads, relative.
+    arithmetic
+        Maximum deviation of the printed ratio from the quotient of the printed stresses without signs, relative.
+    signed
+        That quotient at the first load, with its sign.
+    area
+        A1 with which these stresses, were they means, would balance the load, by the paper's A2/A1: N over the unit of stress.
     """
 
     spread: float

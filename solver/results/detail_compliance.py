@@ -21,9 +21,12 @@ from solver.results.film_forces import Bound
 class Detail:
     """A detail's name and the compliance that it adds, m/N, shape (2, 2).
 
-    Attributes:
-        is_exact: whether the compliance is exact and not an upper bound, so that equal changes of both films cancel in the ratio.
-        lost_share: fraction of the outer film's force that the detail may remove in addition to the effect of its compliance.
+    Attributes
+    ----------
+    is_exact
+        Whether the compliance is exact and not an upper bound, so that equal changes of both films cancel in the ratio.
+    lost_share
+        Fraction of the outer film's force that the detail may remove in addition to the effect of its compliance.
     """
 
     name: str

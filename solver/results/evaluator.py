@@ -28,9 +28,12 @@ def ignore_progress(text: str) -> None:
 class Evaluator(Protocol):
     """A model of one fidelity, made by ``create_evaluator(tell)`` of the module ``evaluator`` of its package.
 
-    Attributes:
-        name: as on the command line.
-        summary: one line for ``--help``: what it models, its usual error and cost.
+    Attributes
+    ----------
+    name
+        As on the command line.
+    summary
+        One line for ``--help``: what it models, its usual error and cost.
     """
 
     @property
@@ -46,26 +49,34 @@ class Evaluator(Protocol):
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """Evaluate to ``accuracy`` (relative, on ratio, stresses and stiffness), or as well as possible with a warning.
 
-        Raises:
-            InputError: a surface file that cannot be used.
-            Refusal: this evaluator cannot take this kind of scene, or its equations cannot be solved.
+        Raises
+        ------
+        InputError
+            A surface file that cannot be used.
+        Refusal
+            This evaluator cannot take this kind of scene, or its equations cannot be solved.
         """
         ...
 
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
         """Evaluate as ``evaluate`` does, but refuse unless every error bound is at most ``allowed`` (by default ``accuracy``).
 
-        Raises:
-            InputError, Refusal: see ``evaluate``; also if the accuracy is out of reach.
+        Raises
+        ------
+        InputError, Refusal
+            See ``evaluate``; also if the accuracy is out of reach.
         """
         ...
 
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """Return ratio and log-sensitivity for every Young's modulus (Pa, shape (k,)) of the target inclusion.
 
-        Raises:
-            InputError: see ``evaluate``; there is no target, or a modulus is not positive and finite.
-            Refusal: see ``evaluate``.
+        Raises
+        ------
+        InputError
+            See ``evaluate``; there is no target, or a modulus is not positive and finite.
+        Refusal
+            See ``evaluate``.
         """
         ...
 
@@ -74,13 +85,20 @@ class Evaluator(Protocol):
 class FilmSolution:
     """The film forces of a scene with their errors, at the target's modulus or at several.
 
-    Attributes:
-        films: film forces with their errors, one for each modulus.
-        residual: relative, the largest of the linear systems solved; None where none is solved.
-        plan: features that were modelled or left out.
-        notes: the evaluator's own warnings.
-        stiffness: N/m, where it is not the sum of the film forces.
-        error_kind: of the errors of ``films``.
+    Attributes
+    ----------
+    films
+        Film forces with their errors, one for each modulus.
+    residual
+        Relative, the largest of the linear systems solved; None where none is solved.
+    plan
+        Features that were modelled or left out.
+    notes
+        The evaluator's own warnings.
+    stiffness
+        N/m, where it is not the sum of the film forces.
+    error_kind
+        Of the errors of ``films``.
     """
 
     films: tuple[FilmForces, ...]
@@ -114,8 +132,10 @@ class FilmSolution:
 class FilmEvaluator:
     """An evaluator that computes film forces: a subclass defines ``solve``, from which the methods of ``Evaluator`` follow.
 
-    Attributes:
-        workspace: where it keeps meshes and factors; by default the current one, usually the process's.
+    Attributes
+    ----------
+    workspace
+        Where it keeps meshes and factors; by default the current one, usually the process's.
     """
 
     name: str
@@ -148,9 +168,12 @@ class FilmEvaluator:
     def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
         """Evaluate each scene as ``evaluate`` does; return its result or its refusal. ``seconds`` are divided evenly.
 
-        Args:
-            scenes: scenes of any kind.
-            accuracy: one for all scenes, or one for each.
+        Parameters
+        ----------
+        scenes
+            Scenes of any kind.
+        accuracy
+            One for all scenes, or one for each.
         """
         start = perf_counter()
         solutions = self.solve_many(scenes, accuracy if isinstance(accuracy, Sequence) else [accuracy] * len(scenes))
@@ -186,12 +209,18 @@ class FilmEvaluator:
 class OutOfReach(Refusal):
     """Refusal of an accuracy that an evaluator does not reach.
 
-    Attributes:
-        name: name of the evaluator.
-        scene, accuracy: its arguments.
-        reached: the largest of its error bounds. At that accuracy the evaluator may refine less, and so miss it.
-        stopped: which limit of memory or time prevented a better result; empty where none did.
-        allowed: text of the accuracy that would be accepted; by default made from ``reached``.
+    Attributes
+    ----------
+    name
+        Name of the evaluator.
+    scene, accuracy
+        Its arguments.
+    reached
+        The largest of its error bounds. At that accuracy the evaluator may refine less, and so miss it.
+    stopped
+        Which limit of memory or time prevented a better result; empty where none did.
+    allowed
+        Text of the accuracy that would be accepted; by default made from ``reached``.
     """
 
     def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, *, stopped: str = "", allowed: str = "") -> None:

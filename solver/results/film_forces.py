@@ -30,10 +30,14 @@ def compute_sensitivity_tolerance(accuracy: float, log_sensitivity: float | Floa
 class Bound:
     """Bounds on the errors of film forces.
 
-    Attributes:
-        totals: on each film's total force, N/m, >= 0, shape (2,).
-        log_ratio: on ln(ratio); equal relative errors of both films cancel in it.
-        sum: on the force of both films together, N/m, where it is known better than as the sum of ``totals``.
+    Attributes
+    ----------
+    totals
+        On each film's total force, N/m, >= 0, shape (2,).
+    log_ratio
+        On ln(ratio); equal relative errors of both films cancel in it.
+    sum
+        On the force of both films together, N/m, where it is known better than as the sum of ``totals``.
     """
 
     totals: Floats
@@ -59,11 +63,16 @@ class Bound:
 class FilmForces:
     """Forces F_ij on film i (0 inner, 1 outer) per unit displacement of base j, with a bound on their errors.
 
-    Attributes:
-        forces: N/m, symmetric, shape (2, 2).
-        bound: on the errors of the forces.
-        modulus_derivative: d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
-        sensitivity_error: estimate of the absolute error of the log-sensitivity.
+    Attributes
+    ----------
+    forces
+        N/m, symmetric, shape (2, 2).
+    bound
+        On the errors of the forces.
+    modulus_derivative
+        d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
+    sensitivity_error
+        Estimate of the absolute error of the log-sensitivity.
     """
 
     forces: Floats
@@ -139,8 +148,10 @@ class FilmForces:
 def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
     """Return the fields of a ``Result`` that follow from film forces, warnings included.
 
-    Raises:
-        Refusal: the load drives the probe deeper than the tissue.
+    Raises
+    ------
+    Refusal
+        The load drives the probe deeper than the tissue.
     """
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     indentation = compute_indentation(scene, float(films.totals.sum()))
@@ -166,8 +177,10 @@ def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
 def compute_indentation(scene: Scene, stiffness: float) -> float:
     """Return the indentation at the scene's load, m, from the stiffness, N/m.
 
-    Raises:
-        Refusal: the indentation reaches the depth of the tissue.
+    Raises
+    ------
+    Refusal
+        The indentation reaches the depth of the tissue.
     """
     if scene.load.indentation is not None:
         return scene.load.indentation
@@ -202,8 +215,10 @@ def compute_ratio_fields(scene: Scene, films: FilmForces) -> JsonObject:
 def check_moduli(scene: Scene, moduli: Floats) -> Floats:
     """Return the moduli of a curve, Pa, as an array of shape (k,), after checks.
 
-    Raises:
-        InputError: the scene has no target, or a modulus is not positive and finite.
+    Raises
+    ------
+    InputError
+        The scene has no target, or a modulus is not positive and finite.
     """
     values = np.asarray(moduli, dtype=float)
     if scene.target is None:

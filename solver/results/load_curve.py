@@ -22,25 +22,44 @@ class LoadRange:
 class LoadCurve(LoadedRecord):
     """A scene under rising loads; tuples of one length.
 
-    Attributes:
-        evaluator, seconds: the evaluator that computed the curve, and its time.
-        force: N.
-        indentation: m.
-        ratio: of the film stresses.
-        log_sensitivity: d ln(ratio) / d ln(E_object) at that force; None without a target.
-        stiffness: force over indentation, N/m.
-        tangent_stiffness: derivative of force by indentation, N/m.
-        stress_inner, stress_outer: Pa.
-        closest_walls: minimum distance between the gap's walls, m.
-        contact_radius: outer radius of the contact between probe and tissue, m.
-        largest_strain: |stretch - 1| of the line element that changes most.
-        error_estimate: bound on the relative error of each ratio.
-        load_limits: up to which load linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
-        constant_ratio: the widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
-        accuracy: the accuracy that was requested, relative.
-        stopped: why the curve ends before the requested load; None where it does not.
-        warnings: one line each.
-        provenance: see ``geometry.provenance.block``.
+    Attributes
+    ----------
+    evaluator, seconds
+        The evaluator that computed the curve, and its time.
+    force
+        N.
+    indentation
+        m.
+    ratio
+        Of the film stresses.
+    log_sensitivity
+        d ln(ratio) / d ln(E_object) at that force; None without a target.
+    stiffness
+        Force over indentation, N/m.
+    tangent_stiffness
+        Derivative of force by indentation, N/m.
+    stress_inner, stress_outer
+        Pa.
+    closest_walls
+        Minimum distance between the gap's walls, m.
+    contact_radius
+        Outer radius of the contact between probe and tissue, m.
+    largest_strain
+        |stretch - 1| of the line element that changes most.
+    error_estimate
+        Bound on the relative error of each ratio.
+    load_limits
+        Up to which load linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
+    constant_ratio
+        The widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
+    accuracy
+        The accuracy that was requested, relative.
+    stopped
+        Why the curve ends before the requested load; None where it does not.
+    warnings
+        One line each.
+    provenance
+        See ``geometry.provenance.block``.
     """
 
     DIMENSIONS = ("force",)

@@ -20,14 +20,20 @@ BASIS_TEXTS: dict[Basis, str] = {"bound": "bound", "formulas": "bound by formula
 class LargestLoad:
     """The largest load for which one statement about the scene is true.
 
-    Attributes:
-        force: N.
-        indentation: m, at that force.
-        by: its cause: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain
-            limit" or "gap closure", above which nothing is known.
-        question: the statement, in words.
-        known: "bound", by a conservative rule that is never above the true limit; "formulas", by that rule without a mesh; or
-            "contact", computed with finite strain and contact.
+    Attributes
+    ----------
+    force
+        N.
+    indentation
+        m, at that force.
+    by
+        Its cause: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain limit" or
+        "gap closure", above which nothing is known.
+    question
+        The statement, in words.
+    known
+        "bound", by a conservative rule that is never above the true limit; "formulas", by that rule without a mesh; or "contact",
+        computed with finite strain and contact.
     """
 
     force: float
@@ -68,12 +74,17 @@ def describe_auto_limit(accuracy: float) -> str:
 class LoadLimits:
     """The largest loads for one scene at one accuracy; all outputs take them from here.
 
-    Attributes:
-        ratio: finite strain changes ratio, stresses and stiffness by at most the accuracy; None where ``contact`` finds no limit.
-        log_sensitivity: finite strain changes the log-sensitivity by at most five accuracies; None where ``contact`` finds no
-            limit, and without a target.
-        gap_closure: the gap's walls do not touch; None where ``contact`` finds that they do not at any load.
-        auto: ``auto`` uses linear elasticity: the effect of the load plus the evaluator's own error is within the accuracy.
+    Attributes
+    ----------
+    ratio
+        Finite strain changes ratio, stresses and stiffness by at most the accuracy; None where ``contact`` finds no limit.
+    log_sensitivity
+        Finite strain changes the log-sensitivity by at most five accuracies; None where ``contact`` finds no limit, and without a
+        target.
+    gap_closure
+        The gap's walls do not touch; None where ``contact`` finds that they do not at any load.
+    auto
+        ``auto`` uses linear elasticity: the effect of the load plus the evaluator's own error is within the accuracy.
     """
 
     ratio: LargestLoad | None

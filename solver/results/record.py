@@ -32,10 +32,14 @@ SI_UNITS = {
 class Record:
     """Base of frozen dataclasses that hold numbers and arrays along ``DIMENSIONS``.
 
-    Attributes:
-        DIMENSIONS: the fields along which the arrays lie, in their order; none where there are no arrays.
-        LABELS: further fields that locate an entry along the dimensions.
-        INTERNAL: fields that the JSON object does not have.
+    Attributes
+    ----------
+    DIMENSIONS
+        The fields along which the arrays lie, in their order; none where there are no arrays.
+    LABELS
+        Further fields that locate an entry along the dimensions.
+    INTERNAL
+        Fields that the JSON object does not have.
     """
 
     DIMENSIONS: ClassVar[tuple[str, ...]] = ()
@@ -68,8 +72,10 @@ class Record:
 
         Verdicts are 1, 0 or NaN. The ``attrs`` of the whole hold the single numbers, the warnings and, as JSON, the provenance.
 
-        Raises:
-            MissingLibrary: xarray is not installed.
+        Raises
+        ------
+        MissingLibrary
+            Xarray is not installed.
         """
         try:
             xarray = import_module("xarray")

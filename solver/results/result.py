@@ -41,11 +41,16 @@ class Effect:
 class Decision:
     """One line of the plan: a feature of the scene, whether it is modelled and why.
 
-    Attributes:
-        effect: estimated relative change of the ratio by the feature; a bound where it is left out.
-        tolerance: the relative change that the requested accuracy allows.
-        effect_on_stresses: on the stress that changes more, at the same indentation; None where it is not known separately.
-        effect_on_stiffness: on the stiffness; None where it is not known separately.
+    Attributes
+    ----------
+    effect
+        Estimated relative change of the ratio by the feature; a bound where it is left out.
+    tolerance
+        The relative change that the requested accuracy allows.
+    effect_on_stresses
+        On the stress that changes more, at the same indentation; None where it is not known separately.
+    effect_on_stiffness
+        On the stiffness; None where it is not known separately.
     """
 
     feature: str
@@ -67,30 +72,51 @@ class Decision:
 class Result(LoadedRecord):
     """The result of an evaluator for a scene at its load; values are ``None`` where a warning gives the reason.
 
-    Attributes:
-        stress_inner, stress_outer: force on each film over the block's nominal end area, Pa, compression positive.
-        ratio: ``stress_inner / stress_outer``; at zero load its limit.
-        log_sensitivity: d ln(ratio) / d ln(E_object) of the target inclusion.
-        film_log_sensitivities: of the forces on inner and outer film at a given indentation; ``log_sensitivity`` is the first
-            less the second.
-        stiffness: force on the base per indentation, N/m.
-        charge_inner, charge_outer: film charges by the paper's eq. (12), C.
-        error_estimate: of ``ratio``, relative; if the evaluator was named, against linear elasticity.
-        error_kind: kind of all errors here: bounds, or of ``closed-form`` 95 % quantiles.
-        stress_inner_error, stress_outer_error, stiffness_error: like ``error_estimate``; inertia is not counted in them.
-        evaluator: name of the evaluator that computed it.
-        seconds: how long it took.
-        equivalent_modulus: Pa; from ``published`` alone.
-        residual: relative, the largest of the linear systems solved; None where none is solved.
-        load_limits: loads up to which linear elasticity holds, by a cautious rule or, with ``loads=True``, by ``contact``; None
-            where they are not known.
-        frequency: of a sinusoidal load, Hz; None where none was given.
-        ratio_phase: phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
-        ratio_phase_error: bound on its absolute error, rad.
-        ratio_phase_derivatives: derivatives of ``ratio_phase`` by the scene's numbers and loss factors, rad per SI unit.
-        plan: features that were modelled or left out.
-        warnings: one line each.
-        provenance: see ``geometry.provenance.block``; None where an evaluator was called directly.
+    Attributes
+    ----------
+    stress_inner, stress_outer
+        Force on each film over the block's nominal end area, Pa, compression positive.
+    ratio
+        ``stress_inner / stress_outer``; at zero load its limit.
+    log_sensitivity
+        d ln(ratio) / d ln(E_object) of the target inclusion.
+    film_log_sensitivities
+        Of the forces on inner and outer film at a given indentation; ``log_sensitivity`` is the first less the second.
+    stiffness
+        Force on the base per indentation, N/m.
+    charge_inner, charge_outer
+        Film charges by the paper's eq. (12), C.
+    error_estimate
+        Of ``ratio``, relative; if the evaluator was named, against linear elasticity.
+    error_kind
+        Kind of all errors here: bounds, or of ``closed-form`` 95 % quantiles.
+    stress_inner_error, stress_outer_error, stiffness_error
+        Like ``error_estimate``; inertia is not counted in them.
+    evaluator
+        Name of the evaluator that computed it.
+    seconds
+        How long it took.
+    equivalent_modulus
+        Pa; from ``published`` alone.
+    residual
+        Relative, the largest of the linear systems solved; None where none is solved.
+    load_limits
+        Loads up to which linear elasticity holds, by a cautious rule or, with ``loads=True``, by ``contact``; None where they are
+        not known.
+    frequency
+        Of a sinusoidal load, Hz; None where none was given.
+    ratio_phase
+        Phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
+    ratio_phase_error
+        Bound on its absolute error, rad.
+    ratio_phase_derivatives
+        Derivatives of ``ratio_phase`` by the scene's numbers and loss factors, rad per SI unit.
+    plan
+        Features that were modelled or left out.
+    warnings
+        One line each.
+    provenance
+        See ``geometry.provenance.block``; None where an evaluator was called directly.
     """
 
     evaluator: str
@@ -129,13 +155,20 @@ class Result(LoadedRecord):
 class Curve(LoadedRecord):
     """Results for many Young's moduli of the scene's target inclusion; tuples of one length.
 
-    Attributes:
-        youngs_modulus: of the target, Pa.
-        ratio, log_sensitivity: see ``Result``; None where ``stress_outer`` is below its own error.
-        error_estimate: of each ratio, relative.
-        error_kind: see ``Result``.
-        stiffness: force on the base per indentation, N/m.
-        evaluator, seconds, load_limits, plan, warnings, provenance: see ``Result``.
+    Attributes
+    ----------
+    youngs_modulus
+        Of the target, Pa.
+    ratio, log_sensitivity
+        See ``Result``; None where ``stress_outer`` is below its own error.
+    error_estimate
+        Of each ratio, relative.
+    error_kind
+        See ``Result``.
+    stiffness
+        Force on the base per indentation, N/m.
+    evaluator, seconds, load_limits, plan, warnings, provenance
+        See ``Result``.
     """
 
     DIMENSIONS = ("youngs_modulus",)

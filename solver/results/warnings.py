@@ -11,11 +11,13 @@ Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit",
 class Note(str):
     """One line of warning: a string with a kind, so that no program has to parse the text.
 
-    Attributes:
-        kind: "null", a value is None; "accuracy", an error bound is above the accuracy; "sensitivity", the log-sensitivity
-            is None or less accurate than intended; "left_out", a detail counted in the error; "linear", the load is beyond linear
-            elasticity; "limit", what the limits of memory and time prevented; "published", what is wrong in the paper; "skin",
-            what a skin would change of tissue without layers; "doubt", a number of the scene that is probably a slip.
+    Attributes
+    ----------
+    kind
+        "null", a value is None; "accuracy", an error bound is above the accuracy; "sensitivity", the log-sensitivity is None or
+        less accurate than intended; "left_out", a detail counted in the error; "linear", the load is beyond linear elasticity;
+        "limit", what the limits of memory and time prevented; "published", what is wrong in the paper; "skin", what a skin would
+        change of tissue without layers; "doubt", a number of the scene that is probably a slip.
     """
 
     __slots__ = ("kind",)

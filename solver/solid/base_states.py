@@ -32,10 +32,14 @@ MAX_MODULUS_RATIO = 100.0
 class SolidStates:
     """Solutions for three unit motions of the base: inner block down, outer block down, rotation about y (+ lowers +x).
 
-    Attributes:
-        problem: the problem that was solved.
-        v: the unknowns, shape (unknowns, 3).
-        energies: v_i^T K_b v_j of each body b, with its stiffness K_b, for the whole mesh, shape (3, 3).
+    Attributes
+    ----------
+    problem
+        The problem that was solved.
+    v
+        The unknowns, shape (unknowns, 3).
+    energies
+        v_i^T K_b v_j of each body b, with its stiffness K_b, for the whole mesh, shape (3, 3).
     """
 
     problem: Problem
@@ -74,8 +78,10 @@ class SolidStates:
 class FactorisedStates(SolidStates):
     """States together with the factor that solved them.
 
-    Attributes:
-        factor: factor of the problem's matrix or of one near it.
+    Attributes
+    ----------
+    factor
+        Factor of the problem's matrix or of one near it.
     """
 
     factor: Factor
@@ -96,15 +102,23 @@ def solid_states(
 ) -> FactorisedStates:
     """Solve for all three states.
 
-    Args:
-        problem: the problem to solve.
-        neighbour: states for other materials of the same bodies: their factor is used again, and the iteration starts from them.
-        factor: factor of a matrix near the problem's, if there is no such state.
-        start: start of the iteration in that case.
-        target: relative residual at which the iteration ends.
+    Parameters
+    ----------
+    problem
+        The problem to solve.
+    neighbour
+        States for other materials of the same bodies: their factor is used again, and the iteration starts from them.
+    factor
+        Factor of a matrix near the problem's, if there is no such state.
+    start
+        Start of the iteration in that case.
+    target
+        Relative residual at which the iteration ends.
 
-    Raises:
-        SolveError: the residual is too large.
+    Raises
+    ------
+    SolveError
+        The residual is too large.
     """
     if neighbour is not None and neighbour.problem.supports is problem.supports:
         factor, start = neighbour.factor, neighbour.v
@@ -120,12 +134,16 @@ def solid_states(
 def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
     """Factorise a problem's matrix; large systems in single precision, with the contrast of moduli limited.
 
-    Args:
-        problem: the problem.
-        like: the analysis of a matrix with the same sparsity pattern, or None.
+    Parameters
+    ----------
+    problem
+        The problem.
+    like
+        The analysis of a matrix with the same sparsity pattern, or None.
 
-    Notes:
-        In single precision, errors in very stiff bodies would outweigh the softest layer.
+    Notes
+    -----
+    In single precision, errors in very stiff bodies would outweigh the softest layer.
     """
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor(like=like)
@@ -153,9 +171,12 @@ def compute_energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
 class SolidFields:
     """Displacements and stresses for output; bodies that are absent have zeros.
 
-    Attributes:
-        displacement: displacements of the solid's nodes, m, shape (nodes, 3).
-        stress: means over elements, tension positive, xx yy zz yz xz xy, Pa, shape (t, 6).
+    Attributes
+    ----------
+    displacement
+        Displacements of the solid's nodes, m, shape (nodes, 3).
+    stress
+        Means over elements, tension positive, xx yy zz yz xz xy, Pa, shape (t, 6).
     """
 
     displacement: Floats

@@ -21,9 +21,12 @@ LOWER_NODES, UPPER_NODES = np.tril_indices(10)  # pairs of an element's nodes
 class Coefficients:
     """Factors of a linear law for the integrals of a body's ``Part``, eq. SO.2.
 
-    Attributes:
-        gram_factors: from the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
-        dilation_factor: lambda, Pa.
+    Attributes
+    ----------
+    gram_factors
+        From the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
+    dilation_factor
+        Lambda, Pa.
     """
 
     gram_factors: Floats
@@ -46,10 +49,14 @@ class Coefficients:
 class Part:
     """One body's stiffness, lower triangle of blocks by pairs of nodes.
 
-    Attributes:
-        rows, columns: the pairs' nodes, columns <= rows, shape (n,).
-        gram: G of eq. SO.1, assembled, shape (n, 3, 3), m.
-        dilation: the matrix that lambda of eq. SO.2 multiplies: the same array, unless each element's dilation is averaged.
+    Attributes
+    ----------
+    rows, columns
+        The pairs' nodes, columns <= rows, shape (n,).
+    gram
+        G of eq. SO.1, assembled, shape (n, 3, 3), m.
+    dilation
+        The matrix that lambda of eq. SO.2 multiplies: the same array, unless each element's dilation is averaged.
     """
 
     rows: Ints
@@ -80,8 +87,10 @@ class Part:
 def integrate_part(nodes: Floats, elements: Ints, averaged: bool = False) -> Part:
     """Integrate the stiffness of one body's elements (t, 10); with ``averaged``, each element's dilation is its mean.
 
-    Raises:
-        SolveError: an element is turned inside out.
+    Raises
+    ------
+    SolveError
+        An element is turned inside out.
     """
     high, low = (pick(elements[:, LOWER_NODES], elements[:, UPPER_NODES]) for pick in (np.maximum, np.minimum))
     keys, slots = np.unique((high * len(nodes) + low).ravel(), return_inverse=True)
@@ -113,10 +122,14 @@ def _add_matrices(sums: Floats, matrices: Floats, slots: Ints, flipped: NDArray[
 def assemble(body_parts: Mapping[int, Part], laws: Mapping[int, LinearLaw], number: Ints) -> sp.csc_array:
     """Assemble the lower triangle of the stiffness of all bodies that have a law.
 
-    Args:
-        body_parts: integrated stiffness of the bodies.
-        laws: laws of the bodies that are present.
-        number: unknown of each displacement, shape (nodes, 3); < 0 for none.
+    Parameters
+    ----------
+    body_parts
+        Integrated stiffness of the bodies.
+    laws
+        Laws of the bodies that are present.
+    number
+        Unknown of each displacement, shape (nodes, 3); < 0 for none.
     """
     return _add_bodies(((body_parts[b], Coefficients.from_law(laws[b])) for b in body_parts if b in laws), number)
 

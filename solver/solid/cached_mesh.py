@@ -46,10 +46,14 @@ Laws = Mapping[int, Isotropic]
 class RestrictedFactor:
     """The inverse of a larger problem's stiffness on some of its unknowns.
 
-    Attributes:
-        whole: the larger problem's factor.
-        place: index of each unknown among the larger problem's, shape (unknowns,).
-        size: number of unknowns of the larger problem.
+    Attributes
+    ----------
+    whole
+        The larger problem's factor.
+    place
+        Index of each unknown among the larger problem's, shape (unknowns,).
+    size
+        Number of unknowns of the larger problem.
     """
 
     whole: Factor
@@ -86,11 +90,16 @@ class FactorisedRegions:
 class SharedFactor:
     """Factor and states that meshes with the same elements share.
 
-    Attributes:
-        regions: the factorised problem, or None.
-        solid: the mesh integrated last.
-        latest: the last solution of each kind of states, from which others start.
-        lock: held while states are solved.
+    Attributes
+    ----------
+    regions
+        The factorised problem, or None.
+    solid
+        The mesh integrated last.
+    latest
+        The last solution of each kind of states, from which others start.
+    lock
+        Held while states are solved.
     """
 
     regions: FactorisedRegions | None = None
@@ -128,9 +137,12 @@ class SharedFactor:
 class CachedMesh:
     """A mesh with its last solutions; scenes that differ in moduli, Poisson's ratios and loads share it.
 
-    Attributes:
-        solid: the mesh, integrated.
-        shared: factor and states shared with other meshes of the same elements.
+    Attributes
+    ----------
+    solid
+        The mesh, integrated.
+    shared
+        Factor and states shared with other meshes of the same elements.
     """
 
     solid: Solid
@@ -141,15 +153,23 @@ class CachedMesh:
     def find_states(self, kind: str, laws: Laws, base: Laws, target: float = TARGET_RESIDUAL) -> FactorisedStates:
         """Return the states for a scene's laws: the cached ones, or solved from there.
 
-        Args:
-            kind: name of the cached states to start from and to replace.
-            laws: laws of the regions that are present.
-            base: laws of all regions, for the factor; a factor of similar laws is used again.
-            target: relative residual of the solution.
+        Parameters
+        ----------
+        kind
+            Name of the cached states to start from and to replace.
+        laws
+            Laws of the regions that are present.
+        base
+            Laws of all regions, for the factor; a factor of similar laws is used again.
+        target
+            Relative residual of the solution.
 
-        Raises:
-            SolveError: the equations could not be solved.
-            LimitReached: a factor would exceed the limits of memory or time.
+        Raises
+        ------
+        SolveError
+            The equations could not be solved.
+        LimitReached
+            A factor would exceed the limits of memory or time.
         """
         with self.shared.lock:
             previous = self._states.get(kind)
@@ -183,8 +203,10 @@ class CachedMesh:
 def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
     """Return the workspace's cached mesh with the same content.
 
-    Raises:
-        SolveError: an element is turned inside out.
+    Raises
+    ------
+    SolveError
+        An element is turned inside out.
     """
     elements = _compute_digest(f"{frictionless} {mesh.half}", mesh.elements, mesh.body, mesh.beyond, mesh.layer)
     shared = get_workspace().keep((SharedFactor, elements), SharedFactor)

@@ -22,9 +22,12 @@ BYTES_PER_FACTOR_ENTRY = 1.4 * 4  # 4 bytes in single precision, times 1.4 for w
 def check_mesh(domain: Domain, fineness: TetraFineness) -> None:
     """Refuse a mesh whose equations would exceed the limits of memory or time.
 
-    Raises:
-        LimitReached: a limit would be exceeded.
-        InputError, Refusal: see ``geometry.tetra.layout.build_layout``.
+    Raises
+    ------
+    LimitReached
+        A limit would be exceeded.
+    InputError, Refusal
+        See ``geometry.tetra.layout.build_layout``.
     """
     layout = build_layout(domain.scene, domain.half, find_extent(domain.scene, None), domain.radius)
     check_unknowns(UNKNOWNS_PER_TETRAHEDRON * estimate_elements(layout, fineness))

@@ -39,16 +39,26 @@ MAX_TARGET_RATIO = 30.0  # maximum ratio of moduli of target and tissue at which
 class SceneDifference:
     """A scene minus its reference on one mesh, for k moduli of the target.
 
-    Attributes:
-        forces: film forces, N/m, shape (k, 2, 2).
-        slope: their derivative with respect to ln E of the target, zeros without one, shape (k, 2, 2).
-        tilt: film forces per unit rotation about y, N/rad, shape (k, 2).
-        tilt_slope: their derivative with respect to ln E of the target, shape (k, 2).
-        reference: the reference's film forces on this mesh, shape (2, 2).
-        edges: film forces of the reference's blocks on the whole tissue, without inclusions, (2, 2), if eq. SO.10 holds; or None.
-        unknowns: number of unknowns of the scene.
-        residual: the larger relative residual of both solutions.
-        lost: relative error of the volume of a body from a file on this mesh.
+    Attributes
+    ----------
+    forces
+        Film forces, N/m, shape (k, 2, 2).
+    slope
+        Their derivative with respect to ln E of the target, zeros without one, shape (k, 2, 2).
+    tilt
+        Film forces per unit rotation about y, N/rad, shape (k, 2).
+    tilt_slope
+        Their derivative with respect to ln E of the target, shape (k, 2).
+    reference
+        The reference's film forces on this mesh, shape (2, 2).
+    edges
+        Film forces of the reference's blocks on the whole tissue, without inclusions, (2, 2), if eq. SO.10 holds; or None.
+    unknowns
+        Number of unknowns of the scene.
+    residual
+        The larger relative residual of both solutions.
+    lost
+        Relative error of the volume of a body from a file on this mesh.
     """
 
     forces: Floats
@@ -67,8 +77,10 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
 
     The factor takes most of the memory. Both share one, which the workspace caches with the states for other materials.
 
-    Raises:
-        SolveError: the equations could not be solved.
+    Raises
+    ------
+    SolveError
+        The equations could not be solved.
     """
     scene, target = domain.scene, domain.scene.target
     if moduli is not None and target is not None:

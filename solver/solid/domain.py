@@ -25,12 +25,18 @@ COORDINATE_TOLERANCE_RELATIVE = 1e-9
 class Domain:
     """A scene as it is meshed.
 
-    Attributes:
-        scene: the scene; its tissue may be a smaller cylinder about the probe's axis.
-        reference: the probe alone, without groove, films and elastic base, on a cylinder of tissue about its axis.
-        radius: radius of that cylinder, m, if it differs from the meshed tissue's side; or None.
-        half: whether the half y >= 0 is meshed.
-        shortened: whether tissue was left out.
+    Attributes
+    ----------
+    scene
+        The scene; its tissue may be a smaller cylinder about the probe's axis.
+    reference
+        The probe alone, without groove, films and elastic base, on a cylinder of tissue about its axis.
+    radius
+        Radius of that cylinder, m, if it differs from the meshed tissue's side; or None.
+    half
+        Whether the half y >= 0 is meshed.
+    shortened
+        Whether tissue was left out.
     """
 
     scene: Scene
@@ -70,10 +76,14 @@ def compute_reach(scene: Scene, span: float = MIN_SPAN_RADII) -> float:
 def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
     """Choose the domain to mesh and its reference.
 
-    Args:
-        scene: the scene.
-        span: radius and depth to which larger tissue may be cut, m; inf for no cut.
-        wall: radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
+    Parameters
+    ----------
+    scene
+        The scene.
+    span
+        Radius and depth to which larger tissue may be cut, m; inf for no cut.
+    wall
+        Radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
     """
     whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
     if is_coaxial(scene) or (

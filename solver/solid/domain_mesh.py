@@ -20,8 +20,10 @@ from solver.solid.moved_mesh import may_move, move_mesh, remove_movable_sizes
 class LatestMesh:
     """The last mesh made for domains that differ in tumours and tissue sizes alone: the start of moved meshes.
 
-    Attributes:
-        layout, mesh: the layout and its mesh; None before the first. Moved meshes are never stored here.
+    Attributes
+    ----------
+    layout, mesh
+        The layout and its mesh; None before the first. Moved meshes are never stored here.
     """
 
     layout: BodyLayout | None = None
@@ -31,8 +33,10 @@ class LatestMesh:
 def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
     """Return the domain's mesh, from the cache if possible.
 
-    Raises:
-        InputError, Refusal, SolveError: see ``geometry.tetra.cache.read_or_make_mesh``.
+    Raises
+    ------
+    InputError, Refusal, SolveError
+        See ``geometry.tetra.cache.read_or_make_mesh``.
     """
     layout = _build_layout(domain)
     mesh = read_or_make_mesh(domain.scene, fineness, domain.half, None, domain.radius)

@@ -31,8 +31,10 @@ MAX_TILT_RAD = math.radians(10)  # above 10 deg the square of the tilt exceeds 3
 class SolidEvaluator(FilmEvaluator):
     """Evaluate with quadratic tetrahedra on meshes by netgen or pytetwild; faces are bonded or frictionless.
 
-    Attributes:
-        tell: called with a line before each piece of work.
+    Attributes
+    ----------
+    tell
+        Called with a line before each piece of work.
     """
 
     tell: ProgressCallback = field(default=ignore_progress, compare=False)
@@ -52,8 +54,10 @@ class SolidEvaluator(FilmEvaluator):
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
         """Evaluate, but return a result only if every error bound is at most ``allowed``, by default ``accuracy``.
 
-        Raises:
-            InputError, Refusal: see ``solve``; also if the accuracy is out of reach.
+        Raises
+        ------
+        InputError, Refusal
+            See ``solve``; also if the accuracy is out of reach.
         """
         allowed = accuracy if allowed is None else allowed
         if allowed < FINEST_BOUND_FACTOR * BEST_ACCURACY:
@@ -63,9 +67,12 @@ class SolidEvaluator(FilmEvaluator):
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Evaluate on two or three meshes; a curve of moduli takes one factor per mesh.
 
-        Raises:
-            InputError: a surface file that cannot be used.
-            Refusal: the scene is not supported, or cannot be meshed or solved.
+        Raises
+        ------
+        InputError
+            A surface file that cannot be used.
+        Refusal
+            The scene is not supported, or cannot be meshed or solved.
         """
         return self.build_answer(scene, self.solve_forces(scene, accuracy, moduli), accuracy)
 
@@ -82,8 +89,10 @@ class SolidEvaluator(FilmEvaluator):
     def solve_forces(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> SolidForces:
         """Return film forces with their errors, and the states behind them.
 
-        Raises:
-            InputError, Refusal: see ``solve``.
+        Raises
+        ------
+        InputError, Refusal
+            See ``solve``.
         """
         reason = self.refusal(scene)
         if reason is not None:
@@ -127,8 +136,10 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
     With w the indentation of the base's centre, t the tilt, rad, F the film forces per unit indentation and T those per unit
     tilt, the forces on the films are F 1 w + T t, so that per unit of w T t / w is added (SO.6).
 
-    Raises:
-        Refusal: a tilted probe has no load, or the load does not press it down.
+    Raises
+    ------
+    Refusal
+        A tilted probe has no load, or the load does not press it down.
     """
     films, tilt = solution.films[k], scene.placement.tilt
     stiffness = float(films.totals.sum())

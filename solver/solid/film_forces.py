@@ -43,16 +43,26 @@ Tell = Callable[[str], None]
 class SolidForces:
     """Film forces of a scene, for k moduli of its target.
 
-    Attributes:
-        films: film forces with their errors.
-        tilt: film forces per unit rotation of the base about y, N/rad, shape (k, 2).
-        tilt_slope: their derivative with respect to ln E of the target.
-        tilt_error: error of ``tilt``, shape (2,).
-        domain: the domain that was meshed.
-        difference: scene minus reference on the finest mesh.
-        states: states of the scene on that mesh, for pictures; for a curve, those it starts from.
-        plan: features that are modelled or left out.
-        notes: limits of the accuracy.
+    Attributes
+    ----------
+    films
+        Film forces with their errors.
+    tilt
+        Film forces per unit rotation of the base about y, N/rad, shape (k, 2).
+    tilt_slope
+        Their derivative with respect to ln E of the target.
+    tilt_error
+        Error of ``tilt``, shape (2,).
+    domain
+        The domain that was meshed.
+    difference
+        Scene minus reference on the finest mesh.
+    states
+        States of the scene on that mesh, for pictures; for a curve, those it starts from.
+    plan
+        Features that are modelled or left out.
+    notes
+        Limits of the accuracy.
     """
 
     films: tuple[FilmForces, ...]
@@ -71,16 +81,25 @@ def compute_solid_forces(
 ) -> SolidForces:
     """Return film forces from two meshes, or from more if two do not agree to ``accuracy``.
 
-    Args:
-        scene: a scene with bonded or frictionless faces.
-        accuracy: relative accuracy.
-        moduli: moduli of the target, Pa, shape (k,); or None for the scene's modulus.
-        tell: called with a line of text before each piece of work.
+    Parameters
+    ----------
+    scene
+        A scene with bonded or frictionless faces.
+    accuracy
+        Relative accuracy.
+    moduli
+        Moduli of the target, Pa, shape (k,); or None for the scene's modulus.
+    tell
+        Called with a line of text before each piece of work.
 
-    Raises:
-        InputError, Refusal: see ``geometry.tetra.cache.read_or_make_mesh``.
-        LimitReached: two meshes already exceed the limits of memory or time.
-        SolveError: a mesh or a solution failed.
+    Raises
+    ------
+    InputError, Refusal
+        See ``geometry.tetra.cache.read_or_make_mesh``.
+    LimitReached
+        Two meshes already exceed the limits of memory or time.
+    SolveError
+        A mesh or a solution failed.
     """
     tell("the symmetric part")
     symmetric = compute_symmetric_part(scene, accuracy)

@@ -41,12 +41,18 @@ def bound_film_forces(
 ) -> tuple[FilmForces, ...]:
     """Return the film forces of the finest mesh, the last of two or more, with error bounds from all meshes.
 
-    Args:
-        scene: the scene.
-        symmetric: its rotationally symmetric part.
-        differences: scene minus reference on each mesh, coarser meshes first.
-        floor: see ``ERROR_FLOOR_RELATIVE``.
-        times: safety factors of the last step, for forces and for log_sensitivity.
+    Parameters
+    ----------
+    scene
+        The scene.
+    symmetric
+        Its rotationally symmetric part.
+    differences
+        Scene minus reference on each mesh, coarser meshes first.
+    floor
+        See ``ERROR_FLOOR_RELATIVE``.
+    times
+        Safety factors of the last step, for forces and for log_sensitivity.
     """
     fine, whole = differences[-1], symmetric.whole.films
     forces = [symmetric.correct_forces(entry) for entry in differences]

@@ -30,10 +30,14 @@ MIN_NEW_ENERGY_SHARE = 1e-16  # of a vector's energy: new directions with less a
 class SolidResponse:
     """Reactions as a function of one body's modulus.
 
-    Attributes:
-        states: states at t = 1.
-        bodies: the bodies whose modulus varies.
-        rational: eq. SO.7, with c in roots of N m.
+    Attributes
+    ----------
+    states
+        States at t = 1.
+    bodies
+        The bodies whose modulus varies.
+    rational
+        eq. SO.7, with c in roots of N m.
     """
 
     states: SolidStates
@@ -55,8 +59,10 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
     within a factor of 100 of the tissue's: at a million times the tissue's, 1 - l_k is lost to rounding (errors of 1e-4 were
     measured), and at a millionth it takes several times as many steps.
 
-    Raises:
-        SolveError: the range is too wide for the tolerance, or a system could not be solved.
+    Raises
+    ------
+    SolveError
+        The range is too wide for the tolerance, or a system could not be solved.
     """
     space, ends = _BodyForces(states, bodies), np.array([low, high])
     previous = states.reactions[None]

@@ -35,13 +35,20 @@ BLOCK_BODIES = (INNER_BODY, OUTER_BODY, GROOVE_BODY)
 class Solid:
     """An integrated mesh, for any materials and any choice of bodies.
 
-    Attributes:
-        mesh: as given.
-        nodes: nodes; those of the blocks' ends are doubled where they slide on the tissue, shape (n, 3).
-        elements: elements of these nodes, shape (t, 10).
-        body: number of the ``Region`` of each element, (t,).
-        twin: for each node, the node that carries its u_z, shape (n,).
-        parts: stiffness of each body.
+    Attributes
+    ----------
+    mesh
+        As given.
+    nodes
+        Nodes; those of the blocks' ends are doubled where they slide on the tissue, shape (n, 3).
+    elements
+        Elements of these nodes, shape (t, 10).
+    body
+        Number of the ``Region`` of each element, (t,).
+    twin
+        For each node, the node that carries its u_z, shape (n,).
+    parts
+        Stiffness of each body.
     """
 
     mesh: TetMesh
@@ -57,8 +64,10 @@ class Solid:
 
         ``like`` is a solid of the same elements and kind; bodies with unmoved nodes are copied from it.
 
-        Raises:
-            SolveError: an element is turned inside out.
+        Raises
+        ------
+        SolveError
+            An element is turned inside out.
         """
         nodes, elements, twin = (
             _split_sliding_nodes(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
@@ -95,10 +104,14 @@ def _split_sliding_nodes(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
 class Supports:
     """Unknowns of some bodies of a solid, and the lifts of the three states.
 
-    Attributes:
-        number: unknown of each displacement, or -1, shape (n, 3).
-        lift: displacements of the tissue's nodes that the base's motions set, shape (n, 3, 3), the last the state.
-        motion: the base's rigid motion at every node, for output, shape (n, 3, 3).
+    Attributes
+    ----------
+    number
+        Unknown of each displacement, or -1, shape (n, 3).
+    lift
+        Displacements of the tissue's nodes that the base's motions set, shape (n, 3, 3), the last the state.
+    motion
+        The base's rigid motion at every node, for output, shape (n, 3, 3).
     """
 
     number: Ints
@@ -148,10 +161,14 @@ def _compute_motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.b
 class Problem:
     """A solid with its laws, supports and stiffness; bodies without a law are absent.
 
-    Attributes:
-        solid, laws: integrated mesh and linear laws.
-        supports: unknowns and lifts.
-        matrix: stiffness, N/m; of half the solid, if the mesh is a half.
+    Attributes
+    ----------
+    solid, laws
+        Integrated mesh and linear laws.
+    supports
+        Unknowns and lifts.
+    matrix
+        Stiffness, N/m; of half the solid, if the mesh is a half.
     """
 
     solid: Solid

@@ -22,10 +22,14 @@ NUMBERS_PER_LAYER = FIRST_INCLUSION_BODY + MAX_INCLUSIONS  # numbers reserved fo
 class Region(NamedTuple):
     """A part of a body.
 
-    Attributes:
-        body: number of the body, as in ``TetMesh``.
-        layer: layer of the tissue, as in ``TetMesh``.
-        outside: whether it is the part of an inclusion outside the reference cylinder.
+    Attributes
+    ----------
+    body
+        Number of the body, as in ``TetMesh``.
+    layer
+        Layer of the tissue, as in ``TetMesh``.
+    outside
+        Whether it is the part of an inclusion outside the reference cylinder.
     """
 
     body: int

@@ -62,12 +62,18 @@ def _solve_exact(scene: Scene, accuracy: float) -> Exact:
 class SymmetricPart:
     """The rotationally symmetric part of eq. SO.5.
 
-    Attributes:
-        domain: the domain to mesh.
-        exact: A, N/m, shape (2, 2).
-        compliance: C, m/N, shape (2, 2).
-        whole: the whole probe on the whole tissue, without inclusions and groove.
-        edges: relative change of the total forces by far tissue, the part of C that is not exact.
+    Attributes
+    ----------
+    domain
+        The domain to mesh.
+    exact
+        A, N/m, shape (2, 2).
+    compliance
+        C, m/N, shape (2, 2).
+    whole
+        The whole probe on the whole tissue, without inclusions and groove.
+    edges
+        Relative change of the total forces by far tissue, the part of C that is not exact.
     """
 
     domain: Domain

@@ -38,10 +38,14 @@ NODE_PLACES = np.vstack([np.eye(4), (np.eye(4)[EDGE_CORNERS[:, 0]] + np.eye(4)[E
 class Rule:
     """Quadrature on the tetrahedron x, y, z >= 0, x + y + z <= 1, with the functions at its points.
 
-    Attributes:
-        weights: sum to 1/6, shape (q,).
-        values: of the functions, shape (q, 10).
-        slopes: their derivatives, shape (q, 10, 3).
+    Attributes
+    ----------
+    weights
+        Sum to 1/6, shape (q,).
+    values
+        Of the functions, shape (q, 10).
+    slopes
+        Their derivatives, shape (q, 10, 3).
     """
 
     weights: Floats
@@ -95,8 +99,10 @@ def find_curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
 def compute_gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
     """Return gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for slopes (q, 10, 3).
 
-    Raises:
-        SolveError: an element is turned inside out.
+    Raises
+    ------
+    SolveError
+        An element is turned inside out.
     """
     mapping = np.einsum("tai,qaj->tqij", x, slopes, optimize=True)  # dx_i / dxi_j
     cofactors = np.stack([np.cross(mapping[..., (k + 1) % 3], mapping[..., (k + 2) % 3]) for k in range(3)], axis=-2)

@@ -32,10 +32,14 @@ ON_AXIS = 1e-6  # m: smaller offsets count as this one; off-axis moments tend to
 class Moments:
     """Moments about m spheres for P positions of the probe.
 
-    Attributes:
-        k: wave numbers, shape (q,).
-        pressed, sheared: moments under waves of pressure and of shear, k dk / 2 mu in them, shapes (m, P x moments, q).
-        form, form_by_log: V K of eq. CF.13 on moments and its derivative by ln E of the sphere, shapes (m, moments, moments).
+    Attributes
+    ----------
+    k
+        Wave numbers, shape (q,).
+    pressed, sheared
+        Moments under waves of pressure and of shear, k dk / 2 mu in them, shapes (m, P x moments, q).
+    form, form_by_log
+        V K of eq. CF.13 on moments and its derivative by ln E of the sphere, shapes (m, moments, moments).
     """
 
     k: Floats
@@ -48,10 +52,14 @@ class Moments:
 def compute_moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
     """Compute the moments about spheres under the waves of a probe.
 
-    Args:
-        draws: the spheres.
-        positions: x and y of the probe's axis, m, shape (P, 2).
-        widest: outer radius of the widest probe, m.
+    Parameters
+    ----------
+    draws
+        The spheres.
+    positions
+        x and y of the probe's axis, m, shape (P, 2).
+    widest
+        Outer radius of the widest probe, m.
     """
     axis_distance = np.hypot(draws.x[:, None] - positions[:, 0], draws.y[:, None] - positions[:, 1])
     k, weight = _choose_wave_numbers(draws, widest + float(axis_distance.max(initial=0.0)))

@@ -14,12 +14,17 @@ from solver.layers.stack import TissueLayer
 class TumourDraws:
     """m spheres, each in its own tissue; SI.
 
-    Attributes:
-        radius, depth, x, y: radii and positions of the spheres, m, shape (m,).
-        youngs_modulus, poisson_ratio: elastic constants of the spheres, shape (m,).
-        tissue: layers from the surface downwards and the tissue's own material, each thickness (of the last the floor's depth, or
-            None on half-spaces), modulus and Poisson's ratio, shape (layers + 1, 3, m).
-        bounded: whether the tissue has a floor; if not, the last thickness is ignored.
+    Attributes
+    ----------
+    radius, depth, x, y
+        Radii and positions of the spheres, m, shape (m,).
+    youngs_modulus, poisson_ratio
+        Elastic constants of the spheres, shape (m,).
+    tissue
+        Layers from the surface downwards and the tissue's own material, each thickness (of the last the floor's depth, or None on
+        half-spaces), modulus and Poisson's ratio, shape (layers + 1, 3, m).
+    bounded
+        Whether the tissue has a floor; if not, the last thickness is ignored.
     """
 
     radius: Floats

@@ -36,10 +36,14 @@ MOST_PAIRS = 4096  # pairs of probe and tissue solved at once
 class Films:
     """Forces per unit indentation, N/m, of n probes over m tumours from P positions.
 
-    Attributes:
-        without: on both films without tumours, shape (n, m, 2).
-        change: by the tumour, shape (n, m, P, 2).
-        by_log: derivatives by ln of the tumour's modulus, shape (n, m, P, 2).
+    Attributes
+    ----------
+    without
+        On both films without tumours, shape (n, m, 2).
+    change
+        By the tumour, shape (n, m, P, 2).
+    by_log
+        Derivatives by ln of the tumour's modulus, shape (n, m, P, 2).
     """
 
     without: Array
@@ -51,15 +55,24 @@ class Films:
 class ManyTumours:
     """A population of tumours read at several positions, for any probe up to a maximum outer radius.
 
-    Attributes:
-        draws: the tumours.
-        moments: see ``moments.Moments``.
-        tissues: the distinct tissues, shape (layers + 1, 3, u).
-        which: number of each draw's tissue, shape (m,).
-        bounded: whether the tissues have a floor.
-        bonded: whether blocks and tissue stick.
-        side: radius and nodes of the tissue's free sides, if they are near.
-        layer_nodes: nodes of the integrals for layers.
+    Attributes
+    ----------
+    draws
+        The tumours.
+    moments
+        See ``moments.Moments``.
+    tissues
+        The distinct tissues, shape (layers + 1, 3, u).
+    which
+        Number of each draw's tissue, shape (m,).
+    bounded
+        Whether the tissues have a floor.
+    bonded
+        Whether blocks and tissue stick.
+    side
+        Radius and nodes of the tissue's free sides, if they are near.
+    layer_nodes
+        Nodes of the integrals for layers.
     """
 
     draws: TumourDraws
@@ -83,8 +96,10 @@ class ManyTumours:
     def compute_films(self, probes: Array) -> Films:
         """Compute the film forces of n probes, eq. TW.1.
 
-        Args:
-            probes: the parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
+        Parameters
+        ----------
+        probes
+            The parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
         """
         parts = [self._compute_chunk(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
         return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))

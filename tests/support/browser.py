@@ -41,9 +41,12 @@ onload = () => {{
 class Shown:
     """A page as a browser has it.
 
-    Attributes:
-        told: what is measured of it, by name; see ``FRAME``.
-        console: what its scripts, or the browser about them, have said.
+    Attributes
+    ----------
+    told
+        What is measured of it, by name; see ``FRAME``.
+    console
+        What its scripts, or the browser about them, have said.
     """
 
     attributes: dict[str, str]

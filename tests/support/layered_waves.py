@@ -48,10 +48,14 @@ def propagator(k: float, height: float, E: float, nu: float) -> np.ndarray:
 def states(k: float, layers: Sequence[tuple[float, float, float]], depths: Sequence[float]) -> tuple[Floats, Floats]:
     """Return (U, W, s_rz, s_zz) at depths under unit pressure and under unit shear, shapes (depths, 4).
 
-    Args:
-        k: wave number.
-        layers: thickness, Young's modulus, Poisson's ratio, from the surface down to the floor.
-        depths: where, none at or below the floor.
+    Parameters
+    ----------
+    k
+        Wave number.
+    layers
+        Thickness, Young's modulus, Poisson's ratio, from the surface down to the floor.
+    depths
+        Where, none at or below the floor.
     """
     with localcontext() as context:
         context.prec = DIGITS

@@ -26,11 +26,16 @@ def draw_between(low: float, high: float) -> st.SearchStrategy[float]:
 def scenes(draw: Any, least_cover: float = 0.15, farthest: float = 0.0, tumours: int = 1) -> Scene:
     """A probe of any proportions, bonded or frictionless, on a cylinder of tissue with tumours.
 
-    Args:
-        draw: Hypothesis's.
-        least_cover: tissue above a tumour, in its diameters.
-        farthest: of the first tumour's centre from the probe's axis along x, outer radii; 0: on the axis.
-        tumours: how many at most, side by side.
+    Parameters
+    ----------
+    draw
+        Hypothesis's.
+    least_cover
+        Tissue above a tumour, in its diameters.
+    farthest
+        Of the first tumour's centre from the probe's axis along x, outer radii; 0: on the axis.
+    tumours
+        How many at most, side by side.
     """
     probe = draw(probes())
     outer = math.hypot(probe["inner_radius"] + probe["gap"], probe["inner_radius"] / math.sqrt(probe["area_ratio"]))

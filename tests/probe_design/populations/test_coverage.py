@@ -37,12 +37,18 @@ TOLD = 1.959964  # standard deviations on both sides: 95 %
 class SimulatedScans:
     """Scans over drawn tumours, and what a person knows who plans for the population's middle.
 
-    Attributes:
-        offs: what each scan reads less what is expected over the middle tumour, shape (SCANS, m).
-        contrast: ln contrast of each less the middle's, shape (SCANS,).
-        unknowns: of the middle tumour.
-        J: its derivatives, shape (m, q).
-        noise: of the m readings.
+    Attributes
+    ----------
+    offs
+        What each scan reads less what is expected over the middle tumour, shape (SCANS, m).
+    contrast
+        Ln contrast of each less the middle's, shape (SCANS,).
+    unknowns
+        Of the middle tumour.
+    J
+        Its derivatives, shape (m, q).
+    noise
+        Of the m readings.
     """
 
     offs: Floats

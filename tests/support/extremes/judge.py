@@ -31,12 +31,18 @@ ROUNDED, ROUGHLY = 1.05, 1.5  # what rounding to two digits, or to one, may take
 class Answer:
     """What an evaluator said of a scene, before it is judged.
 
-    Attributes:
-        row, evaluator: which.
-        values: the JSON object of ``probe-design evaluate``, or None.
-        refusal: the line that a refusal says, or None.
-        fault: what else left the evaluator: a warning, another exception, a NaN; or None.
-        seconds: of the processor.
+    Attributes
+    ----------
+    row, evaluator
+        which.
+    values
+        The JSON object of ``probe-design evaluate``, or None.
+    refusal
+        The line that a refusal says, or None.
+    fault
+        What else left the evaluator: a warning, another exception, a NaN; or None.
+    seconds
+        Of the processor.
     """
 
     row: str
@@ -51,12 +57,18 @@ class Answer:
 class Cell:
     """A judged answer.
 
-    Attributes:
-        row, evaluator, seconds: see ``Answer``.
-        mark: one of ``MARKS``.
-        why: the reason given, or what is wrong.
-        true, stated: relative error of the ratio and the bound on it.
-        doubt: the true value's own relative uncertainty.
+    Attributes
+    ----------
+    row, evaluator, seconds
+        See ``Answer``.
+    mark
+        One of ``MARKS``.
+    why
+        The reason given, or what is wrong.
+    true, stated
+        Relative error of the ratio and the bound on it.
+    doubt
+        The true value's own relative uncertainty.
     """
 
     row: str

@@ -27,9 +27,12 @@ SENSITIVITY_FLOOR = 1e-4  # below it the references' uncertainty of the log-sens
 class Truth:
     """True values of a scene; ``None``: not known.
 
-    Attributes:
-        uncertainty: of ratio, stresses and stiffness, relative.
-        doubt: of the log-sensitivity, absolute.
+    Attributes
+    ----------
+    uncertainty
+        Of ratio, stresses and stiffness, relative.
+    doubt
+        Of the log-sensitivity, absolute.
     """
 
     ratio: float | None
@@ -45,9 +48,12 @@ class Truth:
 class Row:
     """A scene of the matrix.
 
-    Attributes:
-        group: heading of its table.
-        origin: where the true values come from.
+    Attributes
+    ----------
+    group
+        Heading of its table.
+    origin
+        Where the true values come from.
     """
 
     group: str
