@@ -3,7 +3,7 @@
 ``python -m benchmarks.extremes -o FOLDER --document docs/evidence/extremes.md`` runs what FOLDER does not hold yet and writes the
 document; ``--only TEXT`` runs those cells whose name ("group/scene evaluator") contains a text.
 
-Duration: hours.
+Duration: ten minutes.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ printed this page; a run that was interrupted goes on where it ended.
 - **right**: the ratio is off by no more than the stated error; both stresses and the stiffness by no more than the
   accuracy, the stated error or the bound that a warning tells; the log-sensitivity by no more than five times the
   accuracy, 1e-5, or what a warning tells. A cell shows the ratio's true error / the stated one.
+  `closed-form` states 95 % quantiles, so that up to four times the stated error counts as right there.
 - **refused**: one line says why (numbers below).
 - **null**: the ratio is null with the reason: a stress is below its own error.
 - **wrong**: anything else: a bound that does not hold, a NaN or infinity in the output, a warning of numpy's or of any
