@@ -98,13 +98,13 @@ def choose_evaluator(
     Parameters
     ----------
     scene
-        any.
+        Any.
     accuracy
         As in ``evaluate``.
     linear
-        likewise.
+        Likewise.
     tell
-        likewise.
+        Likewise.
     rough
         The scene's coarse model, where it is known.
     sure
@@ -135,11 +135,11 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: Coars
     Parameters
     ----------
     scene
-        any.
+        Any.
     accuracy
         As in ``evaluate``.
     linear
-        likewise.
+        Likewise.
     rough
         The scene's coarse model, where it is known.
 

@@ -109,7 +109,7 @@ def find_families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iter
     Parameters
     ----------
     scenes
-        any.
+        Any.
     kind
         Returns what all members of a family have to share.
     """

@@ -30,7 +30,7 @@ def outcome(scene: Scene, accuracy: float, solid: bool) -> tuple[str, str]:
     Parameters
     ----------
     scene
-        any.
+        Any.
     accuracy
         Of both.
     solid

@@ -55,7 +55,7 @@ class Material(Frozen):
     youngs_modulus
         Of the material; the storage modulus E' where it is lossy; left out: the named material's.
     poisson_ratio
-        likewise.
+        Likewise.
     loss_factor
         Tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
     material

@@ -69,11 +69,11 @@ class CylinderTissue(_Layered):
     youngs_modulus
         Of the tissue below its layers.
     poisson_ratio
-        likewise.
+        Likewise.
     loss_factor
         Likewise, tan delta.
     law, c2_over_c1, c3_over_c1
-        likewise.
+        Likewise.
     radius
         Of the piece.
     depth
@@ -95,11 +95,11 @@ class BlockTissue(_Layered):
     youngs_modulus
         Of the tissue below its layers.
     poisson_ratio
-        likewise.
+        Likewise.
     loss_factor
         Likewise, tan delta.
     law, c2_over_c1, c3_over_c1
-        likewise.
+        Likewise.
     length
         Along x.
     breadth
@@ -124,11 +124,11 @@ class HalfSpaceTissue(_Layered):
     youngs_modulus
         Of the tissue below its layers.
     poisson_ratio
-        likewise.
+        Likewise.
     loss_factor
         Likewise, tan delta.
     law, c2_over_c1, c3_over_c1
-        likewise.
+        Likewise.
     """
 
     shape: Literal["half-space"]

@@ -195,7 +195,7 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     noise
         Of readings that do not state it.
     stiffness_noise
-        likewise.
+        Likewise.
 
     Raises
     ------

@@ -43,7 +43,7 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     accuracy
         See ``find_largest_load``.
     promise
-        likewise.
+        Likewise.
     """
     limit = find_largest_load(rule, accuracy, promise)
     if _is_within(rule.compute_force(scene), limit):
@@ -98,7 +98,7 @@ def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: floa
     accuracy
         See ``find_largest_load``.
     promise
-        likewise.
+        Likewise.
     """
     result = result.add_error(rule.bound_ratio_change(rule.compute_force(scene)))
     result = replace(result, load_limits=build_limits(rule, accuracy, promise))
