@@ -1,4 +1,4 @@
-"""Compute the closed-form search objective for a population as a function of the six or seven design variables."""
+"""Compute the closed-form search objective for a population as a function of the design variables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
 from probe_design.design_search.loads import PressingRule, minimum_by_real_part
 from probe_design.design_search.objective import SearchEffort, SearchObjective
-from probe_design.design_search.steering import PopulationObjective, ScanErrors
+from probe_design.design_search.steering import OBJECTIVES, PopulationObjective, ScanErrors
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -84,11 +84,9 @@ class DesignObjective(SearchObjective):
         }
         priors = {key: population.ranges[key].deviation for key in ("diameter", "depth", "tissue")}
         priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
-        maximise, statistic = design.objective.maximise, design.objective.statistic
         rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
-        steered = PopulationObjective(
-            make(tumours), moved, LOG_DIFFERENCE_STEP, build_scan_errors(design, rule), priors, maximise, statistic
-        )
+        errors, statistic = build_scan_errors(design, rule), design.objective.statistic
+        steered = OBJECTIVES[design.objective.maximise](make(tumours), moved, LOG_DIFFERENCE_STEP, errors, priors, statistic)
         return cls(steered, rule, draw, 0.0 if design.limits.charge is None else design.limits.charge[0])
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
@@ -170,7 +168,7 @@ def _build_tumour_factory(design: Design, draw: TumourDraw, widest: float) -> An
 
 
 def _list_varied_parameters(design: Design) -> list[str]:
-    moving = [] if design.objective.maximise == "detection" else ["diameter", "depth"]
+    moving = [*OBJECTIVES[design.objective.maximise].VARIED_PARAMETERS]
     return moving if design.protocol.blank else [*moving, "tissue"]
 
 

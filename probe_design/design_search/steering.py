@@ -21,8 +21,9 @@ modulus that of the population.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import ndtr
@@ -71,24 +72,22 @@ class ScanErrors:
 
 
 @dataclass(frozen=True)
-class PopulationObjective:
-    """The objective over a population, prepared for any design.
+class PopulationObjective(ABC):
+    """An objective over a population, prepared for any design.
 
     Attributes
     ----------
     tumours
         The tumours.
     moved
-        Pairs of the same tumours with diameter, depth and tissue modulus multiplied by e^-step and e^step; for detection empty,
-        or only the tissue modulus without a baseline reading.
+        Pairs of the same tumours, for each parameter in ``VARIED_PARAMETERS`` with it multiplied by e^-step and e^step; without a
+        baseline reading also for the modulus of the tissue, "tissue".
     step
         Step of the logarithms.
     channels
         Errors of the scan.
     priors
         Standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
-    maximise
-        ``detection``, ``resolved`` or ``information``.
     statistic
         ``mean`` or a quantile.
     """
@@ -98,8 +97,13 @@ class PopulationObjective:
     step: float
     channels: ScanErrors
     priors: dict[str, float]
-    maximise: str
     statistic: Any
+
+    VARIED_PARAMETERS: ClassVar[tuple[str, ...]] = ("diameter", "depth")
+
+    @abstractmethod
+    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+        """Return the objective tumour by tumour, shape (n, m); see ``values``."""
 
     def values(self, probes: Array, force: Any) -> Array:
         """Return the objective of n designs, larger is better, shape (n,).
@@ -116,25 +120,19 @@ class PopulationObjective:
             return of_each.mean(axis=1)
         return _compute_quantile(of_each, float(self.statistic))
 
-    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
-        """Return the objective tumour by tumour, shape (n, m); see ``values``."""
-        if self.maximise == "detection":
-            films, noise = self._compute_noise(probes, force)
-            squared_deflection = noise.compute_chi_square(self._compute_signature(films))
-            return compute_known_probabilities(np.sqrt(squared_deflection + MIN_VARIANCE), self.channels.false_alarm)
-        log_sd = self.compute_log_sd(probes, force)
-        if self.maximise == "information":
-            return math.log(self.priors["object"]) - log_sd
-        return ndtr((math.log(MAX_RESOLVED_LOG_SD) - log_sd) / RESOLVED_STEP_LOG_SD)
-
     def compute_log_sd(self, probes: Array, force: Any) -> Array:
         """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
         films, noise = self._compute_noise(probes, force)
         prior_sd = np.array([self.priors[key] for key in ("object", "diameter", "depth")])
-        prior_sd[0] = prior_sd[0] if self.maximise == "information" else FLAT_PRIOR_SD
+        prior_sd[0] = self.contrast_prior_sd
         return np.log(
             noise.add_unknowns(self._compute_derivatives(probes, films), prior_sd).compute_posterior_sd(np.array([1.0]))
         )
+
+    @property
+    def contrast_prior_sd(self) -> float:
+        """Prior standard deviation of ln contrast that the posterior starts from."""
+        return FLAT_PRIOR_SD
 
     def _compute_noise(self, probes: Array, force: Any) -> tuple[Films, LinearGaussian]:
         """Return films and the readings' noise; NaN where a film is in tension (no logarithm)."""
@@ -187,6 +185,47 @@ class PopulationObjective:
     def _difference(self, key: str, probes: Array, evaluate: Any) -> Array:
         lower, upper = (evaluate(tumours.compute_films(probes)) for tumours in self.moved[key])
         return (upper - lower) / (2 * self.step)
+
+
+class Detection(PopulationObjective):
+    """The probability of detection of each tumour, from the deflection of eq. DS.1."""
+
+    VARIED_PARAMETERS = ()
+
+    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+        """Return the probability of detection."""
+        films, noise = self._compute_noise(probes, force)
+        squared_deflection = noise.compute_chi_square(self._compute_signature(films))
+        return compute_known_probabilities(np.sqrt(squared_deflection + MIN_VARIANCE), self.channels.false_alarm)
+
+
+class Resolved(PopulationObjective):
+    """Whether the stiffness of each tumour is resolved: a smooth step of the standard deviation of ln contrast."""
+
+    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+        """Return the step, from 0 to 1."""
+        return ndtr((math.log(MAX_RESOLVED_LOG_SD) - self.compute_log_sd(probes, force)) / RESOLVED_STEP_LOG_SD)
+
+
+class Information(PopulationObjective):
+    """The information gained about ln contrast of each tumour, in nats."""
+
+    @property
+    def contrast_prior_sd(self) -> float:
+        """Prior standard deviation of ln contrast in the population."""
+        return self.priors["object"]
+
+    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+        """Return the logarithm of the prior's standard deviation over the posterior's."""
+        return math.log(self.priors["object"]) - self.compute_log_sd(probes, force)
+
+
+OBJECTIVES: dict[str, type[PopulationObjective]] = {
+    "detection": Detection,
+    "resolved": Resolved,
+    "information": Information,
+}
+"""The objectives by their names in design files."""
 
 
 def _mask_non_positive(values: Array) -> Array:
