@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation, TumourDraw

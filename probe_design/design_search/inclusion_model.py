@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -69,7 +69,7 @@ class InclusionTumours:
         return Tumours(x, y, depth, diameter, modulus, poisson)
 
 
-def compute_inclusion_objective(steered: DesignObjective, design: Design, scene: Scene) -> float:
+def compute_inclusion_objective(design_objective: DesignObjective, design: Design, scene: Scene) -> float:
     """Return the objective of a scene's probe, larger is better; ``-inf`` where it is not finite.
 
     Raises
@@ -78,21 +78,21 @@ def compute_inclusion_objective(steered: DesignObjective, design: Design, scene:
         The evaluator does not support the scene.
     """
     bases = tuple(
-        CoarseModel.from_scene(tissue, details=False).base_states for tissue in steered.draw.replace_probe(scene).tissues
+        CoarseModel.from_scene(tissue, details=False).base_states for tissue in design_objective.draw.replace_probe(scene).tissues
     )
     sizes = ProbeSizes.from_scene(scene)
 
     def replace_tumours(tumours: ManyTumours) -> Any:
         draws = tumours.draws
-        return InclusionTumours(bases, draws, steered.draw.tissue, (design.protocol.places, scene.placement.y))
+        return InclusionTumours(bases, draws, design_objective.draw.tissue, (design.protocol.places, scene.placement.y))
 
-    objective = steered.steered
+    objective = design_objective.population_objective
     moved = {key: (replace_tumours(smaller), replace_tumours(larger)) for key, (smaller, larger) in objective.moved.items()}
     inclusion_objective = replace(objective, tumours=replace_tumours(objective.tumours), moved=moved)
     with np.errstate(all="ignore"):
         value = float(
             inclusion_objective.values(
-                np.zeros((9, 1)), lambda totals: steered.rule.compute_forces(sizes, totals, steered.draw.tissue)
+                np.zeros((9, 1)), lambda totals: design_objective.rule.compute_forces(sizes, totals, design_objective.draw.tissue)
             )[0]
         )
     return value if np.isfinite(value) else -np.inf

@@ -10,11 +10,11 @@ from functools import partial
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
+from probe_design.design_search.design_objective import MAX_SEARCH_TUMOURS, DesignObjective
 from probe_design.design_search.loads import PressingRule
 from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.refinement import refine_design
 from probe_design.design_search.search_space import SearchSpace, build_search_space
-from probe_design.design_search.steered_population import MAX_SEARCH_TUMOURS, DesignObjective
 from probe_design.design_search.tumour_objective import Noise, TumourObjective
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE
 from probe_design.design_search.verification import PopulationVerification

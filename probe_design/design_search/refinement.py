@@ -19,9 +19,9 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from probe_design.design_search.choices import Choice, Progress
 from probe_design.design_search.closed_search import refine_by_ipopt
+from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.inclusion_model import compute_inclusion_objective
 from probe_design.design_search.search_space import SearchSpace
-from probe_design.design_search.steered_population import DesignObjective
 from probe_design.populations.design_file import Design
 
 LOG_DIFFERENCE_STEP, MAX_LOG_CHANGE = 0.03, 0.25  # of the logarithms
@@ -32,42 +32,42 @@ MAX_IPOPT_STEPS = 20  # of IPOPT
 class CorrectedDesigns:
     """The closed-form objective corrected to the finer model at one design (eq. DS.3), for IPOPT."""
 
-    steered: DesignObjective
+    design_objective: DesignObjective
     start: Floats
     slopes: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
         """Return both values and their derivatives, see ``ExactGradients.gradient``."""
-        closed_values, slopes = self.steered.gradient(x, poisson, which)
+        closed_values, slopes = self.design_objective.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
         return closed_values + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])
 
 
 def refine_design(
-    steered: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, progress: Progress
+    design_objective: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, progress: Progress
 ) -> Choice | None:
     """Return a nearby design with a better objective by the equivalent-inclusion evaluator, or None."""
     space = search_space.pin_combination(start.combination)
     free = space.free
-    start_value = _evaluate_inclusion(steered, design, search_space, start, start.design)
+    start_value = _evaluate_inclusion(design_objective, design, search_space, start, start.design)
     if not free or not np.isfinite(start_value):
         return None
     slopes = np.zeros(len(free))
-    closed_gradient = steered.gradient(start.design, start.combination.poisson, free)[1][0]
+    closed_gradient = design_objective.gradient(start.design, start.combination.poisson, free)[1][0]
     for position, k in enumerate(free):
         progress(position, len(free) + 1)
         moved, step = _move_variable(start.design, k, space.low, space.high)
-        moved_value = _evaluate_inclusion(steered, design, search_space, start, moved)
+        moved_value = _evaluate_inclusion(design_objective, design, search_space, start, moved)
         slopes[position] = (moved_value - start_value) / step - closed_gradient[position] if np.isfinite(moved_value) else 0.0
     low = np.maximum(space.low, start.design * np.exp(-MAX_LOG_CHANGE))
     high = np.minimum(space.high, start.design * np.exp(MAX_LOG_CHANGE))
-    corrected = CorrectedDesigns(steered, start.design, slopes)
+    corrected = CorrectedDesigns(design_objective, start.design, slopes)
     nearby_space = replace(space, low=low, high=high)
     refined = refine_by_ipopt(corrected, nearby_space, start.design, poisson=start.combination.poisson, steps=MAX_IPOPT_STEPS)
     progress(len(free) + 1, len(free) + 1)
-    if not _evaluate_inclusion(steered, design, search_space, start, refined) > start_value:
+    if not _evaluate_inclusion(design_objective, design, search_space, start, refined) > start_value:
         return None
-    value = float(steered.evaluate_designs(refined[:, None], start.combination.poisson)[0])
+    value = float(design_objective.evaluate_designs(refined[:, None], start.combination.poisson)[0])
     return Choice(start.combination, refined, value)
 
 
@@ -80,11 +80,11 @@ def _move_variable(design: Floats, k: int, low: Floats, high: Floats) -> tuple[F
 
 
 def _evaluate_inclusion(
-    steered: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, vector: Floats
+    design_objective: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, vector: Floats
 ) -> float:
     scene = search_space.build_exact_scene(vector, start.combination)
     if scene is None:
         return -np.inf
     with suppress(ProbeError):
-        return compute_inclusion_objective(steered, design, scene)
+        return compute_inclusion_objective(design_objective, design, scene)
     return -np.inf

@@ -13,8 +13,8 @@ from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
+from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.search_space import build_search_space
-from probe_design.design_search.steered_population import DesignObjective
 from probe_design.design_search.variables import SEPARATE_HEIGHT_NAMES, ProbeSizes, read_vector
 from probe_design.design_search.workshop import draw_built_designs
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
@@ -39,7 +39,7 @@ def stepped() -> Scene:
     return set_heights(3e-3, 4.5e-3)
 
 
-def steered(**tables: Any) -> DesignObjective:
+def design_objective(**tables: Any) -> DesignObjective:
     return DesignObjective.from_design(design(**{**FEW, **tables}), 8e-3)
 
 
@@ -90,7 +90,7 @@ def test_the_formulas_are_asked_for_the_probe_that_the_scene_has() -> None:
 
 
 def test_equal_heights_are_worth_what_one_height_is_and_slopes_are_exact() -> None:
-    steered_designs, six = steered(), read_vector(SCENE)
+    steered_designs, six = design_objective(), read_vector(SCENE)
     seven = np.append(six, six[3])
     assert steered_designs.evaluate_designs(seven[:, None], POISSON)[0] == pytest.approx(
         steered_designs.evaluate_designs(six[:, None], POISSON)[0], rel=1e-12

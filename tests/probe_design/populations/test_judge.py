@@ -10,7 +10,7 @@ import pytest
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_dict
-from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import design_from_dict
 from probe_design.populations.judge import score, verify
@@ -94,10 +94,10 @@ def test_a_film_that_is_pulled_on_is_refused_in_words_and_steers_no_search() -> 
     with pytest.raises(Refusal, match="the inner film is pulled on") as refused:
         verify(scene, design)
     assert "\n" not in str(refused.value)
-    steered = DesignObjective.from_design(design, 4e-3)
+    design_objective = DesignObjective.from_design(design, 4e-3)
     with pytest.raises(Refusal, match="pulled"):
-        steered.rule.compute_pressed_design(scene)
-    assert steered.evaluate_designs(read_vector(scene)[:, None], (0.495, 0.495))[0] == -np.inf
+        design_objective.rule.compute_pressed_design(scene)
+    assert design_objective.evaluate_designs(read_vector(scene)[:, None], (0.495, 0.495))[0] == -np.inf
 
 
 def test_loads_of_which_nothing_is_known_are_refused() -> None:

@@ -12,7 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
 from probe_design.design_search.loads import PressingRule, minimum_by_real_part
 from probe_design.design_search.objective import SearchEffort, SearchObjective
-from probe_design.design_search.steering import OBJECTIVES, PopulationObjective, ScanErrors
+from probe_design.design_search.population_objective import OBJECTIVES, PopulationObjective, ScanErrors
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -35,7 +35,7 @@ class DesignObjective(SearchObjective):
 
     Attributes
     ----------
-    steered
+    population_objective
         The objective of the population.
     rule
         Rule for the forces.
@@ -47,7 +47,7 @@ class DesignObjective(SearchObjective):
         Effort of a search.
     """
 
-    steered: PopulationObjective
+    population_objective: PopulationObjective
     rule: PressingRule
     draw: TumourDraw
     least_charge: float
@@ -86,8 +86,8 @@ class DesignObjective(SearchObjective):
         priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
         rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
         errors, statistic = build_scan_errors(design, rule), design.objective.statistic
-        steered = OBJECTIVES[design.objective.maximise](make(tumours), moved, LOG_DIFFERENCE_STEP, errors, priors, statistic)
-        return cls(steered, rule, draw, 0.0 if design.limits.charge is None else design.limits.charge[0])
+        objective = OBJECTIVES[design.objective.maximise](make(tumours), moved, LOG_DIFFERENCE_STEP, errors, priors, statistic)
+        return cls(objective, rule, draw, 0.0 if design.limits.charge is None else design.limits.charge[0])
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
         """See ``SearchObjective.values``."""
@@ -101,7 +101,7 @@ class DesignObjective(SearchObjective):
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
 
-        values = self.steered.values(sizes.build_parameters(poisson), force)
+        values = self.population_objective.values(sizes.build_parameters(poisson), force)
         margin = np.log(charges[0] / self.least_charge) if self.least_charge > 0 else 0 * values
         return values, margin
 
@@ -109,7 +109,7 @@ class DesignObjective(SearchObjective):
         """Return the objective of each tumour for one design (6,) under a force, N; shape (m,)."""
         with np.errstate(all="ignore"):
             return np.asarray(
-                self.steered.evaluate_tumours(
+                self.population_objective.evaluate_tumours(
                     ProbeSizes.from_vector(x[:, None]).build_parameters(poisson), lambda totals: np.full(totals.shape[:2], force)
                 )[0]
             )
@@ -117,7 +117,7 @@ class DesignObjective(SearchObjective):
     def compute_contrast_sd(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
         """Return the standard deviation of ln contrast of each tumour for one design (6,) under a force, N; shape (m,)."""
         with np.errstate(all="ignore"):
-            log_sd = self.steered.compute_log_sd(
+            log_sd = self.population_objective.compute_log_sd(
                 ProbeSizes.from_vector(x[:, None]).build_parameters(poisson), lambda totals: np.full(totals.shape[:2], force)
             )
         return np.asarray(np.exp(log_sd[0]))
