@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import ELEMENT_SIDES, UNIT_SQUARE, Topology, compute_labels, compute_nodes, label_line
+from geometry.meridian.mesh import ELEMENT_SIDES, Topology, compute_labels, compute_nodes, label_line
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Body, Section
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum
-from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
+from geometry.meridian.mesh import compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import place_lines
 from geometry.meridian.section import TISSUES
 from solver.axisymmetric.base_states import BaseStates

@@ -9,7 +9,8 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.mesh import UNIT_SQUARE, Topology, build_topology, compute_nodes
+from geometry.meridian.mesh import Topology, build_topology, compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import TISSUES, Body, Section

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_nodes
+from geometry.meridian.mesh import Topology, compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials

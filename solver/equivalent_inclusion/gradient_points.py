@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import UNIT_SQUARE, compute_bilinear_shares, compute_nodes
+from geometry.meridian.mesh import compute_bilinear_shares, compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.tissue_field import TissueField, compute_jacobian
 from solver.elements.quadrilateral import Geometry, compute_dilations

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import ELEMENT_SIDES, UNIT_SQUARE, compute_labels, compute_nodes, label_line
+from geometry.meridian.mesh import ELEMENT_SIDES, compute_labels, compute_nodes, label_line
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import LAYERS, Body, Section
 from solver.axisymmetric.base_states import MeridianModel
 from solver.elements.shape_functions import evaluate_functions

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from geometry.common.errors import SolveError
-from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_labels, compute_nodes, find_interface_ends, label_line
+from geometry.meridian.mesh import Topology, compute_labels, compute_nodes, find_interface_ends, label_line
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import TISSUES, Body, Section

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from scipy.spatial import cKDTree
 
-from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_labels, compute_nodes
+from geometry.meridian.mesh import Topology, compute_labels, compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Section
 from tests.support.meridian_sections import (
     CROSSED,

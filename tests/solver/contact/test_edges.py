@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, Scene, scene_to_toml
-from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
+from geometry.meridian.mesh import compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, Load
 from solver.axisymmetric.sections import build_sections

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_nodes
+from geometry.meridian.mesh import Topology, compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness, MeshTopology
 from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import Body, Section
