@@ -20,6 +20,7 @@ from geometry.cad.stamp import Stamp, build_stamp
 from geometry.common.errors import InputError
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.units import MM_PER_M
 
 if TYPE_CHECKING:
     import cadquery
@@ -70,7 +71,7 @@ def find_fixture_sizes(probe: Probe) -> FixtureSizes:
     InputError
         A block is too narrow for what is aligned to 0.05 mm.
     """
-    scale, base = solids.MM_PER_M, base_sizes(probe)
+    scale, base = MM_PER_M, base_sizes(probe)
     pin = probe.inner_radius * scale - EDGE_MARGIN_MM
     ring = probe.hole_radius * scale + EDGE_MARGIN_MM, probe.tube_radius * scale - EDGE_MARGIN_MM
     if pin < EDGE_MARGIN_MM:
@@ -166,7 +167,7 @@ def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
 
 
 def _revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
-    return solids.revolve([(radius / solids.MM_PER_M, height / solids.MM_PER_M) for radius, height in profile])
+    return solids.revolve([(radius / MM_PER_M, height / MM_PER_M) for radius, height in profile])
 
 
 def _carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:

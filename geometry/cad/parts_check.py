@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from geometry.cad import solids
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import MM_PER_M
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class PartMeasures:
 
 def compute_expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartMeasures]:
     """Compute the expected measures of each part from the probe's parameters and the radius of its lower edges (m)."""
-    mm, groove = solids.MM_PER_M, probe.groove
+    mm, groove = MM_PER_M, probe.groove
     r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
     h2, h1, t = probe.core_height * mm, probe.tube_height * mm, solids.film_thickness(probe) * mm
     a2, a1, cut = probe.inner_area * mm**2, probe.outer_area * mm**2, probe.groove_footprint * mm**2
@@ -83,14 +84,14 @@ def _groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float, floa
     """Return the groove's two sides, from the hole at x_i = sqrt(Ri^2 - a^2) to the outside at x_o, a = width/2."""
     if probe.groove is None:
         return ()
-    a, ri, ro = (size * solids.MM_PER_M for size in (probe.groove.width / 2, probe.hole_radius, probe.tube_radius))
+    a, ri, ro = (size * MM_PER_M for size in (probe.groove.width / 2, probe.hole_radius, probe.tube_radius))
     x_i, x_o = (math.sqrt((radius - a) * (radius + a)) for radius in (ri, ro))
     area = height * (ro - ri) * (ro + ri) / (x_o + x_i)
     return ((-a, (x_i + x_o) / 2, area), (a, (x_i + x_o) / 2, area))
 
 
 def _expected_base(probe: Probe) -> PartMeasures:
-    mm, sizes = solids.MM_PER_M, base_sizes(probe)
+    mm, sizes = MM_PER_M, base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
     low, side = (height * mm for height in solids.find_film_tops(probe))
     flange_bottom = max(low, side) + sizes.step_height * mm

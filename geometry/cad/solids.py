@@ -19,6 +19,7 @@ from geometry.common.interrupts import defer_signals
 from geometry.common.limits import format_maximum_mm
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.units import MM_PER_M
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-MM_PER_M = 1e3  # millimetres in a metre
 PART_COLOURS = {
     "inner": (0.86, 0.47, 0.20),
     "outer": (0.25, 0.51, 0.71),

@@ -14,6 +14,7 @@ from geometry.cad.step_reader import Part, read_rgb, read_step
 from geometry.cad.step_writer import ASSEMBLY_NAME, find_colour
 from geometry.common.errors import ExportError
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import MM_PER_M
 
 if TYPE_CHECKING:
     import cadquery
@@ -115,7 +116,7 @@ def _compare_parts(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[
     # of the faces that look up, the groove's floor among them: round edges leave these whole
     inner, outer = (sum(area for _, area in measured[name].ends[1:]) for name in ("inner", "outer"))
     yield "area ratio A2/A1", inner / outer, ratio, ratio
-    gap = probe.gap * solids.MM_PER_M
+    gap = probe.gap * MM_PER_M
     yield "gap", measured["outer"].radii[0] - measured["inner"].radii[0], gap, gap
     for name, body in measured.items():
         yield f"{name}: distance of its axis from z", body.off_axis, 0.0, gap

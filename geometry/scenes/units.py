@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pint.facets.plain import PlainUnit
     from pydantic import GetCoreSchemaHandler
 
+MM_PER_M = 1e3  # millimetres in a metre
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
 _UNIT_NAME_PATTERN = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[1-9])?"
 # pint evaluates its argument, so only names joined by *, / and blanks with one-digit powers reach it; every blank has one

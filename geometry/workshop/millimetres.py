@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from geometry.cad import solids
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import MM_PER_M
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
     InputError
         See ``geometry.scenes.base_sizes.base_sizes``.
     """
-    sizes, (low, side), mm = base_sizes(probe), solids.find_film_tops(probe), solids.MM_PER_M
+    sizes, (low, side), mm = base_sizes(probe), solids.find_film_tops(probe), MM_PER_M
     flange_bottom = max(low, side) * mm + sizes.step_height * mm
     return Millimetres(
         r2=probe.inner_radius * mm,

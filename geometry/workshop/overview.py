@@ -11,6 +11,7 @@ from geometry.common.files import write_whole
 from geometry.provenance.texts import build_picture_metadata
 from geometry.scenes.base_sizes import assumed_sizes, has_flange
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import MM_PER_M
 from geometry.workshop import cutaway
 from geometry.workshop.millimetres import convert_to_mm
 from geometry.workshop.outlines import build_box, convert_to_polygon
@@ -62,7 +63,7 @@ def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
     for line, (text, colour) in enumerate(_build_notes(probe, edge_radius)):
         figure.text(0.785, 0.37 - 0.028 * line, "\N{BLACK SQUARE}", fontsize=13, va="center", color=colour or "none")
         figure.text(0.798, 0.37 - 0.028 * line, text, fontsize=9, va="center")
-    cutaway.draw_cutaway(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * solids.MM_PER_M)
+    cutaway.draw_cutaway(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * MM_PER_M)
     with write_whole(Path(path)) as draft:
         figure.savefig(draft, format="png", metadata=build_picture_metadata("png"))
     return Path(path)
@@ -204,8 +205,8 @@ def _draw_detail(axes: Axes, probe: Probe, edge_radius: float) -> None:
 
 def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, tuple[float, float, float] | None]]:
     """Return the lines of the legend, each with its colour."""
-    thick = f"{_format_length(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM_PER_M)} thick"
-    cut, step = probe.groove_footprint, DIAMETER_SIGN + format_number(2 * probe.tube_radius * solids.MM_PER_M)
+    thick = f"{_format_length(probe, 'film.thickness', solids.film_thickness(probe) * MM_PER_M)} thick"
+    cut, step = probe.groove_footprint, DIAMETER_SIGN + format_number(2 * probe.tube_radius * MM_PER_M)
     materials = find_part_materials(probe)
     texts = {
         "inner": f"inner block: {materials['inner'].text}",
@@ -223,9 +224,9 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, tuple[floa
     if cut:
         end = "film" if probe.film else "base"
         areas |= {f"outer end at the {end}": probe.outer_area - cut, "groove's footprint": cut}
-    lines += [(f"{what} = {area * solids.MM_PER_M**2:.6g} mm\u00b2", None) for what, area in areas.items()]
+    lines += [(f"{what} = {area * MM_PER_M**2:.6g} mm\u00b2", None) for what, area in areas.items()]
     lines += [(f"A2/A1 = {probe.inner_area / probe.outer_area:.6g}", None)]
-    round_edges = f"lower edges R {format_number(edge_radius * solids.MM_PER_M)}; A1, A2 as if sharp"
+    round_edges = f"lower edges R {format_number(edge_radius * MM_PER_M)}; A1, A2 as if sharp"
     lines += [(round_edges, None)] if edge_radius else []
     return lines
 

@@ -11,6 +11,7 @@ from geometry.cad import solids
 from geometry.cad.export import Writer
 from geometry.cad.stamp import Stamp, build_stamp
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import MM_PER_M
 from geometry.workshop import assembly_order, csv_lists, drawings, film_pattern, mould_sizes, moulds, pdf
 from geometry.workshop.casting_notes import describe_gap, list_casting_notes
 from geometry.workshop.dxf_properties import add_properties
@@ -68,7 +69,7 @@ def build_writers(
     patterns = film_pattern.build_film_patterns(probe)
     files = _build_drawing_writers(probe, views, stamp, budget, cast={mould.name: mould for mould in sizes})
     for pattern in patterns:
-        thickness = solids.film_thickness(probe) * solids.MM_PER_M
+        thickness = solids.film_thickness(probe) * MM_PER_M
         files[f"{pattern.name}-pattern.dxf"] = partial(film_pattern.write_pattern, pattern, stamp, thickness)
     for mould in sizes:
         for half in moulds.MOULD_HALVES:

@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from geometry.scenes.units import MM_PER_M
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
 from probe_design.reporting.picture_files import check_format, save_figure
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from probe_design.design_search.pareto import Front
     from probe_design.design_search.verification import PopulationVerification
 
-MM_PER_M = 1e3
 VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"
 MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: range of the colours
 

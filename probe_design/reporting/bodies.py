@@ -16,13 +16,13 @@ from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import MM_PER_M
 
 BODY_COLOURS = {
     "inner": (0.86, 0.47, 0.20), "outer": (0.25, 0.51, 0.71), "film": (0.93, 0.78, 0.22), "base": (0.62, 0.64, 0.67),
     "tumour": (0.64, 0.23, 0.18),
 }  # fmt: skip
 MAX_ANGLE_STEP_RAD = math.pi / 36  # 5 degrees about the axis
-MM_PER_M = 1e3
 Mesh = tuple[Floats, Ints]
 
 

@@ -15,13 +15,13 @@ from matplotlib.patches import Patch
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import MM_PER_M
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import find_target
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MM_PER_M = 1e3
 COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the threshold
 
 

@@ -12,12 +12,12 @@ from matplotlib.patches import Circle, Rectangle
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.units import MM_PER_M
 from probe_design.maps.scan import Column, Scan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MM_PER_M = 1e3
 FIGURE_WIDTH_IN, LEFT_MARGIN_IN, RIGHT_MARGIN_IN = 9.0, 0.95, 0.25  # of the figure and its margins, inches
 CURVE_HEIGHT_IN, GAP_HEIGHT_IN, TOP_MARGIN_IN, BOTTOM_MARGIN_IN = 2.2, 0.22, 0.2, 0.6  # heights, inches
 MAX_SECTION_HEIGHT_IN = 5.5  # section, inches

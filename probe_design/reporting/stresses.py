@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh import compute_nodes
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import MM_PER_M
 from solver.axisymmetric.base_states import BaseStates
 from solver.elements.quadrilateral import compute_gradients, project_dilations
 from solver.results.film_forces import compute_indentation
 
 ELEMENT_CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
-MM_PER_M = 1e3
 
 
 def compute_pressures(states: BaseStates, scene: Scene) -> Floats:

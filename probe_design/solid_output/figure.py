@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter
 
-from geometry.cad.solids import MM_PER_M, PART_COLOURS
+from geometry.cad.solids import PART_COLOURS
 from geometry.common.arrays import Floats
+from geometry.scenes.units import MM_PER_M
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
 from probe_design.reporting.picture_files import check_format, save_figure
 from probe_design.solid_output.faces import Faces, cut_section, extract_skin, list_bodies, name_region

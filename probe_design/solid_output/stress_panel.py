@@ -12,8 +12,8 @@ from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from geometry.cad.solids import MM_PER_M
 from geometry.common.arrays import Floats
+from geometry.scenes.units import MM_PER_M
 from probe_design.solid_output.faces import Faces
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from geometry.common.json_types import JsonMapping
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import read_fraction
+from geometry.scenes.units import MM_PER_M, read_fraction
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import DEVIATION_PER_SD, find_tolerance, format_deviation
 from probe_design.built_probe.bench import Bench, Channels, Workshop
@@ -33,7 +33,6 @@ LENGTH_BLOCKS = {  # of each length: its block, and whether it crosses the parti
     "probe.inner_radius": ("inner", False), "probe.gap": ("outer", False), "probe.outer_radius": ("outer", False),
     "probe.height": ("inner", True), "probe.inner_height": ("inner", True), "probe.outer_height": ("outer", True),
 }  # fmt: skip
-MM_PER_M = 1e3
 MAX_LOG_SD = 2.0  # standard deviation of a logarithm, at most
 ALLOWED_RELATIVE_SD = f"a relative standard deviation from 0 to {MAX_LOG_SD:g}, such as 0.02 or 2 %"
 ALLOWED_POISSON_SD = "a standard deviation from 0 to 0.1, such as 0.003"

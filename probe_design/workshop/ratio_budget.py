@@ -8,10 +8,10 @@ from geometry.cad.materials import format_modulus
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import MM_PER_M
 from geometry.workshop.tolerance import DEVIATION_PER_SD, Budget, Scatter
 from probe_design.tolerances.budget import BudgetLine, tolerances
 
-MM_PER_M = 1e3
 BUDGET_SAMPLES = 64  # the minimum: only the first-order part of the budget is used here
 SHARP_EDGES_REMARK = (
     "The tolerances from the ratio are those of a probe with sharp lower edges: no evaluator has derivatives for round ones."
