@@ -24,6 +24,7 @@ STORED = REFERENCE / "closed-form-errors" / "scenes.jsonl"
 STORED_SEED, FRESH_SEED = 4, 2026  # of ``benchmarks.closed_form.scenes``
 FRESH_SCENES = 200  # of each class, 60 off the axis, which take longer
 PROMISED_COVERAGE = 0.93, 0.97
+MIN_SHARPNESS_COUNT = 50  # errors from which their median is sharp enough to compare: that of 20 scatters by a factor of two
 RARE = 0.002  # chance on each side that a count of a class and quantity fails at the limits of the promised coverage
 
 
@@ -45,7 +46,8 @@ def check_coverage(rows: list[ErrorRow], kind: SceneClass) -> None:
         print(f"{kind}, {quantity}: {covered} of {len(true)}, stated/true {sharpness:.1f}, worst {np.max(true / stated):.2g}")
         lowest, highest = binom.ppf(RARE, len(true), PROMISED_COVERAGE[0]), binom.ppf(1 - RARE, len(true), PROMISED_COVERAGE[1])
         assert lowest <= covered <= highest, (kind, quantity)
-        assert sharpness < 10, (kind, quantity)
+        if len(true) >= MIN_SHARPNESS_COUNT:
+            assert sharpness < 10, (kind, quantity)
 
 
 @pytest.mark.parametrize("kind", SCENE_CLASSES)
