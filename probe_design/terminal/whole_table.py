@@ -15,10 +15,11 @@ from geometry.common.errors import escape_unprintable
 from probe_design.reporting.table import Table
 
 _UNLIMITED_WIDTH = 10_000  # characters, more than any table needs
+_MAX_LABEL_WIDTH = 36  # characters of cells that stay whole in files and pipes, which have no width: the longest label has 32
 
 
 class WholeTable:
-    """A table at least as wide as its numbers and names; its lines are thinner where the terminal is narrow.
+    """A table at least as wide as its numbers and names; its lines are thinner where a terminal is narrow.
 
     Headings and sentences are wrapped at words. Characters that cannot be printed, as in file names, are escaped.
     """
@@ -28,21 +29,22 @@ class WholeTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Render the table. Each column gets the width of its longest word or number as minimum, as rich cuts them otherwise."""
-        grid = self._build_grid()
+        grid = self._build_grid(0 if console.is_terminal else _MAX_LABEL_WIDTH)
         wide_options = options.update(width=_UNLIMITED_WIDTH)
-        if Measurement.get(console, wide_options, grid).maximum > options.max_width:
+        if console.is_terminal and Measurement.get(console, wide_options, grid).maximum > options.max_width:
             grid.box, grid.padding, grid.pad_edge = SIMPLE_HEAD, (0, 1, 0, 0), False
         min_width = Measurement.get(console, wide_options, grid).minimum
         for part in console.render(grid, options.update(width=max(min_width, options.max_width))):
             text = part.text if part.control else "\n".join(map(escape_unprintable, part.text.split("\n")))
             yield Segment(text, part.style, part.control)
 
-    def _build_grid(self) -> Grid:
+    def _build_grid(self, max_label_width: int) -> Grid:
         table = self._table
         grid = Grid(title=table.title or None, caption=table.caption or None, caption_justify="left")
         for k, heading in enumerate(table.headings):
             cells = [row[k] for row in table.rows]
-            whole = [*heading.split(), *(_split_words(cells) if table.is_wordy(k) else cells)]
+            may_wrap = table.is_wordy(k) and max(map(cell_len, cells), default=0) > max_label_width
+            whole = [*heading.split(), *(_split_words(cells) if may_wrap else cells)]
             grid.add_column(
                 heading, justify="left" if k in table.left else "right", min_width=max(map(cell_len, whole), default=1) or 1
             )

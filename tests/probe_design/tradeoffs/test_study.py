@@ -280,7 +280,7 @@ def test_the_page_s_table_is_one_of_the_command_s(made_tradeoff: Tradeoff) -> No
         for row_stated in TIMED_SETTINGS
     ]
     assert [row_stated for row_stated in settings if row_stated not in {line[:2] for line in shown}] == []
-    figure = re.compile(r"<?\d\.\de-?\+?\d\d\*?|\d[\d.e+-]*|reference|-")
+    figure = re.compile(r"<?\d\.\de-?\+?\d\d\*?(?: \(95 %\))?|\d[\d.e+-]*|reference|-")
     for line in (*shown, *build_summary_cells(made_tradeoff)):
         assert len(line) == len(SUMMARY_HEADINGS)
         assert re.fullmatch(r"\d+/\d+", line[2])
