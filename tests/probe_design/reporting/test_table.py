@@ -56,7 +56,7 @@ def test_a_narrow_terminal_gets_thinner_lines() -> None:
     """Numbers stay whole; the frame goes first."""
     table = Table(("a", "b", "c", "d"), [("1.2345678", "2.3456789", "3.4567891", "4.5678912")])
     for width, frame in ((60, "│"), (44, " ")):
-        console = Console(width=width, file=io.StringIO(), record=True)
+        console = Console(width=width, file=io.StringIO(), record=True, force_terminal=True)
         console.print(WholeTable(table))
         text = console.export_text()
         assert max(map(len, text.splitlines())) <= width
