@@ -92,7 +92,10 @@ class EstimateRequest(LimitedRequest):
 
     def run(self) -> None:
         """Estimate from a ratio, from a file of readings, or from recordings."""
+        from hw.foreign.columns import ColumnMap
+        from hw.foreign.units import read_rate
         from probe_design.commands.estimate_readings import collect_field_readings, join_reading_texts
+        from probe_design.commands.hardware_sources import HardwareSetup
         from probe_design.estimation.estimate import estimate as run
         from probe_design.terminal.console import show_spinner
         from probe_design.terminal.estimate_table import build_estimate_table, list_advice, write_sentence
@@ -109,7 +112,10 @@ class EstimateRequest(LimitedRequest):
                     raise InputError(
                         key.removesuffix("_file").replace("_", "-"), value, "nothing beside --reading, whose files have it"
                     )
-            scene, readings, notes = collect_field_readings(self, texts)
+            assert isinstance(self.scene, Path)  # as always on the command line
+            setup = HardwareSetup.from_files(self.scene, self.bench, self.calibration)
+            columns, rate = ColumnMap.from_texts(self.column), None if self.rate is None else read_rate(self.rate)
+            scene, readings, notes = collect_field_readings(setup, texts, columns, rate, self.any_probe)
         else:
             readings = self._read_readings(scene)
         with show_spinner(f"estimating {self.unknown} of {self.scene}"):

@@ -12,7 +12,6 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.probe import POSITION_QUANTITY
 from geometry.scenes.scene import Load, Scene
 from hw.foreign.columns import ColumnMap
-from hw.foreign.units import read_rate
 from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint
 from probe_design.built_probe.field_readings import (
@@ -27,7 +26,6 @@ from probe_design.built_probe.field_readings import (
 from probe_design.built_probe.film_forces import measure_reading as measure_films
 from probe_design.built_probe.load_checks import check_expected, compute_expected_load
 from probe_design.built_probe.probe_identity import check_serials, clean_serial, read_board_serial
-from probe_design.commands.estimate import EstimateRequest
 from probe_design.commands.hardware_sources import HardwareSetup, get_reading_limits
 from probe_design.data.noise import MIN_NOISE
 from probe_design.estimation.measurements import Reading, build_single_reading
@@ -37,16 +35,24 @@ READING_FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 m
 LOAD_EXCESS_FACTOR = 1.05  # times the scene's load: a reading under a larger load is evaluated at its own load
 
 
-def collect_field_readings(request: EstimateRequest, texts: tuple[str, ...]) -> tuple[Scene, tuple[Reading, ...], list[str]]:
+def collect_field_readings(
+    setup: HardwareSetup, texts: tuple[str, ...], columns: ColumnMap, rate: float | None, any_probe: bool
+) -> tuple[Scene, tuple[Reading, ...], list[str]]:
     """Return the scene, the readings and warnings; the scene's load is raised to the largest measured load.
 
     Parameters
     ----------
-    request
-        Scene, bench, calibration, and options for recordings.
+    setup
+        Scene, bench and calibration.
     texts
         One for each reading, of the form ``READING_FORM``; the file is a recording, a file of another program, or the output of
         `read --json`.
+    columns
+        Of recordings by other programs.
+    rate
+        Samples per second of recordings without times, Hz.
+    any_probe
+        Whether the readings may be of different probes.
 
     Raises
     ------
@@ -55,15 +61,13 @@ def collect_field_readings(request: EstimateRequest, texts: tuple[str, ...]) -> 
     HardwareError
         No ratio can be computed from a recording.
     """
-    assert isinstance(request.scene, Path)  # as always on the command line
-    setup = HardwareSetup.from_files(request.scene, request.bench, request.calibration)
     file_places = [_split_reading_text(text) for text in texts]
     _check_files_exist([path for path, _ in file_places])
     measured, warnings, serials = [], [], dict[str, str | None]()
     for path, _ in file_places:
         entry = read_result(path)
         if entry is None:
-            entry = _read_recording(path, setup, request)
+            entry = _read_recording(path, setup, columns, rate)
             serials |= setup.collect_serials({})
         serials[str(path)] = clean_serial(entry.get("serial"))
         measured.append(parse_field_reading(entry, path.name, setup.scene))
@@ -74,7 +78,7 @@ def collect_field_readings(request: EstimateRequest, texts: tuple[str, ...]) -> 
     check_different(
         "reading", [(str(path), reading.fingerprint) for (path, _), reading in zip(file_places, measured, strict=True)]
     )
-    warnings += check_serials(serials, request.any_probe)
+    warnings += check_serials(serials, any_probe)
     pairs = zip(measured, compute_spreads(measured), file_places, strict=True)
     readings = tuple(_build_reading(setup.scene, reading, spread, place) for reading, spread, (_, place) in pairs)
     return _apply_largest_load(setup.scene, measured, warnings), readings, warnings
@@ -101,12 +105,11 @@ def _check_files_exist(paths: list[Path]) -> None:
             raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
 
 
-def _read_recording(path: Path, setup: HardwareSetup, request: EstimateRequest) -> JsonObject:
+def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: float | None) -> JsonObject:
     """Return the JSON object of `read` for a recording, without the prediction."""
     gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
     frequency = None if setup.calibration is None else setup.calibration.frequency
-    rate = None if request.rate is None else read_rate(request.rate)
-    with Reader.open(f"replay:{path}", rate, ColumnMap.from_texts(request.column), get_reading_limits()) as reader:
+    with Reader.open(f"replay:{path}", rate, columns, get_reading_limits()) as reader:
         samples = reader.collect()
     origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
     measurement = measure_films(samples, setup.bench, frequency)

@@ -30,7 +30,7 @@ from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
 from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT, VirtualBench
-from probe_design.commands.hardware import ALLOWED_SOURCES, SourceRequest
+from probe_design.commands.hardware_request import ALLOWED_SOURCES, SourceRequest
 from probe_design.data.builtin import builtin_bench_scene
 
 CHANNEL_COUNT = 3

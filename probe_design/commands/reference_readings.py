@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from hw.common.samples import Samples
     from hw.signal.measure import Measurement
     from probe_design.built_probe.bench import Reference
-    from probe_design.commands.hardware import SourceRequest
+    from probe_design.commands.hardware_request import SourceRequest
     from probe_design.commands.hardware_sources import HardwareSetup, Opener
 
 

@@ -305,14 +305,8 @@ ALLOWED: dict[str, set[str]] = {
         "solver.results",
     },
 }
-# modules that name the type of what calls them: a scene, as it is validated, has its own bodies checked; a request, as it is run,
-# hands itself to what carries it out
-TYPES_OF_WHAT_CALLS = {
-    "geometry.scenes.fit_check": "geometry.scenes.scene",
-    "probe_design.commands.estimate_readings": "probe_design.commands.estimate",
-    "probe_design.commands.hardware_sources": "probe_design.commands.hardware",
-    "probe_design.commands.reference_readings": "probe_design.commands.hardware",
-}
+# a module that names the type of what calls it: a scene, as it is validated, has its own bodies checked
+TYPES_OF_WHAT_CALLS = {"geometry.scenes.fit_check": "geometry.scenes.scene"}
 PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})
 HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild", "netgen"}
 

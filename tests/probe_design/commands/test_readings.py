@@ -24,7 +24,7 @@ from probe_design.built_probe import film_forces, reading
 from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.commands import hardware_sources, reference_readings
-from probe_design.commands.hardware import ReferenceRequest
+from probe_design.commands.hardware_request import ReferenceRequest
 from probe_design.commands.hardware_sources import HardwareSetup, build_openers, list_new_recordings, list_recorded_files
 from probe_design.commands.main import cli
 from solver.results.result import Result
