@@ -297,19 +297,18 @@ def solve_neighbour(neighbour: LoadedScene, modulus: float) -> tuple[LoadedForce
 
 
 def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) -> tuple[LoadedForces, LoadedScene]:
-    """Solve for another modulus from the neighbour's state, or from rest if that does not converge."""
+    """Solve for another modulus from the neighbour's state; where that does not converge, from rest, like any scene."""
     rest_scene = neighbour.with_modulus(modulus, linear)
     last = neighbour.paths[1].last.indentation
-    if neighbour.may_open or last <= SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit:
-        return rest_scene.press_to_scene_load(), rest_scene
-    loaded = replace(rest_scene, known=neighbour.compute_differences(last))
-    try:
-        for path, neighbour_path in zip(loaded.paths, neighbour.paths, strict=True):
-            path.seed(neighbour_path.last.equilibrium.state)
-        return loaded.press_to_scene_load(), loaded
-    except StoppedError:
-        loaded = neighbour.with_modulus(modulus, linear)
-        return loaded.press_to_scene_load(), loaded
+    if not neighbour.may_open and last > SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit:
+        loaded = replace(rest_scene, known=neighbour.compute_differences(last))
+        try:
+            for path, neighbour_path in zip(loaded.paths, neighbour.paths, strict=True):
+                path.seed(neighbour_path.last.equilibrium.state)
+            return loaded.press_to_scene_load(), loaded
+        except StoppedError:
+            rest_scene = neighbour.with_modulus(modulus, linear)
+    return press_with_enough_points(rest_scene, LoadedScene.press_to_scene_load)
 
 
 def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dense: bool = False) -> Path:

@@ -16,7 +16,7 @@ from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact import path
 from solver.contact.evaluator import ContactEvaluator
-from solver.contact.loaded_scene import LoadedScene, press_with_enough_points
+from solver.contact.loaded_scene import LoadedScene, press_with_enough_points, solve_neighbour
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
 from solver.contact.path_points import LoadedForces, StoppedError
@@ -252,6 +252,21 @@ def test_tissue_that_folds_onto_a_corner_is_pressed_with_more_contact_points() -
     assert films.ratio_error < 0.01
     coarse = ContactEvaluator().prepare_scene(scene).paths[0].press_to_force(0.3)
     assert films.totals[0] / films.totals[1] == pytest.approx(coarse.films[0] / coarse.films[1], rel=films.ratio_error)
+
+
+def test_another_modulus_is_pressed_with_more_contact_points_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded, press = ContactEvaluator().load_scene(with_load(EXAMPLE, force=0.01), 0.1), LoadedScene.press_to_scene_load
+
+    def stop_with_few_points(scene: LoadedScene) -> LoadedForces:
+        if not scene.dense:
+            raise StoppedError(scene.paths[1].last, "a wall kinks")
+        return press(scene)
+
+    monkeypatch.setattr(LoadedScene, "press_to_scene_load", stop_with_few_points)
+    forces, neighbour = solve_neighbour(loaded, 3e4)
+    assert neighbour.dense
+    assert neighbour.scene.inclusion[0].youngs_modulus == 3e4
+    assert forces.films.ratio_error < 0.1
 
 
 def test_the_refusal_names_the_path_that_got_further(monkeypatch: pytest.MonkeyPatch) -> None:
