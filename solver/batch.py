@@ -19,13 +19,10 @@ from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan
 from solver.evaluation import evaluate
-from solver.families import find_families
-from solver.interpolation import interpolate_family
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.refusals import is_round
 from solver.results.result import Result
 
-BATCH_EVALUATORS = ("closed-form", "axisymmetric")  # evaluators that are faster on many scenes at once than one by one
 AXISYMMETRIC, CLOSED_FORM = "axisymmetric", "closed-form"
 T = TypeVar("T")
 ResultOrError = Result | ProbeError
@@ -40,10 +37,6 @@ class _Request:
     tell: ProgressCallback | None
     linear: bool
 
-    def evaluate_alone(self, scene: Scene) -> ResultOrError:
-        """Return the result of ``evaluate`` for one scene, or the error that it raises."""
-        return _catch_error(lambda: evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
-
 
 def evaluate_many(
     scenes: Sequence[Scene | Path | str],
@@ -57,10 +50,8 @@ def evaluate_many(
     """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
 
     ``closed-form`` computes scenes of one structure on arrays, bit for bit as one by one. ``axisymmetric``, also where ``auto``
-    chooses it, computes scenes that differ only in the target's modulus and the load from one curve. If it is named, and 10 or
-    more scenes differ in one other number, it solves a few and interpolates the others where that adds at most 1 % of the
-    accuracy to their errors. Both agree with single results within the ``error_estimate`` of both. Results that are computed
-    together share ``seconds`` evenly.
+    chooses it, computes scenes that differ only in the target's modulus and the load from one curve, which agrees with single
+    results within the ``error_estimate`` of both. Results that are computed together share ``seconds`` evenly.
 
     Parameters
     ----------
@@ -90,23 +81,20 @@ def evaluate_many(
     evaluators.check_accuracy(accuracy)
     if evaluator != evaluators.AUTO:
         evaluators.evaluator(evaluator)
-    request = _Request(evaluator, accuracy, tell, linear)
     with use_limits(limits):
         checked = [_catch_error(partial(_read_and_check, scene)) for scene in scenes]
         valid_scenes = [item for item in checked if isinstance(item, Scene)]
-        results = iter(
-            zip(valid_scenes, evaluate_batch(valid_scenes, request.evaluator, accuracy, tell, linear=linear), strict=True)
-        )
-        return [_add_provenance(*next(results), request) if isinstance(item, Scene) else item for item in checked]
+        joint_results = iter(evaluate_together(valid_scenes, evaluator, accuracy, tell, linear=linear))
 
+        def complete(scene: Scene) -> ResultOrError:
+            result = next(joint_results)
+            if result is None:
+                return _catch_error(lambda: evaluate(scene, evaluator, accuracy, tell, linear=linear))
+            if isinstance(result, ProbeError):
+                return result
+            return replace(result, provenance=build_provenance(scene, evaluator=evaluator, accuracy=accuracy))
 
-def evaluate_batch(
-    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: ProgressCallback | None = None, *, linear: bool = False
-) -> list[ResultOrError]:
-    """Evaluate checked scenes as ``evaluate_many`` does; results that were computed together have no provenance."""
-    evaluate_alone = _Request(evaluator, accuracy, tell, linear).evaluate_alone
-    results = evaluate_together(scenes, evaluator, accuracy, tell, linear=linear)
-    return [evaluate_alone(scene) if result is None else result for result, scene in zip(results, scenes, strict=True)]
+        return [complete(item) if isinstance(item, Scene) else item for item in checked]
 
 
 def evaluate_together(
@@ -114,12 +102,9 @@ def evaluate_together(
 ) -> list[ResultOrError | None]:
     """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
     request = _Request(evaluator, accuracy, tell, linear)
-    several = len(scenes) > 1
-    if evaluator in BATCH_EVALUATORS and (
-        several or evaluator == CLOSED_FORM
-    ):  # one of formulas, too: its limits are those of many
-        return [*_evaluate_by_name(scenes, request)]
-    return _evaluate_shared_designs(scenes, request) if several and evaluator == evaluators.AUTO else [None] * len(scenes)
+    if evaluator == CLOSED_FORM or (evaluator == AXISYMMETRIC and len(scenes) > 1):
+        return _evaluate_by_name(scenes, request)  # a single scene by formulas, too: its load limits are those of many
+    return _evaluate_shared_designs(scenes, request) if evaluator == evaluators.AUTO else [None] * len(scenes)
 
 
 def _read_and_check(scene: Scene | Path | str) -> Scene:
@@ -128,21 +113,13 @@ def _read_and_check(scene: Scene | Path | str) -> Scene:
     return valid_scene
 
 
-def _add_provenance(scene: Scene, result: ResultOrError, request: _Request) -> ResultOrError:
-    if isinstance(result, Result) and result.provenance is None:
-        return replace(result, provenance=build_provenance(scene, evaluator=request.evaluator, accuracy=request.accuracy))
-    return result
-
-
-def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError]:
+def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError | None]:
     """Evaluate scenes with a batch evaluator, with warnings of loads beyond linear elasticity."""
     from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
     film_evaluator, formulas = evaluators.evaluator(request.evaluator, request.tell), request.evaluator == CLOSED_FORM
     assert isinstance(film_evaluator, FilmEvaluator)
-    results_by_place = _interpolate_families(scenes, request, film_evaluator) if request.evaluator == AXISYMMETRIC else {}
-    places = [place for place in range(len(scenes)) if place not in results_by_place]
-    results = film_evaluator.evaluate_many([scenes[place] for place in places], request.accuracy)
+    results = film_evaluator.evaluate_many(scenes, request.accuracy)
 
     def add_warning(result: Result, scene: Scene) -> Result:
         with start_clock():
@@ -150,39 +127,10 @@ def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[Result
                 return add_load_warning(result, scene, request.accuracy, build_rule_from_formulas(scene, result), "formulas")
             return add_load_warning(result, scene, request.accuracy)
 
-    for place, outcome in zip(places, results, strict=True):
-        results_by_place[place] = (
-            _catch_error(partial(add_warning, outcome, scenes[place])) if isinstance(outcome, Result) else outcome
-        )
-    return [results_by_place[place] for place in range(len(scenes))]
-
-
-def _interpolate_families(scenes: Sequence[Scene], request: _Request, film_evaluator: FilmEvaluator) -> dict[int, ResultOrError]:
-    """Evaluate scenes that differ in one number, by their places: some are solved, the others interpolated where accurate."""
-    from solver.planning.load_check import add_load_warning, build_rule_from_result
-
-    results: dict[int, ResultOrError] = {}
-    for family in find_families(scenes, find_smooth_kinds):
-        start, members = perf_counter(), [scenes[place] for place in family.places]
-        pairs = interpolate_family(family, members, film_evaluator, request.accuracy)
-        share = (perf_counter() - start) / max(sum(pair is not None for pair in pairs), 1)
-        for place, scene, pair in zip(family.places.tolist(), members, pairs, strict=True):
-            if pair is not None:
-                with start_clock():
-                    result = _catch_error(partial(pair[0].build_result, AXISYMMETRIC, scene, share))
-                    if isinstance(result, Result):
-                        rule = None if pair[1] is None else build_rule_from_result(pair[1], result)
-                        result = add_load_warning(result, scene, request.accuracy, rule)
-                    results[place] = result
-    return results
-
-
-def find_smooth_kinds(scene: Scene) -> object:
-    """Return a key that scenes share if their forces and load rules are smooth functions of their numbers."""
-    from solver.axisymmetric.shared_designs import find_smooth_kind
-    from solver.planning.coarse_model import remove_tumours
-
-    return find_smooth_kind(scene), find_smooth_kind(remove_tumours(scene))
+    return [
+        _catch_error(partial(add_warning, result, scene)) if isinstance(result, Result) else result
+        for result, scene in zip(results, scenes, strict=True)
+    ]
 
 
 def _evaluate_shared_designs(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError | None]:

@@ -16,11 +16,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.common.resources import get_limits, start_clock, use_limits
-from geometry.meridian.mesh_lines import Kind
-from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.converged_forces import Converged
-from solver.axisymmetric.sections import build_sections
 from solver.results.evaluator import FilmSolution
 from solver.results.film_forces import find_shortfalls
 from solver.results.warnings import Note, select_notes
@@ -35,15 +32,6 @@ def get_design(scene: Scene) -> Scene:
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})
-
-
-def find_smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
-    """Return a key that scenes share if their results are smooth functions of their numbers; None for a refused scene."""
-    try:
-        section = build_sections(scene).section
-        return kind_of(section), kind_of(section, lean=True)
-    except InputError:
-        return None
 
 
 def solve_shared_designs(

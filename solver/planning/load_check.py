@@ -211,12 +211,6 @@ def build_rule_from_formulas(scene: Scene, result: Result) -> LoadRule:
     )
 
 
-def build_rule_from_result(rule: LoadRule, result: Result) -> LoadRule:
-    """Build the load rule with tumours from the one without them and a result with them."""
-    times = 1.0 if result.stiffness is None else result.stiffness / rule.stiffness
-    return adjust_rule(rule, times, _get_film_log_sensitivities(result))
-
-
 def _get_film_log_sensitivities(result: Result) -> Floats | None:
     return None if result.film_log_sensitivities is None else np.array(result.film_log_sensitivities)
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.linalg.workspace import keep_result, keep_table
+from solver.linalg.workspace import keep_result
 from solver.planning.loads import LoadRule
 from solver.results.load_limits import (
     GAP_OPEN,
@@ -45,32 +44,12 @@ def build_load_rule(scene: Scene) -> LoadRule:
     return _solve_coarse_model(remove_tumours(scene)).build_rule(scene)
 
 
-def compute_rule_numbers(scene: Scene) -> tuple[Floats, float]:
-    """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
-
-    Raises
-    ------
-    Refusal
-        See ``build_load_rule``.
-    """
-    from solver.planning.coarse_model import remove_tumours
-
-    return _solve_without_tumours(remove_tumours(scene))
-
-
 @keep_result
 def _solve_coarse_model(scene: Scene) -> CoarseModel:
     """Solve the coarse model of a scene without tumours; it is cached, as many tumours may follow."""
     from solver.planning.coarse_model import CoarseModel
 
     return CoarseModel.from_scene(scene, details=False)
-
-
-@keep_table
-def _solve_without_tumours(scene: Scene) -> tuple[Floats, float]:
-    """Return film forces per indentation, N/m, shape (2,), and the closing force, N; cached for more scenes than models are."""
-    coarse = _solve_coarse_model(scene)
-    return coarse.forces.sum(axis=1), coarse.closure_force
 
 
 def compute_load_limits(scene: Scene, accuracy: float) -> LoadLimits:

@@ -110,7 +110,6 @@ def test_a_package_says_why_it_has_imports_inside_functions(package: Path) -> No
     [
         ("geometry.cad.solids", "cadquery", True),
         ("solver.batch", "json", False),  # Python's
-        ("solver.batch", "solver.families", False),  # loads nothing that batch has not
         ("solver.batch", "solver.planning.coarse_model", True),  # SciPy, three modules further on
         ("solver.equivalent_inclusion.strain_products", "scipy.ndimage", True),  # beside another package of SciPy
         ("probe_design.terminal.console", "numpy", False),  # has it through a table
