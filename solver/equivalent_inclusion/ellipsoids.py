@@ -165,7 +165,8 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
     sphere = compute_effects(base.energies, host, Tumours.from_scene(scene.model_copy(update={"inclusion": (body,)})).flatten())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
-    return ShapeCorrection(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)
+    sphere_slope = sphere.derivatives["youngs_modulus"][0]
+    return ShapeCorrection(forces - sphere.forces[0], slope - sphere_slope, sphere_slope, share, forces)
 
 
 def _compute_cartesian_strain(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:

@@ -35,28 +35,19 @@ PAIR_INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three p
 
 @dataclass(frozen=True)
 class Effects:
-    """Changes of the film forces F_ij (N/m) by n spheres, each alone, and their derivatives; shapes (n, 2, 2).
+    """Changes of the film forces F_ij (N/m) by n spheres, each alone.
 
     Attributes
     ----------
     forces
-        eq. EI.1.
-    by_log_modulus
-        By ln E of the sphere.
-    by_poisson
-        By its Poisson's ratio.
-    by_depth, by_offset
-        By the place of its centre, N/m^2; None unless asked for.
-    by_log_diameter
-        None unless asked for.
+        Eq. EI.1, shape (n, 2, 2).
+    derivatives
+        Of ``forces`` with respect to quantities of the sphere, of the same shape: the logarithm of its youngs_modulus, and where
+        requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's axis, per m.
     """
 
     forces: Floats
-    by_log_modulus: Floats
-    by_poisson: Floats
-    by_depth: Floats | None = None
-    by_offset: Floats | None = None
-    by_log_diameter: Floats | None = None
+    derivatives: dict[str, Floats]
 
 
 def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tumours, places: bool = False) -> Effects:
@@ -71,37 +62,31 @@ def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tu
     tumours
         The spheres.
     places
-        Whether to compute the derivatives by depth, offset and diameter too.
+        Whether to compute all derivatives and not only that with respect to Young's modulus.
 
     Raises
     ------
     InputError
         A sphere lies partly outside the tissue.
     """
-    sphere_strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
-    inside = _integrate_products(energies, tumours, *build_half_ball(*BALL_POINTS))[0]
+    strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
     radius = tumours.diameter / 2
-    inside *= (4 / 3 * np.pi * radius**3)[:, None]
-    whole, by_modulus, by_poisson = (
-        _combine_products(inside, *k)
-        for k in ((sphere_strength.volume, sphere_strength.shear), sphere_strength.by_log_modulus, sphere_strength.by_poisson)
-    )
-    if not places:
-        return Effects(whole, by_modulus, by_poisson)
-    surface_mean, upward_moment, outward_moment = _integrate_products(energies, tumours, *_build_half_sphere(*SURFACE_POINTS))
-    area = 4 * np.pi * radius**2
-    moved = [
-        _combine_products(part * area[:, None], sphere_strength.volume, sphere_strength.shear)
-        for part in (-upward_moment, outward_moment, surface_mean)
-    ]
-    return Effects(
-        whole,
-        by_modulus,
-        by_poisson=by_poisson,
-        by_depth=moved[0],
-        by_offset=moved[1],
-        by_log_diameter=moved[2] * radius[:, None, None],
-    )
+    (mean,) = _integrate_products(energies, tumours, *build_half_ball(*BALL_POINTS))
+    inside = mean * (4 / 3 * np.pi * radius**3)[:, None]
+    forces = _combine_products(inside, strength.volume, strength.shear)
+    derivatives = {"youngs_modulus": _combine_products(inside, *strength.by_log_modulus)}
+    if places:
+        surface_mean, upward_moment, outward_moment = (
+            _combine_products(part * (4 * np.pi * radius**2)[:, None], strength.volume, strength.shear)
+            for part in _integrate_products(energies, tumours, *_build_half_sphere(*SURFACE_POINTS))
+        )
+        derivatives |= {
+            "poisson_ratio": _combine_products(inside, *strength.by_poisson),
+            "depth": -upward_moment * tumours.depth[:, None, None],
+            "offset": outward_moment,
+            "diameter": surface_mean * radius[:, None, None],
+        }
+    return Effects(forces, derivatives)
 
 
 def _combine_products(products: Floats, volume: Floats, shear: Floats) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.probe import format_mm
-from solver.equivalent_inclusion.first_order import Effects, compute_effects
+from solver.equivalent_inclusion.first_order import compute_effects
 from solver.equivalent_inclusion.first_order_bound import bound_first_order_error, bound_first_order_share
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
@@ -207,11 +207,16 @@ def _compute_first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, t
     forces = base.films.forces + changes.sum(axis=1)
     share = bound_first_order_share(base, tumours)
     bound = bound_first_order_error(share, changes) + 2 * outside
-    slope = np.abs(single.by_log_modulus.reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
+    slope = np.abs(single.derivatives["youngs_modulus"].reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
     slope_bound = 2 * share[:, target, None] * slope if t else slope
     areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
     log_ratio = base.compute_bounds(bound, forces)[1]
-    derivatives = _collect_derivatives(single, tumours, left_out, target) if t else {}
+    derivatives = {}
+    if t:
+        derivatives = {
+            key: np.where(left_out[:, target, None, None], 0.0, values.reshape(n, t, 2, 2)[:, target])
+            for key, values in single.derivatives.items()
+        }
     return Readings(
         areas,
         forces,
@@ -223,23 +228,6 @@ def _compute_first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, t
         first_totals=forces.sum(axis=2),
         derivatives=derivatives,
     )
-
-
-def _collect_derivatives(single: Effects, tumours: Tumours, left_out: Bools, target: int) -> dict[str, Floats]:
-    """Collect the derivatives by quantities of the target, see ``Readings.derivatives``."""
-
-    def select_target(values: Floats) -> Floats:
-        mine = values.reshape(*tumours.shape, 2, 2)[:, target]
-        return np.asarray(np.where(left_out[:, target, None, None], 0.0, mine))
-
-    derivatives = {"youngs_modulus": select_target(single.by_log_modulus)}
-    if single.by_depth is not None and single.by_offset is not None and single.by_log_diameter is not None:
-        derivatives |= {
-            "depth": select_target(single.by_depth) * tumours.depth[:, target, None, None],
-            "offset": select_target(single.by_offset),
-        }
-        derivatives |= {"diameter": select_target(single.by_log_diameter), "poisson_ratio": select_target(single.by_poisson)}
-    return derivatives
 
 
 def _add_reflections(
@@ -313,10 +301,7 @@ def _store_reflected(
     if target in included:
         k = int(np.searchsorted(included, target))
         readings.derivatives["youngs_modulus"][number] = scattering.by_log_modulus[k]
-        if scattering.shape_derivatives:
-            readings.derivatives["depth"][number] = scattering.shape_derivatives[k].by_depth * tumours.depth[target]
-            readings.derivatives["diameter"][number] = scattering.shape_derivatives[k].by_log_diameter
-            readings.derivatives["offset"][number] = scattering.shape_derivatives[k].by_offset
-            readings.derivatives["poisson_ratio"][number] = scattering.shape_derivatives[k].by_poisson
+        for key, derivative in scattering.shape_derivatives[k].items() if scattering.shape_derivatives else ():
+            readings.derivatives[key][number] = derivative
         spread = safety * scattering.slope_error[k] + SLOPE_ERROR_FACTOR * share * np.abs(scattering.by_log_modulus[k])
         readings.slope_bound[number] = spread.sum(axis=1)

@@ -12,7 +12,7 @@ sphere's own material inside.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,32 +27,17 @@ from solver.multiple_scattering.spheres import ScatteringSphere
 COMPLEX_STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
 
 
-@dataclass(frozen=True)
-class ShapeDerivatives:
-    """Derivatives of the film forces, N/m per unit, shapes (2, 2).
-
-    Attributes
-    ----------
-    by_depth
-        With respect to depth, per m.
-    by_offset
-        With respect to the lateral offset from the probe's axis, per m; zero on the axis.
-    by_log_diameter
-        With respect to ln of the diameter.
-    by_poisson
-        With respect to its Poisson's ratio.
-    """
-
-    by_depth: Floats
-    by_offset: Floats
-    by_log_diameter: Floats
-    by_poisson: Floats
-
-
 def compute_shape_derivatives(
     sphere: ScatteringSphere, scattering: Scattering, matrix: Material, material: Material, incident: Floats
-) -> ShapeDerivatives:
-    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field, (modes, 2)."""
+) -> dict[str, Floats]:
+    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field, (modes, 2).
+
+    Returns
+    -------
+    dict
+        Derivatives of the film forces, N/m per unit, shapes (2, 2), with respect to the logarithms of depth and diameter, to
+        poisson_ratio, and to the offset from the probe's axis, per m; that is zero on the axis.
+    """
     modes = sphere.modes
     points, weights = build_quadrature(modes, 6)
     outside = modes.regular(points, incident)[1] + modes.outgoing(points, scattering.S @ incident)[1]
@@ -71,7 +56,8 @@ def compute_shape_derivatives(
     )
     by_poisson = incident.T @ (shifted.T.imag @ incident) / COMPLEX_STEP
     downward, outward, grow = (np.einsum("q,qij->ij", area * motion, density) for motion in motions)
-    return ShapeDerivatives(downward, outward, grow, by_poisson)
+    depth = -sphere.centre[2]
+    return {"depth": downward * depth, "offset": outward, "diameter": grow, "poisson_ratio": by_poisson}
 
 
 def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:

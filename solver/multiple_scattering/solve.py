@@ -39,11 +39,11 @@ from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import keep_table
 from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.exchange import LESS_MEMORY_HINT, Exchange, Reflector
-from solver.multiple_scattering.lockstep import Steps, run_steps
+from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.resolution import DEGREE_LIMITS, compute_degrees, compute_gap, estimate_unresolved
 from solver.multiple_scattering.rings import AzimuthalGrid
-from solver.multiple_scattering.shape_derivatives import ShapeDerivatives, compute_shape_derivatives
+from solver.multiple_scattering.shape_derivatives import compute_shape_derivatives
 from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
 
 MAX_MODE_ORDER = 16  # maximum azimuthal order of the modes
@@ -72,7 +72,7 @@ class Scattered:
     slope_error
         The same for ``by_log_modulus``, shape (t, 2, 2).
     shape_derivatives
-        Derivatives with respect to depth, offset and diameter of each sphere.
+        Derivatives of each sphere, by ``compute_shape_derivatives``; none unless requested.
     steps
         Number of reflections.
     orders
@@ -83,12 +83,12 @@ class Scattered:
     by_log_modulus: Floats
     error: Floats
     slope_error: Floats
-    shape_derivatives: tuple[ShapeDerivatives, ...]
+    shape_derivatives: tuple[dict[str, Floats], ...]
     steps: int
     orders: int
 
 
-def solve_scattering(
+def iterate_scattering(
     field: TissueField,
     reflector: Reflector,
     strata: Strata,
@@ -97,9 +97,10 @@ def solve_scattering(
     *,
     places: bool = False,
     sensitive: bool = False,
-    often: bool = False,
-) -> Scattered:
+) -> Steps[Scattered]:
     """Solve eq. MS.8 for a set of t spheres until the remainder is below ``tolerance`` of each film's total.
+
+    These are steps for ``lockstep``: ``run_steps`` carries them out for one set.
 
     Parameters
     ----------
@@ -118,8 +119,6 @@ def solve_scattering(
     sensitive
         Whether derivatives with respect to moduli must be accurate to ``SLOPE_TOLERANCE_FACTOR`` times the tolerance, which takes
         one more reflection.
-    often
-        Whether so many sets are solved under this probe that forming each order's matrix pays even without PARDISO.
 
     Raises
     ------
@@ -128,20 +127,6 @@ def solve_scattering(
     LimitReached
         They would exceed the limits of memory or time.
     """
-    return run_steps(iterate_scattering(field, reflector, strata, tumours, tolerance, places=places, sensitive=sensitive), often)
-
-
-def iterate_scattering(
-    field: TissueField,
-    reflector: Reflector,
-    strata: Strata,
-    tumours: Tumours,
-    tolerance: float,
-    *,
-    places: bool = False,
-    sensitive: bool = False,
-) -> Steps[Scattered]:
-    """Iterate ``solve_scattering`` as steps for ``lockstep``; arguments and errors are the same."""
     section = reflector.states.model.section
     spheres, rounds = arrange_spheres(section, strata, tumours)
     sphere_set = SphereSet.from_spheres(spheres, tumours)
@@ -191,7 +176,7 @@ def _compute_decay(previous_energy: float, energy: float, rho: float) -> tuple[f
 
 def _list_shape_derivatives(
     tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats
-) -> Iterator[ShapeDerivatives]:
+) -> Iterator[dict[str, Floats]]:
     """Yield the shape derivatives of each sphere in the whole field."""
     for k, (sphere, scattering, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
         material = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))

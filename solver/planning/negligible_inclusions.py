@@ -106,7 +106,7 @@ def _compute_effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
         on_target = (
             doubts.sum(axis=1)
             + np.abs(parts).max(axis=1)
-            + _bound_effect_on_target(tumours, single_effects.forces, single_effects.by_log_modulus, target)
+            + _bound_effect_on_target(tumours, single_effects.forces, single_effects.derivatives["youngs_modulus"], target)
         )
     return _InclusionEffects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
 

@@ -82,7 +82,7 @@ def add_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -
     states = base()
     single_effects, totals = TumourEffects.from_scene(scene, states).single_effects, states.films.totals
     changed = totals + single_effects.forces.sum(axis=0).sum(axis=1)
-    slopes = None if scene.target is None else single_effects.by_log_modulus[scene.target].sum(axis=1)
+    slopes = None if scene.target is None else single_effects.derivatives["youngs_modulus"][scene.target].sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return adjust_rule(rule, float(changed.sum() / totals.sum()), None if slopes is None else slopes / changed)
 
