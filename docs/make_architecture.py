@@ -23,7 +23,7 @@ cheapest evaluator that reaches the accuracy and for what it may leave out. The 
 It returns a frozen `Result` (`solver/results`), which tables, reports and figures show.
 
 **A sample on its way.** A device, file or virtual probe sends frames (`hw/usb`, `hw/serial_port`, `hw/oscilloscope`,
-`hw/foreign`, `hw/simulation`). `hw/wire` decodes them. `hw/signal` fits the drive's sine and returns charges.
+`hw/files`, `hw/simulation`). `hw/wire` decodes them. `hw/signal` fits the drive's sine and returns charges.
 `probe_design/built_probe` turns charges into forces with their uncertainty, and `probe_design/estimation` turns readings
 into a modulus, a diameter or a depth.
 

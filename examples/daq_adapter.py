@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from hw.common.transport import Chunk
-from hw.foreign.volts import build_volts_header, pack_samples
+from hw.files.volts import build_volts_header, pack_samples
 from hw.reader import Reader
 
 RATE, RANGE = 1000.0, 5.0  # samples per second and channel; volts at the end of the converter's range

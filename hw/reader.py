@@ -15,9 +15,9 @@ from hw.common.errors import InvalidSource, Timeout
 from hw.common.limits import ReadLimits
 from hw.common.samples import Samples, join_samples
 from hw.common.transport import Chunk, Decoder, Header, Transport
-from hw.foreign.columns import ColumnMap, resolve_channel_numbers
-from hw.foreign.files import is_foreign, open_file
-from hw.foreign.volts import VoltsDecoder
+from hw.files.columns import ColumnMap, resolve_channel_numbers
+from hw.files.open_file import is_from_other_program, open_file
+from hw.files.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.recorders import DataRecorder, open_recorder
 from hw.recordings.replay import Replay
@@ -207,7 +207,7 @@ def build_decoder(header: Header) -> Decoder:
 
 
 def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    if is_foreign(path):
+    if is_from_other_program(path):
         return open_file(path, columns, limits)
     if columns != DEFAULT_COLUMNS:
         raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from hw.common.samples import Samples
 from hw.common.transport import Chunk, Header
-from hw.foreign.files import HDF5_SUFFIXES, raw_recording_path
-from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.files.hdf5_recorder import Hdf5Recorder
+from hw.files.open_file import HDF5_SUFFIXES, raw_recording_path
 from hw.recordings.recording import Recorder
 
 

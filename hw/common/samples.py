@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+CHANNEL_NAMES = ("inner", "outer", "force")
 NOTE_KEYS = ("cut", "damaged", "clock", "unrecorded")  # keys of a source's remarks, texts
 
 

@@ -16,9 +16,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from hw.common.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
+from hw.common.samples import CHANNEL_NAMES
 from hw.common.transport import Chunk, Header, make_timestamp
 from hw.serial_port.packets import encode_request, find_answer
-from hw.wire.frames import CHANNEL_NAMES, MAX_FRAME_BYTES, MIN_FRAME_BYTES
+from hw.wire.frames import MAX_FRAME_BYTES, MIN_FRAME_BYTES
 from hw.wire.protocol import GET_INFO, GET_STATUS, SET_RATE, START, STOP, Info, Status
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from usb.backend import IBackend
 from usb.core import USBError
 
 from hw.common.errors import AccessDenied, Busy, Disconnected, HardwareError, InvalidSource, ProtocolError, Stalled, Timeout
+from hw.common.samples import CHANNEL_NAMES
 from hw.common.transport import Chunk, Header, make_timestamp
 from hw.usb.device import UsbDevice
 from hw.usb.faults import classify_fault, translate_fault
 from hw.usb.find import Backends, find_probe, open_libusb
-from hw.wire.frames import CHANNEL_NAMES, FrameLayout
+from hw.wire.frames import FrameLayout
 
 _USB_FAULTS = (USBError, NotImplementedError)
 _GAP_REASONS: dict[type[HardwareError], str] = {

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.common.errors import ProtocolError
-from hw.common.samples import Gap, Ints, Samples
+from hw.common.samples import CHANNEL_NAMES, Gap, Ints, Samples
 from hw.wire.frames import (
-    CHANNEL_NAMES,
     CRC_FORMAT,
     FRAME_MAGIC,
     MAX_CODE,

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.common.errors import ProtocolError
+from hw.common.samples import CHANNEL_NAMES
 
 Codes = NDArray[np.int16]
 
 FRAME_MAGIC = b"PD"
 PROTOCOL_VERSION = 1
-CHANNEL_NAMES = ("inner", "outer", "force")
 FRAME_HEADER = struct.Struct("<2sBBIQHBB")  # magic, version, channels, sequence, index, stream, rows, flags
 CRC_FORMAT = struct.Struct("<I")
 OVERRUN_FLAG = 0x01  # samples were lost in the device just before this frame

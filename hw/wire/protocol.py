@@ -6,7 +6,8 @@ import struct
 from dataclasses import dataclass
 
 from hw.common.errors import ProtocolError
-from hw.wire.frames import CHANNEL_NAMES, PROTOCOL_VERSION
+from hw.common.samples import CHANNEL_NAMES
+from hw.wire.frames import PROTOCOL_VERSION
 
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to use, not for products on sale
 VENDOR_CLASS = 0xFF

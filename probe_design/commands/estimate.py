@@ -92,8 +92,7 @@ class EstimateRequest(LimitedRequest):
 
     def run(self) -> None:
         """Estimate from a ratio, from a file of readings, or from recordings."""
-        from hw.foreign.columns import ColumnMap
-        from hw.foreign.units import read_rate
+        from hw.files.columns import ColumnMap, read_rate
         from probe_design.commands.estimate_readings import collect_field_readings, join_reading_texts
         from probe_design.commands.hardware_sources import HardwareSetup
         from probe_design.estimation.estimate import estimate as run

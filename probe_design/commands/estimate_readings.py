@@ -11,7 +11,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.probe import POSITION_QUANTITY
 from geometry.scenes.scene import Load, Scene
-from hw.foreign.columns import ColumnMap
+from hw.files.columns import ColumnMap
 from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint
 from probe_design.built_probe.field_readings import (

@@ -63,7 +63,7 @@ class SourceRequest(LimitedRequest):
         if self.built and not self.virtual:
             raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
         if self.record is not None and not self.has_source:
-            from hw.foreign.files import HDF5_SUFFIXES
+            from hw.files.open_file import HDF5_SUFFIXES
 
             if self.record.suffix.lower() not in HDF5_SUFFIXES:
                 raise InputError(

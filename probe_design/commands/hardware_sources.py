@@ -19,9 +19,8 @@ from geometry.scenes.units import MODULUS_QUANTITY, read_number
 from geometry.scenes.variables import list_values
 from hw.common.limits import ReadLimits
 from hw.common.samples import Floats, Samples
-from hw.foreign.columns import ColumnMap
-from hw.foreign.files import HDF5_SUFFIXES, is_self_describing, raw_recording_path
-from hw.foreign.units import read_rate
+from hw.files.columns import ColumnMap, read_rate
+from hw.files.open_file import HDF5_SUFFIXES, is_self_describing, raw_recording_path
 from hw.reader import DEFAULT_COLUMNS, Reader
 from hw.recordings.recording import compute_sha256
 from hw.simulation.virtual import make_virtual_probe

@@ -13,7 +13,7 @@ from usb.core import USBError
 
 from hw.common.errors import Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout
 from hw.common.transport import Chunk
-from hw.foreign.columns import ColumnMap, resolve_channel_numbers
+from hw.files.columns import ColumnMap, resolve_channel_numbers
 from hw.oscilloscope.transport import ScopeTransport, translate_faults
 from hw.reader import Reader
 

@@ -11,8 +11,8 @@ from scipy.io import wavfile
 
 from hw.common.errors import InvalidSource
 from hw.common.samples import Samples
-from hw.foreign.columns import ColumnMap
-from hw.foreign.wav_table import read_wav
+from hw.files.columns import ColumnMap
+from hw.files.wav_table import read_wav
 from hw.reader import Reader
 
 RATE = 44_100

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from hw.common.samples import Floats
-from hw.foreign.table import ColumnTable
-from hw.foreign.units import build_refusal
+from hw.files.columns import build_refusal
+from hw.files.table import ColumnTable
 
 # lowest, highest and zero code by type; scipy returns 24-bit codes in the upper part of 32 bits
 _CODE_RANGES = {np.dtype(np.uint8): (0.0, 255.0, 128.0), np.dtype(np.int16): (-32768.0, 32767.0, 0.0),

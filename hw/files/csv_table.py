@@ -18,8 +18,8 @@ import numpy as np
 
 from hw.common.errors import InvalidSource
 from hw.common.samples import Floats
-from hw.foreign.table import ColumnTable
-from hw.foreign.units import NUMBER_PATTERN, SECOND_UNITS, VOLT_UNITS, build_refusal
+from hw.files.columns import NUMBER_PATTERN, SECOND_UNITS, VOLT_UNITS, build_refusal
+from hw.files.table import ColumnTable
 
 LARGEST_FILE = 400_000_000  # bytes, which take a minute
 SAMPLE_LINES = 300  # lines from which the layout is detected
@@ -53,10 +53,6 @@ class TextLayout:
     width: int
     begin: int
 
-    def split_cells(self, lines: list[str]) -> Iterator[list[str]]:
-        """Return the cells of each line."""
-        return _split_cells(lines, self.delimiter)
-
 
 def read_csv(path: Path) -> ColumnTable:
     """Read a text file of columns.
@@ -70,8 +66,8 @@ def read_csv(path: Path) -> ColumnTable:
     while lines and not lines[-1].strip().strip(",;"):
         lines.pop()
     layout = _detect_layout(lines, path)
-    head = list(layout.split_cells(lines[: layout.begin]))
-    (first,) = layout.split_cells(lines[layout.begin : layout.begin + 1])
+    head = list(_split_cells(lines[: layout.begin], layout.delimiter))
+    (first,) = _split_cells(lines[layout.begin : layout.begin + 1], layout.delimiter)
     names, units = _read_names(head, first, delimited=layout.delimiter is not None)
 
     def read(wanted: list[int]) -> Floats:
@@ -225,7 +221,7 @@ def _get_unit_seconds(next_cells: list[str]) -> float:
 
 def _read_numbers(path: Path, layout: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
     values = np.empty((len(lines) - layout.begin, len(wanted)))
-    for i, row in enumerate(layout.split_cells(lines[layout.begin :])):
+    for i, row in enumerate(_split_cells(lines[layout.begin :], layout.delimiter)):
         if len(row) != layout.width:
             label = f"{path.name}: line {layout.begin + i + 1}"
             raise build_refusal(label, f"{len(row)} cells", f"{layout.width} as in the others: is the file cut?")

@@ -14,8 +14,8 @@ import pytest
 
 from hw.common.errors import InvalidSource
 from hw.common.samples import Samples
-from hw.foreign.columns import ColumnMap
-from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.files.columns import ColumnMap
+from hw.files.hdf5_recorder import Hdf5Recorder
 from hw.reader import Reader
 from hw.simulation.firmware import Fault
 from tests.support.hw.virtual_probes import probe

@@ -7,17 +7,18 @@ the index jumps, and the neighbouring rows are unchanged.
 from __future__ import annotations
 
 import json
+from collections.abc import Generator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hw.common.errors import InvalidSource
-from hw.common.samples import Floats, Gap, Ints, Samples
-from hw.common.transport import Header, make_timestamp
+from hw.common.samples import CHANNEL_NAMES, Bools, Floats, Gap, Ints, Samples
+from hw.common.transport import Chunk, FileTransport, Header, make_timestamp
 
-CHANNEL_NAMES = ("inner", "outer", "force")
 MAX_VOLTS = 1e6  # no instrument gives more: beyond it a file is damaged, and squares of it overflow
 GAP_REASON = "samples are missing in what was recorded"
+CHUNK_ROWS = 1 << 15  # rows of a chunk
 
 
 def build_row_type(channels: int) -> np.dtype[np.void]:
@@ -43,13 +44,11 @@ def pack_samples(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = Fals
     return data.tobytes()
 
 
-def note_unknown_gap(first: int, reason: str) -> str:
-    """Encode the note of a chunk that follows a gap of unknown length; the gap takes up index ``first``."""
-    return encode_note((Gap(first, -1, reason),))
-
-
 def encode_note(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
-    """Encode a chunk's note that lists its gaps; without a note, gaps follow from the index."""
+    """Encode a chunk's note that lists its gaps; without a note, gaps follow from the index.
+
+    A gap of unknown length has the count -1 and takes up one index.
+    """
     return json.dumps({"gaps": [[gap.first, gap.count, gap.reason] for gap in gaps], "overruns": overruns})
 
 
@@ -66,6 +65,48 @@ def build_volts_header(rate: float, channels: tuple[str, ...] = CHANNEL_NAMES[:2
         Properties of the source, such as ``transport`` and ``serial``.
     """
     return Header("volts", rate, channels, (1.0,) * len(channels), 0, 0, {"started": make_timestamp()} | source)
+
+
+class VoltsTransport(FileTransport):
+    """A transport of a file's samples, which are in memory.
+
+    Parameters
+    ----------
+    header
+        Of a source of volts.
+    index, volts, saturated
+        As of ``pack_samples``.
+    gaps
+        What was lost, in order; None: as the index shows.
+    overruns
+        Number of overflows that the device reported.
+    """
+
+    def __init__(
+        self,
+        header: Header,
+        index: Ints,
+        volts: Floats,
+        saturated: Bools,
+        gaps: tuple[Gap, ...] | None = None,
+        overruns: int = 0,
+    ) -> None:
+        self.header = header
+        self._chunks = _iterate_chunks(index, volts, saturated, gaps, overruns)
+
+
+def _iterate_chunks(
+    index: Ints, volts: Floats, saturated: Bools, gaps: tuple[Gap, ...] | None, overruns: int
+) -> Generator[Chunk, None, None]:
+    """Yield the samples in chunks; a gap goes with the rows that follow it, all overruns with the first chunk."""
+    for first in range(0, len(index), CHUNK_ROWS):
+        rows = slice(first, first + CHUNK_ROWS)
+        note = ""
+        if gaps is not None:
+            last_index = index[rows][-1]
+            note = encode_note(tuple(gap for gap in gaps if gap.first <= last_index), overruns)
+            gaps, overruns = tuple(gap for gap in gaps if gap.first > last_index), 0
+        yield Chunk(pack_samples(index[rows], volts[rows], saturated[rows]), note=note)
 
 
 class VoltsDecoder:
@@ -101,22 +142,18 @@ class VoltsDecoder:
         )  # fmt: skip
 
     def _find_gaps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
+        """Return the gaps at the jumps of an index, whose ``steps`` are from the row before."""
         jumps = np.flatnonzero(steps > 1)
         if self._next is None:
             jumps = jumps[jumps > 0]  # rows before the first one read are no gap
         return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), GAP_REASON) for k in jumps)
 
 
-def replace_infinities(volts: Floats) -> Floats:
-    """Replace NaN and infinities by finite numbers, in rows that count as lost or saturated."""
-    return np.asarray(np.nan_to_num(volts, nan=0.0))
-
-
 def _decode_note(note: str) -> tuple[tuple[Gap, ...], int]:
+    """Return gaps and overruns of a note. Raises ``InvalidSource``."""
     try:
         contents = json.loads(note)
-        return tuple(Gap(int(first), int(count), str(reason)) for first, count, reason in contents["gaps"]), int(
-            contents["overruns"]
-        )
+        gaps = tuple(Gap(int(first), int(count), str(reason)) for first, count, reason in contents["gaps"])
+        return gaps, int(contents["overruns"])
     except (ValueError, TypeError, KeyError) as fault:
         raise InvalidSource("a note of volts that lists no gaps: another program wrote it") from fault

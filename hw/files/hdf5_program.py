@@ -1,18 +1,19 @@
 """Read an HDF5 file for `hdf5_file` in a child process: a crash of the HDF5 library ends only this process.
 
 Run as ``python hdf5_program.py FILE MEMORY SECONDS``. It inspects links and creation properties before it reads any data, and
-refuses files with data elsewhere: external links, external storage, virtual datasets. Each line of standard input is then a
-request. Each reply is a line of JSON, followed by the bytes of the arrays that it announces.
+refuses files with data elsewhere: external links, external storage, virtual datasets. It writes pickles to standard output: the
+description of the file, and then the columns of each list of columns that it is sent; a text is the reason of a refusal.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import os
+import pickle
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 
 STORED_ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
-SENT_TYPES = {"u1": "u1", "u8": "<f8"}  # of the values that are sent, where it is not i8 or f8: u8 may exceed i8
 MAX_DATASETS = 1000  # a file with more datasets is not a recording
 
 
@@ -32,9 +32,16 @@ class Refused(Exception):  # noqa: N818 - becomes the text of an InvalidSource i
 
 def main(path: str, memory: int, seconds: int) -> None:
     """Describe the file, then serve requests until standard input ends."""
-    answer = os.fdopen(os.dup(1), "wb")
+    replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # keeps prints of libraries out of the replies
     limit_process(memory, seconds)
+    for reply in iterate_replies(path, memory):
+        pickle.dump(reply, replies)
+        replies.flush()
+
+
+def iterate_replies(path: str, memory: int) -> Iterator[object]:
+    """Yield the description of the file, and then the columns of each request; at a fault the reason of the refusal."""
     try:
         import h5py
 
@@ -43,15 +50,17 @@ def main(path: str, memory: int, seconds: int) -> None:
         except (OSError, RuntimeError, ValueError):
             raise Refused("is no HDF5 file that can be read: is it whole, is it HDF5?") from None
         check_links(file)
-        send(answer, describe(file, memory), [])
-        for line in sys.stdin:
-            send(answer, *read_arrays(file, json.loads(line)))
+        yield describe(file, memory)
+        while True:
+            yield [read_column(file, *column) for column in pickle.load(sys.stdin.buffer)]
+    except EOFError:  # no more requests
+        return
     except Refused as refusal:
-        send(answer, {"refused": str(refusal)}, [])
+        yield str(refusal)
     except MemoryError:
-        send(answer, {"refused": f"needs more than the {memory / 1e9:g} GB allowed to read it: --memory raises the limit"}, [])
+        yield f"needs more than the {memory / 1e9:g} GB allowed to read it: --memory raises the limit"
     except Exception:  # a damaged file makes the library raise anything
-        send(answer, {"refused": "is damaged: parts of it are missing or cannot be read"}, [])
+        yield "is damaged: parts of it are missing or cannot be read"
 
 
 def limit_process(memory: int, seconds: int) -> None:
@@ -93,9 +102,15 @@ def describe(file: h5py.File, memory: int) -> dict[str, object]:
             return f"is refused: {path!r} is stored in chunks of {chunk / 1e9:.3g} GB: --memory raises the limit"
         units = [decode_text(node.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in node.attrs]
         stored = node.id.get_storage_size()
-        whole = stored >= math.prod(node.shape) * node.dtype.itemsize
+        is_complete = stored >= math.prod(node.shape) * node.dtype.itemsize
         datasets.append(
-            {"path": path, "shape": node.shape, "unit": units[0] if units else "", "whole": whole, "written": stored > 0}
+            {
+                "path": path,
+                "shape": node.shape,
+                "unit": units[0] if units else "",
+                "is_complete": is_complete,
+                "is_written": stored > 0,
+            }
         )
         if len(datasets) > MAX_DATASETS:
             return f"is refused: more than {MAX_DATASETS} datasets of numbers: allowed: the recording's columns alone"
@@ -114,17 +129,14 @@ def read_gaps(file: h5py.File) -> list[tuple[int, int, str]]:
     return [(int(row["first"]), int(row["count"]), decode_text(row["reason"])) for row in file["gaps"][:]]
 
 
-def read_arrays(file: h5py.File, request: dict[str, Any]) -> tuple[dict[str, object], list[NDArray[np.generic]]]:
-    """Return rows ``begin`` to ``end`` of each (path, column) that the request lists under ``datasets``."""
-    rows = slice(request["begin"], request["end"])
-    arrays = []
-    for path, column in request["datasets"]:
-        check_filters(path, file[path])
-        values = file[path][rows] if column is None else file[path][rows, column]
-        kind = SENT_TYPES.get(values.dtype.str[1:], "<f8" if values.dtype.kind == "f" else "<i8")
-        with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite; the reader refuses them
-            arrays.append(np.ascontiguousarray(values.astype(kind, copy=False)))
-    return {"arrays": [[array.dtype.str, array.shape] for array in arrays]}, arrays
+def read_column(file: h5py.File, path: str, column: int | None) -> NDArray[np.generic]:
+    """Return a dataset, or one column of a matrix; floats, and integers that may exceed 64 bits with a sign, as doubles."""
+    check_filters(path, file[path])
+    values: NDArray[np.generic] = file[path][:] if column is None else file[path][:, column]
+    if values.dtype.kind != "f" and values.dtype != np.uint64:
+        return values
+    with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite; the reader refuses them
+        return values.astype(float, copy=False)
 
 
 def check_filters(path: str, dataset: h5py.Dataset) -> None:
@@ -139,16 +151,8 @@ def check_filters(path: str, dataset: h5py.Dataset) -> None:
             raise Refused(f"is refused: {path!r} is packed by filter {filter_name}, which is not installed: allowed: {allowed}")
 
 
-def send(answer: BinaryIO, line: dict[str, object], arrays: list[NDArray[np.generic]]) -> None:
-    """Write one reply: a line of JSON, then the arrays' bytes."""
-    answer.write(json.dumps(line).encode() + b"\n")
-    for array in arrays:
-        answer.write(array.data.cast("B") if array.size else b"")
-    answer.flush()
-
-
 def convert_attribute(value: object) -> object:
-    """Convert an attribute to a JSON value: a text, a number, or the first number of an array; None for anything else."""
+    """Convert an attribute to a text, a number, or the first number of an array; None for anything else."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bytes | str):
         return decode_text(value)
@@ -160,7 +164,7 @@ def convert_attribute(value: object) -> object:
 
 
 def decode_text(value: object) -> str:
-    """Decode a text, with invalid UTF-8 replaced, so that JSON can hold it."""
+    """Decode a text, with invalid UTF-8 replaced."""
     decoded = value if isinstance(value, bytes) else str(value).encode("utf-8", "replace")
     return decoded.decode("utf-8", "replace")
 

@@ -14,12 +14,12 @@ import pytest
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.samples import Samples
-from hw.foreign.columns import ColumnMap
-from hw.foreign.hdf5_file import Hdf5File
-from hw.foreign.hdf5_recording import Hdf5Recorder
-from hw.foreign.volts import build_volts_header
+from hw.files.columns import ColumnMap
+from hw.files.hdf5_file import Hdf5File
+from hw.files.hdf5_recorder import Hdf5Recorder
+from hw.files.volts import build_volts_header
 from hw.reader import DEFAULT_COLUMNS, Reader
-from tests.hw.foreign.test_hdf5 import ROWS, TIMES, VOLTS, got
+from tests.hw.files.test_hdf5 import ROWS, TIMES, VOLTS, got
 from tests.support.hw.virtual_probes import probe
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-from contextlib import ExitStack
 from pathlib import Path
 
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.transport import Transport
-from hw.foreign.columns import ColumnMap
-from hw.foreign.csv_table import read_csv
-from hw.foreign.table import TableTransport
-from hw.foreign.wav_table import read_wav
+from hw.files.columns import ColumnMap
+from hw.files.csv_table import read_csv
+from hw.files.hdf5_file import Hdf5File
+from hw.files.table import convert_table
+from hw.files.wav_table import read_wav
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
@@ -24,7 +24,7 @@ def raw_recording_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.probe")
 
 
-def is_foreign(path: Path) -> bool:
+def is_from_other_program(path: Path) -> bool:
     """Whether a file's suffix is that of another program's files."""
     return path.suffix.lower() in (*HDF5_SUFFIXES, *TEXT_SUFFIXES, *WAV_SUFFIXES)
 
@@ -32,12 +32,9 @@ def is_foreign(path: Path) -> bool:
 def is_self_describing(path: Path, limits: ReadLimits) -> bool:
     """Whether a file is a recording of this project, by its suffix or, for HDF5, by its contents. Raises ``InvalidSource``."""
     if path.suffix.lower() not in HDF5_SUFFIXES:
-        return not is_foreign(path)
-    from hw.foreign.hdf5_file import Hdf5File
-    from hw.foreign.hdf5_recording import is_recording
-
+        return not is_from_other_program(path)
     with Hdf5File(path, limits) as file:
-        return is_recording(file)
+        return file.is_recording
 
 
 def open_file(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
@@ -58,33 +55,16 @@ def open_file(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
         The file cannot be read, or information is missing.
     """
     if not os.path.isfile(path):
-        hint = (
-            f"; what was read until it was interrupted is in {raw_recording_path(path)}"
-            if raw_recording_path(path).exists()
-            else ""
-        )
+        raw_path = raw_recording_path(path)
+        hint = f"; what was read until it was interrupted is in {raw_path}" if raw_path.exists() else ""
         raise InvalidSource(f"{path} cannot be read: there is no such file{hint}")
-    suffix = path.suffix.lower()
-    if suffix in HDF5_SUFFIXES:
-        return _open_hdf5(path, columns, limits)
-    if suffix in WAV_SUFFIXES:
-        return TableTransport(read_wav(path), columns)
-
-    return TableTransport(read_csv(path), columns)
-
-
-def _open_hdf5(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    """Open an HDF5 file: a recording of this project is read chunk by chunk, a table of another program at once."""
-    from hw.foreign.hdf5_file import Hdf5File
-    from hw.foreign.hdf5_recording import Hdf5Replay, is_recording
-    from hw.foreign.hdf5_table import build_table
-
-    with ExitStack() as stack:
-        file = stack.enter_context(Hdf5File(path, limits))
-        if not is_recording(file):
-            return TableTransport(build_table(file, limits), columns)
+    if path.suffix.lower() in WAV_SUFFIXES:
+        return convert_table(read_wav(path), columns)
+    if path.suffix.lower() not in HDF5_SUFFIXES:
+        return convert_table(read_csv(path), columns)
+    with Hdf5File(path, limits) as file:
+        if not file.is_recording:
+            return convert_table(file.build_table(), columns)
         if columns != ColumnMap():
             raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
-        replay = Hdf5Replay(file, limits)
-        stack.pop_all()  # open until the transport is closed
-        return replay
+        return file.read_recording()

@@ -1,0 +1,248 @@
+"""Read HDF5 files of unknown origin in a child process with limits of memory and time: see `hdf5_program`.
+
+A file is a recording of this project, or a table of another program: a 1-D dataset is a column, a matrix gives one for each of
+its columns.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.common.clock import describe_rate_difference
+from hw.common.errors import InvalidSource
+from hw.common.limits import ReadLimits
+from hw.common.samples import CHANNEL_NAMES, Floats, Gap
+from hw.files.columns import build_refusal
+from hw.files.hdf5_recorder import FILE_FORMAT, FORMAT_VERSION
+from hw.files.table import ColumnTable
+from hw.files.volts import VoltsTransport, build_volts_header
+
+READER_PROGRAM = Path(__file__).with_name("hdf5_program.py")
+RATE_ATTRIBUTES = ("rate", "sample_rate", "sampling_rate", "SampleRate", "fs")
+MAX_MATRIX_COLUMNS = 16  # a wider matrix is a picture, not channels
+RATE_TOLERANCE = 1e-4  # relative difference of stated rate and times: rounding of the times over a second causes less
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """The description of a dataset of numbers; its data are not read yet.
+
+    Attributes
+    ----------
+    path
+        Within the file, ``group/name``.
+    shape
+        Of one or two dimensions.
+    unit
+        As text; empty where none is stated.
+    is_complete
+        Whether all its values are stored, uncompressed: HDF5 returns zeros for values that were never written.
+    is_written
+        Whether any value is stored.
+    """
+
+    path: str
+    shape: tuple[int, ...]
+    unit: str
+    is_complete: bool
+    is_written: bool
+
+
+class Hdf5File:
+    """An HDF5 file, read by a child process; a context manager that ends the process.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    limits
+        Memory and time for all requests together.
+
+    Attributes
+    ----------
+    attributes
+        Texts and numbers of the file's root.
+    datasets
+        Descriptions by path.
+    gaps
+        What was lost, if the file is a recording of this project.
+
+    Raises
+    ------
+    InvalidSource
+        The file is not HDF5, is damaged, refers to data outside itself, or exceeds a limit.
+    """
+
+    def __init__(self, path: Path, limits: ReadLimits) -> None:
+        self.path, self._limits, self._end = path, limits, time.monotonic() + limits.seconds
+        arguments = [str(READER_PROGRAM), os.path.abspath(path), str(int(limits.memory)), str(math.ceil(limits.seconds))]
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=_build_environment(),
+        )
+        self._timer = threading.Timer(limits.seconds, self._process.kill)  # its pipe then ends
+        self._timer.daemon = True
+        self._timer.start()
+        try:
+            description = self._receive()
+        except BaseException:
+            self.close()
+            raise
+        self.attributes: dict[str, Any] = description["attributes"]
+        self.datasets = {entry["path"]: Dataset(**entry) for entry in description["datasets"]}
+        self.gaps = tuple(Gap(*gap) for gap in description["gaps"])
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether the file is a recording of this project."""
+        return bool(self.attributes.get("format") == FILE_FORMAT)
+
+    def read(self, columns: Sequence[tuple[str, int | None]]) -> list[NDArray[Any]]:
+        """Return columns, each given by its dataset's path and a matrix column or None; floats are doubles.
+
+        Raises
+        ------
+        InvalidSource
+            They cannot be read within the limits.
+        """
+        with suppress(OSError):  # that the process has ended shows in _receive
+            stdin: IO[bytes] = self._process.stdin  # type: ignore[assignment] # a pipe was asked for
+            pickle.dump(list(columns), stdin)
+            stdin.flush()
+        arrays: list[NDArray[Any]] = self._receive()
+        return arrays
+
+    def build_table(self) -> ColumnTable:
+        """Return the file as a table, whose columns are named ``group/name``, or ``group/name[1]`` in a matrix.
+
+        The file must stay open until the table is read.
+
+        Raises
+        ------
+        InvalidSource
+            The file holds no columns of numbers.
+        """
+        columns: list[tuple[str, Dataset, int | None]] = []
+        for dataset in self.datasets.values():
+            if len(dataset.shape) == 1:
+                columns.append((dataset.path, dataset, None))
+            elif dataset.shape[1] <= MAX_MATRIX_COLUMNS:
+                columns.extend((f"{dataset.path}[{k + 1}]", dataset, k) for k in range(dataset.shape[1]))
+        if not columns:
+            raise build_refusal(self.path.name, "no columns of numbers", "an HDF5 file with datasets of one or two dimensions")
+
+        def read(numbers: list[int]) -> Floats:
+            wanted = [columns[number] for number in numbers]
+            self._check_columns(wanted)
+            return np.stack(self.read([(dataset.path, k) for _, dataset, k in wanted]), axis=1).astype(float, copy=False)
+
+        names, units = tuple(name for name, _, _ in columns), tuple(dataset.unit for _, dataset, _ in columns)
+        return ColumnTable(self.path.name, names, units, read, self._find_rate(), source={"transport": "hdf5"})
+
+    def read_recording(self) -> VoltsTransport:
+        """Read a recording of this project.
+
+        Raises
+        ------
+        InvalidSource
+            The recording has another version, is damaged, or claims more samples than the memory can hold.
+        """
+        source = dict(self.attributes)
+        if source.pop("version", None) != FORMAT_VERSION:
+            raise InvalidSource(f"{self.path} is not a recording of version {FORMAT_VERSION}, as this program reads")
+        channels = tuple(name for name in CHANNEL_NAMES if name in self.datasets)
+        rows = self.datasets["index"].shape[0] if "index" in self.datasets else 0
+        has_columns = all(self._is_complete(name, (rows,)) for name in ("index", *channels))
+        has_flags = "saturated" in self.datasets and self.datasets["saturated"].shape == (rows, len(channels))
+        rate, overruns, _ = (source.pop(key, None) for key in ("rate", "overruns", "format"))
+        has_rate = isinstance(rate, float | int) and 1e-6 < rate < 1e12 and isinstance(overruns, int)
+        if len(channels) < 2 or not (has_columns and has_flags and has_rate):
+            raise InvalidSource(f"{self.path} is damaged: columns of different lengths, or no rate")
+        self._limits.check_values(self.path.name, rows * (1 + len(channels)))
+        flags = [("saturated", k) for k in range(len(channels))]
+        index, *values = self.read([("index", None), *((name, None) for name in channels), *flags])
+        volts, saturated = (np.stack(part, axis=1) for part in (values[: len(channels)], values[len(channels) :]))
+        header = build_volts_header(float(rate), channels, **(source | {"replayed": str(self.path)}))
+        if self._is_complete("time", (rows,)) and (difference := self._describe_clock(index, header.rate)):
+            header.source["clock"] = difference
+        return VoltsTransport(header, index, volts, saturated, self.gaps, overruns)
+
+    def _is_complete(self, name: str, shape: tuple[int, ...]) -> bool:
+        """Whether a dataset has this shape and all its values."""
+        dataset = self.datasets.get(name)
+        return dataset is not None and dataset.is_complete and dataset.shape == shape
+
+    def _check_columns(self, columns: Sequence[tuple[str, Dataset, int | None]]) -> None:
+        """Refuse columns that do not fit together, were never written, or are too large: a few bytes can claim any number."""
+        lengths = {name: dataset.shape[0] for name, dataset, _ in columns}
+        if len(set(lengths.values())) > 1:
+            raise build_refusal(self.path.name, f"columns of {lengths}", "the same number of samples in each")
+        for name, dataset, _ in columns:
+            if not dataset.is_written:
+                raise build_refusal(self.path.name, f"{name}, which was never written", "columns that hold samples")
+        self._limits.check_values(self.path.name, sum(lengths.values()))
+
+    def _find_rate(self) -> float | None:
+        """Return the rate in Hz that a table states, or None."""
+        values = [self.attributes[key] for key in RATE_ATTRIBUTES if key in self.attributes]
+        return next((float(value) for value in values if not isinstance(value, str) and value > 0), None)
+
+    def _describe_clock(self, index: NDArray[Any], rate: float) -> str:
+        """Describe by how much a recording's times contradict its rate; empty if they do not, or are unusable."""
+        (times,) = self.read([("time", None)])
+        rows, seconds = float(index[-1] - index[0]), float(times[-1] - times[0])
+        if rows > 0 and 0 < seconds < math.inf and abs(rows / seconds / rate - 1) > RATE_TOLERANCE:
+            return describe_rate_difference(rows / seconds, rate)
+        return ""
+
+    def close(self) -> None:
+        """End the process."""
+        self._timer.cancel()
+        self._process.kill()
+        with self._process:  # closes its pipes and waits for its end
+            pass
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _receive(self) -> Any:
+        """Return the next reply of the process; a text is the reason of a refusal. Raises ``InvalidSource``."""
+        stdout: IO[bytes] = self._process.stdout  # type: ignore[assignment] # a pipe was asked for
+        try:
+            reply = pickle.load(stdout)
+        except (EOFError, pickle.UnpicklingError):  # the process has ended
+            self._process.wait()
+            reply = "is damaged: the HDF5 library fails on it"
+            if time.monotonic() >= self._end:
+                reply = f"takes longer than {self._limits.seconds:g} s to read: --time raises the limit"
+        if isinstance(reply, str):
+            raise InvalidSource(f"{self.path} {reply}")
+        return reply
+
+
+def _build_environment() -> dict[str, str]:
+    """Return the child's environment: one thread, this process's modules, and no HDF5 plugins that a file could load."""
+    path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
+    settings = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_PLUGIN_PRELOAD": "::"}
+    return {**os.environ, **settings, "PYTHONWARNINGS": "ignore"}

@@ -1,3 +1,0 @@
-"""Read CSV, HDF5 and WAV files of other programs as sources of samples, and write recordings as HDF5 files."""
-
-# Imports inside functions: h5py, scipy.io and the child process of HDF5 load only for their files; Windows has no resource.
