@@ -183,7 +183,7 @@ class Hdf5File:
         header = build_volts_header(float(rate), channels, **(source | {"replayed": str(self.path)}))
         if self._is_complete("time", (rows,)) and (difference := self._describe_clock(index, header.rate)):
             header.source["clock"] = difference
-        return VoltsTransport(header, index, volts, saturated, self.gaps, overruns)
+        return VoltsTransport(header, index, volts, saturated, gaps=self.gaps, overruns=overruns)
 
     def _is_complete(self, name: str, shape: tuple[int, ...]) -> bool:
         """Whether a dataset has this shape and all its values."""

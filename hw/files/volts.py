@@ -88,15 +88,16 @@ class VoltsTransport(FileTransport):
         index: Ints,
         volts: Floats,
         saturated: Bools,
+        *,
         gaps: tuple[Gap, ...] | None = None,
         overruns: int = 0,
     ) -> None:
         self.header = header
-        self._chunks = _iterate_chunks(index, volts, saturated, gaps, overruns)
+        self._chunks = _iterate_chunks(index, volts, saturated, gaps=gaps, overruns=overruns)
 
 
 def _iterate_chunks(
-    index: Ints, volts: Floats, saturated: Bools, gaps: tuple[Gap, ...] | None, overruns: int
+    index: Ints, volts: Floats, saturated: Bools, *, gaps: tuple[Gap, ...] | None, overruns: int
 ) -> Generator[Chunk, None, None]:
     """Yield the samples in chunks; a gap goes with the rows that follow it, all overruns with the first chunk."""
     for first in range(0, len(index), CHUNK_ROWS):
