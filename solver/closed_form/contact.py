@@ -27,11 +27,11 @@ from solver.closed_form.block_compliance import ElasticBlocks, compute_end_compl
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.inclusions import build_loaded_spheres
 from solver.closed_form.lateral_boundary import Sides, build_cut_waves, solve_free_sides
-from solver.closed_form.layer import Waves, compute_floor_compliance, solve_waves
+from solver.closed_form.layer import solve_waves
 from solver.closed_form.layered_spheres import build_sphere_in_layer
 from solver.closed_form.layered_works import compute_disc_compliances, compute_layered_works, find_stiffest
 from solver.closed_form.off_axis import Disc
-from solver.closed_form.surface_images import SphereArray
+from solver.closed_form.sphere_moments import SphereArray
 from solver.closed_form.tractions import (
     LOADS,
     build_wave_rule,
@@ -41,7 +41,7 @@ from solver.closed_form.tractions import (
     list_disc_radii,
     transform_long_waves,
 )
-from solver.layers.stack import TissueLayer
+from solver.layers.stack import TissueLayer, compute_floor_change
 
 Pair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
 
@@ -154,17 +154,14 @@ def solve_contact(
     if tissue.depth is not None or spheres:
         firm = find_stiffest(tissue.stack) if tissue.layers else tissue
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
-        field = solve_waves(k, tissue.depth, firm.nu)
         if tissue.depth is not None:
-            C = C + _compute_floor_works(field, loads, weights, firm.E / (2 * (1 + firm.nu)))
+            C = C + _compute_floor_works(k, TissueLayer(tissue.depth, firm.E, firm.nu), loads, weights)
     bare_tractions, higher_moments, slope, softened, target_body = np.linalg.solve(C, A), 0.0, np.zeros_like(A[:, :2]), C, None
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
         layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _build_disc(blocks, tissue, layer_nodes)
-        in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None) if tissue.faces else None
-        body = build_loaded_spheres(
-            sphere, field, loads, weights, E=layer.E, nu=layer.nu, disc=disc, sides=sides, inside=in_layer
-        )
+        in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None)
+        body = build_loaded_spheres(sphere, in_layer, loads, weights, layer=layer, disc=disc, sides=sides)
         forces, by_log = body.compute_higher_moments(bare_tractions)
         softened, higher_moments = softened - body.works, higher_moments + forces
         if index == target:
@@ -283,10 +280,10 @@ def _choose_larger(first: Array, second: Array) -> Array:
     return np.where(first.real > second.real, first, second)
 
 
-def _compute_floor_works(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
-    """Return what the floor adds to C: 2 pi times the integral of loads times the floor's compliance (eq. CF.6) k dk."""
-    scale = (np.pi / mu)[:, None, None]
-    parts = [weights[:, :, None] * part[:, :, None] for part in compute_floor_compliance(field)]
+def _compute_floor_works(k: Array, layer: TissueLayer, loads: tuple[Array, Array], weights: Array) -> Array:
+    """Return what a floor below one layer adds to C: 2 pi times the integral of loads times its compliance k dk."""
+    scale = (np.pi / layer.mu)[:, :, None]
+    parts = [(weights / k * part)[:, :, None] for part in compute_floor_change(k, layer)]
     p, q = loads
     pt, qt = p.swapaxes(1, 2), q.swapaxes(1, 2)
     return scale * join_works((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))

@@ -30,7 +30,7 @@ from solver.closed_form.contact import (
 from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.lateral_boundary import compute_side_radius, count_side_nodes
 from solver.closed_form.layered_works import count_layer_nodes
-from solver.closed_form.surface_images import SphereArray
+from solver.closed_form.sphere_moments import SphereArray
 from solver.layers.materials import list_material_layers
 from solver.layers.stack import TissueLayer
 from solver.linalg.memory import keep_freed

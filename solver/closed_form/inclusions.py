@@ -5,7 +5,7 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of `
     dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (CF.13)
 
 over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
-its own polarisation in the free surface, ``surface_images``, or in all faces, ``layered_spheres``, beside the axis less that of
+its own polarisation in the free surface, ``sphere_moments``, or in all faces, ``layered_spheres``, beside the axis less that of
 ``off_axis``, so that loads of moments M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, t'
 takes the place of the t of eq. CF.12,
 
@@ -24,23 +24,18 @@ import numpy as np
 
 from solver.closed_form.bessel import Array
 from solver.closed_form.lateral_boundary import Sides
-from solver.closed_form.layer import Waves
 from solver.closed_form.layered_spheres import SphereInLayer
 from solver.closed_form.off_axis import Disc, compute_off_axis_response, shift_waves
-from solver.closed_form.surface_images import (
+from solver.closed_form.sphere_moments import (
     AXIAL_MOMENTS,
     MOMENT_WEIGHTS,
     OFF_AXIS_POINTS,
     ON_AXIS_POINTS,
-    BallQuadrature,
     SphereArray,
-    SphereWaves,
-    compute_sphere_waves,
-    compute_surface_image,
     compute_tissue_strain,
 )
 from solver.inclusions.eshelby import compute_strengths
-from solver.layers.stack import Matrix
+from solver.layers.stack import TissueLayer
 
 
 @dataclass(frozen=True)
@@ -51,10 +46,8 @@ class LoadedSpheres:
     ----------
     sphere
         Places, sizes and materials.
-    points
-        Of the quadrature.
-    sphere_waves
-        The waves at the sphere.
+    in_layer
+        The waves that reach it.
     axis_distance
         Distances of the points from the probe's axis, m, shape (n, points); None for spheres on the axis.
     loads
@@ -68,13 +61,10 @@ class LoadedSpheres:
         G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
     strength, strength_by_log
         (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
-    arriving
-        A of eq. LY.3 at the top of the sphere's layer, to which ``sphere_waves`` refers; None on half-spaces.
     """
 
     sphere: SphereArray
-    points: BallQuadrature
-    sphere_waves: SphereWaves
+    in_layer: SphereInLayer
     axis_distance: Array | None
     loads: tuple[Array, Array]
     sides: tuple[Array, Array] | None
@@ -82,7 +72,6 @@ class LoadedSpheres:
     image: Array
     strength: tuple[Array, Array]
     strength_by_log: tuple[Array, Array]
-    arriving: Matrix | None = None
 
     @property
     def volume(self) -> Array:
@@ -117,19 +106,18 @@ class LoadedSpheres:
 
     def compute_higher_moments(self, tractions: Array) -> tuple[Array, Array]:
         """Return the part of eq. CF.13 beyond the moments under tractions t (n, m, 2), its derivative by ln E; both (n, 2, 2)."""
-        moments = self.moments @ tractions
+        sphere_waves, moments = self.in_layer.sphere_waves, self.moments @ tractions
         pressures = self.loads[0].shape[2]
         t = tractions.swapaxes(1, 2)
         pressed, sheared = (
             rows @ load.swapaxes(1, 2) for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
         )
-        if self.arriving is not None:
-            pp, pq, qp, qq = (np.broadcast_to(part, self.sphere_waves.waves.k.shape)[:, None] for part in self.arriving)
-            pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
-        strain = compute_tissue_strain(self.sphere_waves, (pressed, sheared), self.axis_distance)
+        pp, pq, qp, qq = (np.broadcast_to(part, sphere_waves.waves.k.shape)[:, None] for part in self.in_layer.arriving)
+        arriving = pp * pressed + pq * sheared, qp * pressed + qq * sheared
+        strain = compute_tissue_strain(sphere_waves, arriving, self.axis_distance)
         if self.sides is not None:
             strain += ((self.sides[1] @ tractions).swapaxes(1, 2) @ self.sides[0].swapaxes(1, 2)).reshape(strain.shape)
-        weight = self.points.weight
+        weight = (ON_AXIS_POINTS if self.sphere.on_axis else OFF_AXIS_POINTS).weight
         trace = strain[:, :, 0] + strain[:, :, 2]
         traces = (weight * trace) @ trace.swapaxes(1, 2)
         counts = np.concatenate([times * weight for times in (0.5, 0.5, 1.0, 2.0)])
@@ -146,84 +134,59 @@ class LoadedSpheres:
 
 def build_loaded_spheres(
     sphere: SphereArray,
-    waves: Waves,
+    in_layer: SphereInLayer,
     loads: tuple[Array, Array],
     weights: Array,
     *,
-    E: Array,
-    nu: Array,
+    layer: TissueLayer,
     disc: Disc | None,
     sides: Sides | None = None,
-    inside: SphereInLayer | None = None,
 ) -> LoadedSpheres:
-    """Build spheres under a probe's loads, in tissue of modulus E and Poisson's ratio nu, shapes (n,).
+    """Build spheres under a probe's loads.
 
     Parameters
     ----------
     sphere
         Places, sizes and materials.
-    waves
-        Of the tissue.
+    in_layer
+        The waves that reach the spheres, and their images.
     loads
         Transforms of pressures and of shears, shapes (n, q, .).
     weights
         k dk of the waves, shape (n, q).
-    E
-        Of the tissue, shape (n,).
-    nu
-        Of the tissue, shape (n,).
+    layer
+        The layer that holds the spheres.
     disc
         The probe's end, None for spheres on its axis.
     sides
         Of the tissue, where they are near.
-    inside
-        The sphere in its layer, of which E and nu are, None on half-spaces of one material; ``waves`` are but numbers.
     """
-    sphere_waves = compute_sphere_waves(sphere, waves) if inside is None else inside.sphere_waves
-    scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
+    sphere_waves, k = in_layer.sphere_waves, in_layer.sphere_waves.waves.k
+    scaled = (weights / (2 * layer.mu))[:, :, None]
     weighed = loads[0] * scaled, loads[1] * scaled
-    points, moments, axis_distance = ON_AXIS_POINTS, sphere_waves.moments, None
+    moments, axis_distance = sphere_waves.moments, None
     x_from_axis, y_from_axis = sphere.radius[:, None] * ON_AXIS_POINTS.x, sphere.radius[:, None] * 0
     if not sphere.on_axis:
-        points, share = OFF_AXIS_POINTS, shift_waves(waves.k, sphere.offset)
-        x_from_axis, y_from_axis = (
-            sphere.offset[:, None] + sphere.radius[:, None] * OFF_AXIS_POINTS.x,
-            sphere.radius[:, None] * OFF_AXIS_POINTS.y,
-        )
-        moments, axis_distance = (moments[0] * share, moments[1] * share), np.sqrt(x_from_axis**2 + y_from_axis**2)
+        shares = shift_waves(k, sphere.offset)
+        x_from_axis = sphere.offset[:, None] + sphere.radius[:, None] * OFF_AXIS_POINTS.x
+        y_from_axis = sphere.radius[:, None] * OFF_AXIS_POINTS.y
+        moments, axis_distance = (moments[0] * shares, moments[1] * shares), np.sqrt(x_from_axis**2 + y_from_axis**2)
     dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
-    walls = None
+    side_strains = None
     if sides is not None:
-        added = sides.compute_strain(
-            x_from_axis if axis_distance is None else axis_distance,
-            sphere.depth[:, None] - sphere.radius[:, None] * ON_AXIS_POINTS.z,
-        )
-        added = added if inside is None else added * (sides.tissue.E / E)[:, None, None]  # of the column's stress
-        walls = added, sides.side_works
-        dipoles = (
-            dipoles
-            + (MOMENT_WEIGHTS @ added if sphere.on_axis else _compute_moments(added, x_from_axis, y_from_axis)) @ sides.side_works
-        )
-    mu = E / (2 * (1 + nu))
-    G = compute_surface_image(sphere, waves, sphere_waves, weights, mu=mu, nu=nu) if inside is None else inside.image
+        depths = sphere.depth[:, None] - sphere.radius[:, None] * ON_AXIS_POINTS.z
+        strains = sides.compute_strain(x_from_axis if axis_distance is None else axis_distance, depths)
+        strains = strains * (sides.tissue.E / layer.E)[:, None, None]  # the layer bears the stress of the column
+        side_strains = strains, sides.side_works
+        side_moments = MOMENT_WEIGHTS @ strains if sphere.on_axis else _compute_moments(strains, x_from_axis, y_from_axis)
+        dipoles = dipoles + side_moments @ sides.side_works
+    G = in_layer.image
     if disc is not None:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
-        G = G - volume * compute_off_axis_response(
-            sphere, sphere_waves, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0
-        )
-    whole = compute_strengths(E, nu, sphere.E, sphere.nu)
-    return LoadedSpheres(
-        sphere,
-        points,
-        sphere_waves,
-        axis_distance,
-        weighed,
-        walls,
-        dipoles,
-        G,
-        *whole,
-        None if inside is None else inside.arriving,
-    )
+        bonded = loads[1].shape[2] > 0
+        G = G - volume * compute_off_axis_response(sphere, sphere_waves, k, weights, disc=disc, mu=layer.mu, bonded=bonded)
+    strengths = compute_strengths(layer.E, layer.nu, sphere.E, sphere.nu)
+    return LoadedSpheres(sphere, in_layer, axis_distance, weighed, side_strains, dipoles, G, *strengths)
 
 
 def _compute_moments(strain: Array, x_from_axis: Array, y_from_axis: Array) -> Array:

@@ -1,14 +1,16 @@
-"""An elastic layer bonded to a rigid floor, wave by wave: its surface's compliance and the strain inside.
+"""Waves in one layer of tissue: displacements and strains at a depth.
 
-Loads and displacements are Hankel integrals; for one wave number k, depth z, t = k z and m = 3 - 4 nu the displacements
-u = U J1(kr), w = W J0(kr) (w downwards) are sums of four solutions of Navier's equation,
+Loads and displacements are Hankel integrals. For one wave number k, depth z below the layer's top, t = k z and m = 3 - 4 nu the
+displacements u = U J1(kr), w = W J0(kr) (w downwards) are sums of four solutions of Navier's equation,
 
     U = (c1 + c2 t) e^-t + (c3 - c4 t) e^(t-2x),   W = (c1 + c2 (t+m)) e^-t + (-c3 + c4 (t-m)) e^(t-2x)      (CF.6)
 
-with x = kH. The floor, U = W = 0 at t = x, makes c4 = (2 c1 + (2x+m) c2)/m and c3 = (m c2 + (2x-m) c4)/2; the surface's
-pressure p and shear q give, as in eq. CF.1 where e^-2x is gone,
+with x = k h and h the layer's thickness. Downward waves of tractions a = (p, q), eq. LY.1, have
 
-    p = 2 mu k [c1 + 2 (1-nu) c2 + (c3 + 2 (1-nu) c4) e^-2x],  q = 2 mu k [c1 + (1-2nu) c2 - (c3 + (1-2nu) c4) e^-2x]   (CF.7)
+    c1 = [2 (1-nu) q - (1-2nu) p] / (2 mu k),     c2 = (p - q) / (2 mu k)                                    (CF.7)
+
+and their echo from below, r F a = (p', q') times e^-x at the layer's bottom with r and F of eqs. LY.1 and LY.2, has
+c4 = (p' + q') / (2 mu k) and c3 = x c4 - [2 (1-nu) q' + (1-2nu) p'] / (2 mu k).
 """
 
 from __future__ import annotations
@@ -19,21 +21,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.closed_form.bessel import Array
-from solver.layers.stack import Echo, TissueLayer
+from solver.layers.stack import Echo, TissueLayer, compute_arriving, compute_echoes
 
 WavePair = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
 class Waves:
-    """Coefficients of eq. CF.6 times 2 mu for waves k under unit pressure and under unit shear.
+    """Coefficients of eq. CF.6 times 2 mu for waves k under unit pressure and under unit shear: at the surface, or downwards.
 
     Attributes
     ----------
     k
         Wave numbers, 1/m, shape (n, q).
     depth
-        H, shape (n, 1), or None.
+        Thickness h of the layer, m, shape (n, 1); None for a half-space.
     nu
         Shape (n, 1).
     by_pressure, by_shear
@@ -47,36 +49,15 @@ class Waves:
     by_shear: tuple[Array, ...]
 
 
-def solve_waves(k: Array, depth: Array | None, nu: Array) -> Waves:
-    """Solve eq. CF.7: coefficients of waves k (n, q) on layers of depth (n,) (None: half-spaces), Poisson's ratios nu (n,)."""
-    nu = nu[:, None]
-    pressure_factor, shear_factor = 2 * (1 - nu), 1 - 2 * nu
-    if depth is None:
-        loads = ((-shear_factor / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of eq. CF.7 without its last terms
-        return Waves(k, None, nu, *loads)
-    depth = depth[:, None]
-    m, x = 3 - 4 * nu, k * depth
-    fade = np.exp(-2 * x)
-    c4 = (2 / m + 0 * x, (2 * x + m) / m)  # by c1 and by c2
-    c3 = ((2 * x - m) * c4[0] / 2, (m + (2 * x - m) * c4[1]) / 2)
-    top = [1 + (c3[0] + pressure_factor * c4[0]) * fade, pressure_factor + (c3[1] + pressure_factor * c4[1]) * fade]
-    side = [1 - (c3[0] + shear_factor * c4[0]) * fade, shear_factor - (c3[1] + shear_factor * c4[1]) * fade]
-    determinant = k * (top[0] * side[1] - top[1] * side[0])
-    potentials = []
-    for c1, c2 in ((side[1] / determinant, -side[0] / determinant), (-top[1] / determinant, top[0] / determinant)):
-        potentials.append((c1, c2, c3[0] * c1 + c3[1] * c2, c4[0] * c1 + c4[1] * c2))
-    return Waves(k, depth, nu, *potentials)
-
-
-def compute_floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
-    """Return the floor's change of the surface's w by p, u by q and w by q, times 2 mu; shapes (n, q)."""
-    nu, k = waves.nu, waves.k
-    m, fade = 3 - 4 * nu, np.exp(-2 * k * waves.depth)
-    (a1, a2, a3, a4), (b1, b2, b3, b4) = waves.by_pressure, waves.by_shear
-    w_by_p = a1 + m * a2 + (-a3 - m * a4) * fade - 2 * (1 - nu) / k
-    u_by_q = b1 + b3 * fade - 2 * (1 - nu) / k
-    w_by_q = b1 + m * b2 + (-b3 - m * b4) * fade + (1 - 2 * nu) / k
-    return w_by_p, u_by_q, w_by_q
+def solve_waves(k: Array, depth: Array, nu: Array) -> Waves:
+    """Return the waves k (n, q) under unit loads at the surface of layers on a floor, depths and Poisson's ratios (n,)."""
+    layer = TissueLayer(depth, np.ones_like(depth), nu)  # waves times 2 mu do not depend on the modulus
+    echoes = compute_echoes(k, [layer], True)
+    waves = build_waves_in_layer(k, layer, echoes[0])
+    pp, pq, qp, qq = compute_arriving(echoes, 0)
+    pairs = list(zip(waves.by_pressure, waves.by_shear, strict=True))
+    by_pressure, by_shear = tuple(pp * p + qp * q for p, q in pairs), tuple(pq * p + qq * q for p, q in pairs)
+    return Waves(k, waves.depth, waves.nu, by_pressure, by_shear)
 
 
 def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Array, ...]]:

@@ -1,14 +1,25 @@
-"""A sphere in a layer, above a floor or others: the field that reaches it from the surface, and its own field as reflected.
+"""Spheres in layers or half-spaces: the field that reaches them from the surface, and the images of their own fields.
 
-With m the moments of ``surface_images`` under a unit wave that runs down from the top of the sphere's layer, and m' under one
-that runs up from its bottom, both as on half-spaces, g = m + m' r e^-x F are those under a wave with its echo from below; under
-the surface's loads they are g a, a of eq. LY.3. The sphere's polarisation sends k' m^T up and k' m'^T down, with
-k' = 2 mu k / (4 (1-nu)). With R the reflection of the layer's top, -1 if it is the surface, the image of eq. CF.15 becomes
+A sphere responds to the image of its own polarisation in the surface, the interfaces and the floor, too. With e the moments of
+``sphere_moments``, V the sphere's volume and K the form that eq. CF.13 becomes on e, V e.K e, an image G changes the strength:
+
+    K~ = K (1 + G K)^-1                                                                           (CF.15)
+
+With m the moments under a unit wave that runs down from the top of the sphere's layer, and m' under one that runs up from its
+bottom, both as on half-spaces, g = m + m' r e^-x F are those under a wave with its echo from below; under the surface's loads
+they are g a, a of eq. LY.3. The field that the sphere sends up meets the compliance of the half-spaces above and below, together
+1 / k' for pressure and for shear, k' = 2 mu k / (4 (1-nu)): it sends k' m^T up and k' m'^T down. With R the reflection of the
+layer's top, -1 if it is the surface,
 
     G = V / (2 pi) Int k' (g [-(1 - R N)^-1 R] g^T - m' r m'^T) k dk                              (CF.21)
 
 the floor's image among it. Waves that go as cos about the sphere's axis count twice; those of shear about the vertical do the
-same with k' = mu k / 2 and numbers for matrices. The moment of xx-yy, eq. CF.16, has integrals of all three kinds.
+same with k' = mu k / 2 and numbers for matrices. The moment of xx-yy has integrals of all three kinds; in a half-space, with
+t = R/d, radius over depth,
+
+    G = t^3 / (12 (1-nu) mu) [3/4 - nu/2 + nu^2 - 0.6 (1/2 + nu) t^2 + 0.225 t^4]                   (CF.16)
+
+which is Mindlin's solution (Physics 7 (1936) 195), differentiated twice and averaged over the sphere; so are the others.
 """
 
 from __future__ import annotations
@@ -21,12 +32,11 @@ import numpy as np
 
 from solver.closed_form.bessel import Array
 from solver.closed_form.layer import build_waves_in_layer
-from solver.closed_form.surface_images import (
+from solver.closed_form.sphere_moments import (
     ALL_MOMENTS,
     AXIAL_MOMENTS,
     SphereArray,
     SphereWaves,
-    compute_crossed_image,
     compute_half_space_moments,
     compute_sphere_waves,
 )
@@ -86,7 +96,7 @@ def build_sphere_in_layer(
         shear = compute_shear_echoes(k, layers, sphere.layer, rigid)
         turned = downward.turned if turned_up is None else downward.turned + turned_up * (shear.far * shear.fade)[:, None, :]
         G = G + _compute_turned_image(turned, turned_up, shear, (1 - layer.nu)[:, None] * scale)
-        G[:, -1, -1] += compute_crossed_image(sphere, layer.mu[:, 0], layer.nu) - _sum_crossed_waves(
+        G[:, -1, -1] += _compute_crossed_image(sphere, layer.mu[:, 0], layer.nu) - _sum_crossed_waves(
             sphere, layer, downward, scale
         )
         turned = turned * shear.arriving[:, None, :]
@@ -161,6 +171,13 @@ def _compute_turned_image(downward: Array, upward: Array | None, shear: ShearEch
         return image - (upward[:, rows] * (scale * shear.far)[:, None, :]) @ upward[:, rows].swapaxes(1, 2)
 
     return _assemble_by_angle(compute_block, downward)
+
+
+def _compute_crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
+    """Compute the image of the mean of xx-yy in a half-space, eq. CF.16, shape (n,)."""
+    ratio_squared = (sphere.radius / sphere.depth) ** 2
+    crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * ratio_squared + 0.225 * ratio_squared**2
+    return ratio_squared**1.5 / (12 * (1 - nu) * mu) * crossed
 
 
 def _sum_crossed_waves(sphere: SphereArray, layer: TissueLayer, downward: SphereWaves, scale: Array) -> Array:

@@ -43,6 +43,7 @@ from solver.layers.stack import (
     TissueLayer,
     compute_compliance_change,
     compute_echoes,
+    compute_floor_change,
     compute_last_wave,
 )
 from solver.layers.vertical_shear import compute_shear_compliance
@@ -161,18 +162,12 @@ def _compute_surface_compliance(k: Array, layers: tuple[TissueLayer, ...], depth
         return [part + 0 * k for part in whole]
     firm = find_stiffest(layers)
     alone = TissueLayer(depth, firm.E, firm.nu)
-    floor = compute_compliance_change(alone, _compute_floor_echo(k, alone))
+    floor = compute_floor_change(k, alone)
     return [part - floor_part / (2 * alone.mu) for part, floor_part in zip(whole, floor, strict=True)]
 
 
 def _compute_echo_change(first: TissueLayer, near_echo: Symmetric | None) -> Symmetric:
     return (0.0, 0.0, 0.0) if near_echo is None else compute_compliance_change(first, near_echo)
-
-
-def _compute_floor_echo(k: Array, alone: TissueLayer) -> Symmetric:
-    near_echo = compute_echoes(k, [alone], True)[0].near_echo
-    assert near_echo is not None
-    return near_echo
 
 
 def _sum_waves(left: Array, weights: Array, right: Array) -> Array:

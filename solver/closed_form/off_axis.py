@@ -30,7 +30,7 @@ import numpy as np
 
 from geometry.common.arrays import Ints
 from solver.closed_form.bessel import Array, bessel, spherical_bessel
-from solver.closed_form.surface_images import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray, SphereWaves
+from solver.closed_form.sphere_moments import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray, SphereWaves
 
 MAX_ORDER, MAX_DEGREE = 6, 8  # maximum n and l: two less change the log-sensitivity of a sphere under the rim by up to 8 %
 
@@ -88,7 +88,7 @@ def compute_off_axis_response(
     disc
         The probe's end.
     mu
-        Shear modulus of the tissue, shape (n,).
+        Shear modulus of the tissue, shape (n, 1).
     bonded
         Whether the disc takes shear, too.
     orders
@@ -97,7 +97,7 @@ def compute_off_axis_response(
         The largest l.
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
-    j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
+    j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu
     j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
     pairs = _build_pairs(orders, degree)
     p, (difference_waves, sum_waves) = sphere_waves.moments[0], _combine_shear(sphere_waves)

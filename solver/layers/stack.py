@@ -167,6 +167,13 @@ def compute_compliance_change(layer: TissueLayer, near_echo: Symmetric) -> Symme
     return scale * (near_echo[0] * w[1] - mixed), scale * (near_echo[1] * w[0] - mixed), scale * near_echo[2]
 
 
+def compute_floor_change(k: Array, layer: TissueLayer) -> Symmetric:
+    """Return by how much a rigid floor below one layer changes the surface's compliance, times 2 mu k; see above."""
+    near_echo = compute_echo(k, layer, _compute_rigid_reflection(layer)).near_echo
+    assert near_echo is not None
+    return compute_compliance_change(layer, near_echo)
+
+
 def compute_arriving(echo: Sequence[Echo], place: int) -> Matrix:
     """Return a of eq. LY.3 at the top of the layer ``place`` by unit loads p and q at the surface, from the layers' echoes."""
     a = _compute_surface_transmission(echo[0].near_echo)

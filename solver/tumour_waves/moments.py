@@ -1,6 +1,6 @@
 """Compute strain moments about spheres under waves of traction, independently of the probe.
 
-The strain's moments about a sphere (``closed_form.surface_images``) are, under loads whose Hankel transforms at the wave numbers
+The strain's moments about a sphere (``closed_form.sphere_moments``) are, under loads whose Hankel transforms at the wave numbers
 k are p and q, sums over k of numbers that depend only on tissue, sphere and its distance from the probe's axis. They are
 computed once for all designs.
 """
@@ -8,17 +8,15 @@ computed once for all designs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from solver.closed_form.contact import INTEGRAL_REACH, NODES_PER_WAVE
 from solver.closed_form.inclusions import build_moment_form
-from solver.closed_form.layer import solve_waves
 from solver.closed_form.layered_spheres import build_sphere_in_layer
 from solver.closed_form.off_axis import shift_waves
-from solver.closed_form.surface_images import ALL_MOMENTS, SphereArray, compute_sphere_waves
+from solver.closed_form.sphere_moments import ALL_MOMENTS, SphereArray
 from solver.closed_form.tractions import build_wave_rule
 from solver.inclusions.eshelby import compute_strengths
 from solver.tumour_waves.population import TumourDraws, build_layers
@@ -94,15 +92,6 @@ def _compute_layer_moments(draws: TumourDraws, layer: int, k: Floats, weight: Fl
         draws.radius, draws.depth, draws.depth, draws.youngs_modulus, draws.poisson_ratio, on_axis=False, layer=layer
     )
     wave_numbers, host, nu = np.repeat(k[None], len(draws.radius), axis=0), *draws.hosts
-    sphere_waves: Any
-    if len(draws.tissue) == 1 and not draws.bounded:
-        sphere_waves = compute_sphere_waves(sphere, solve_waves(wave_numbers, None, nu))
-    else:
-        sphere_waves = build_sphere_in_layer(
-            sphere,
-            wave_numbers,
-            np.repeat(weight[None], len(wave_numbers), axis=0),
-            build_layers(draws.tissue, draws.bounded),
-            draws.bounded,
-        ).sphere_waves
+    weights, layers = np.repeat(weight[None], len(wave_numbers), axis=0), build_layers(draws.tissue, draws.bounded)
+    sphere_waves = build_sphere_in_layer(sphere, wave_numbers, weights, layers, draws.bounded).sphere_waves
     return np.stack(sphere_waves.moments) * (weight * ((1 + nu) / host)[:, None])[None, :, None, :]

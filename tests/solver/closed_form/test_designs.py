@@ -18,16 +18,10 @@ from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, build_parameters, compute_forces, compute_gradients
 from solver.closed_form.evaluator import ClosedForm
 from solver.closed_form.half_space import compute_disc_works
-from solver.closed_form.layer import Waves, compute_floor_compliance, solve_waves
+from solver.closed_form.layered_spheres import SphereInLayer, build_sphere_in_layer
 from solver.closed_form.off_axis import Disc, compute_off_axis_response
-from solver.closed_form.surface_images import (
-    ALL_MOMENTS,
-    AXIAL_MOMENTS,
-    SphereArray,
-    SphereWaves,
-    compute_sphere_waves,
-    compute_surface_image,
-)
+from solver.closed_form.sphere_moments import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray
+from solver.layers.stack import TissueLayer, compute_floor_change
 from solver.results.film_forces import compute_result_fields
 from tests.support.references import Expected, expected, named
 
@@ -117,8 +111,8 @@ def test_surface_of_a_bonded_layer(nu: float) -> None:
     # PHYSICS section 3: L(x), the pressure's own compliance over the half-space's 2 (1 - nu) / k
     x, m = np.array([[0.05, 0.3, 1.0, 3.0, 8.0]]), 3 - 4 * nu
     kernel = (2 * m * np.sinh(2 * x) - 4 * x) / (2 * m * np.cosh(2 * x) + 1 + m**2 + 4 * x**2)
-    compliance = compute_floor_compliance(solve_waves(x, np.ones(1), np.array([nu])))[0]
-    assert compliance == pytest.approx(2 * (1 - nu) / x * (kernel - 1), rel=1e-7, abs=1e-12)
+    change = compute_floor_change(x, TissueLayer(np.ones(1), np.ones(1), np.array([nu])))[0]
+    assert change == pytest.approx(2 * (1 - nu) * (kernel - 1), rel=1e-7, abs=1e-12)
 
 
 def punch(nu: float, depth: float | None, bonded: bool) -> float:
@@ -199,18 +193,18 @@ def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: fl
     assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
-def near_surface(k: np.ndarray, nu: float) -> tuple[SphereArray, SphereWaves, Waves]:
+def near_surface(k: np.ndarray, weights: np.ndarray, nu: float) -> tuple[SphereArray, SphereInLayer]:
+    """Spheres of half their depth in a half-space of shear modulus 1, and the waves that reach them."""
     ones = np.ones(1)
-    sphere, field = SphereArray(0.5 * ones, ones, 0 * ones, ones, 0.3 * ones, on_axis=False), solve_waves(k, None, nu * ones)
-    return sphere, compute_sphere_waves(sphere, field), field
+    sphere = SphereArray(0.5 * ones, ones, 0 * ones, ones, 0.3 * ones, on_axis=False)
+    return sphere, build_sphere_in_layer(sphere, k, weights, [TissueLayer(None, 2 * (1 + nu) * ones, nu * ones)], False)
 
 
 def test_image_is_mindlins() -> None:
     # Mindlin's point force, differentiated twice and averaged over source and answer by quadrature, for nu = 0.3 and R = d/2
     x, weight = np.polynomial.legendre.leggauss(60)
-    ones, k = np.ones(1), 20 * (x[None] + 1)
-    sphere, near_field, field = near_surface(k, 0.3)
-    image_values = compute_surface_image(sphere, field, near_field, 20 * weight * k, mu=ones, nu=0.3 * ones)[0]
+    k = 20 * (x[None] + 1)
+    image_values = near_surface(k, 20 * weight * k, 0.3)[1].image[0]
     assert image_values.shape == (ALL_MOMENTS, ALL_MOMENTS)
     exact = {(0, 0): 0.0069661, (0, 1): -0.0096447, (1, 1): 0.0170852, (5, 5): 0.0067197}
     assert [image_values[position] for position in exact] == pytest.approx(list(exact.values()), rel=3e-3)
@@ -220,7 +214,8 @@ def test_moments_are_means_of_a_harmonic_field_and_its_slopes() -> None:
     # half-space, pressure: rr + hoop is (k z - 1 + 2 nu) e^-kz J0; means and vertical moments by quadrature over the ball
     nu, R, d, k = 0.3, 0.5, 1.0, np.array([[0.5, 2.0]])
     sphere = SphereArray(np.array([R]), np.array([d]), np.zeros(1), np.ones(1), np.array([0.3]))
-    moments = compute_sphere_waves(sphere, solve_waves(k, None, np.array([nu]))).moments[0][0]
+    half_space = TissueLayer(None, np.ones(1), np.array([nu]))
+    moments = build_sphere_in_layer(sphere, k, k, [half_space], False).sphere_waves.moments[0][0]
     x, weight = np.polynomial.legendre.leggauss(40)
     rho, c = np.meshgrid((x + 1) / 2, x, indexing="ij")
     w = np.outer(weight / 2 * 3 * ((x + 1) / 2) ** 2, weight / 2)
@@ -235,10 +230,10 @@ def test_a_wide_disc_turns_the_image_round() -> None:
     # where the whole surface is held, at nu = 0, the image is that of the free surface with the other sign: V S = 2 G
     x, weight = np.polynomial.legendre.leggauss(160)
     ones, k = np.ones(1), 7 * (x[None] + 1)
-    sphere, near_field, field = near_surface(k, 0.0)
-    free = compute_surface_image(sphere, field, near_field, 7 * weight * k, mu=ones, nu=0 * ones)[0]
+    sphere, in_layer = near_surface(k, 7 * weight * k, 0.0)
+    free, disc = in_layer.image[0], Disc(6 * ones, ones, ones)
     answer = compute_off_axis_response(
-        sphere, near_field, k, 7 * weight * k, disc=Disc(6 * ones, ones, ones), mu=ones, bonded=True, orders=3, degree=96
+        sphere, in_layer.sphere_waves, k, 7 * weight * k, disc=disc, mu=np.ones((1, 1)), bonded=True, orders=3, degree=96
     )[0]
     higher = slice(AXIAL_MOMENTS, ALL_MOMENTS)
     assert (np.pi / 6 * answer)[higher, higher] == pytest.approx(2 * free[higher, higher], rel=5e-3, abs=1e-9)

@@ -22,10 +22,10 @@ from solver.closed_form.designs import (
     compute_gradients,
 )
 from solver.closed_form.evaluator import ClosedForm
-from solver.closed_form.layer import build_waves_in_layer, compute_fields, solve_waves
+from solver.closed_form.layer import build_waves_in_layer, compute_fields
 from solver.closed_form.layered_spheres import build_sphere_in_layer
 from solver.closed_form.layered_works import count_layer_nodes
-from solver.closed_form.surface_images import ALL_MOMENTS, SphereArray, compute_sphere_waves, compute_surface_image
+from solver.closed_form.sphere_moments import ALL_MOMENTS, SphereArray
 from solver.layers.stack import TissueLayer, compute_arriving, compute_compliance_change, compute_echoes
 from solver.results.film_forces import compute_result_fields
 from tests.support.layered_waves import states
@@ -215,8 +215,7 @@ def test_a_sphere_sees_faces_as_mirrors(on_axis: bool) -> None:
     k = 20 * (x[None] + 1)
     weights, nu = 20 * weight * k, 0.49999
     sphere = SphereArray(0.5 * ONE, ONE, 0 * ONE, ONE, 0.3 * ONE, on_axis=on_axis)
-    half = solve_waves(k, None, nu * ONE)
-    free = compute_surface_image(sphere, half, compute_sphere_waves(sphere, half), weights, mu=ONE, nu=nu * ONE)[0]
+    free = build_sphere_in_layer(sphere, k, weights, stack((None, 2 * (1 + nu), nu)), False).image[0]
     far, signs = 30.0, np.array([1, 1, -1, -1, -1, -1, 1, 1, 1, 1, 1])[: len(free)]
 
     def field_below(E: float) -> np.ndarray:

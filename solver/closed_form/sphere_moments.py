@@ -1,20 +1,9 @@
-"""The image of a sphere's own polarisation in the tissue's free surface, in moments of the strain.
+"""Moments of the strain about a sphere under waves that reach it, and the strain at points in it.
 
-Near the surface a sphere answers to the image of its own polarisation too. Let e be the moments of the strain that matter: about
-the sphere's vertical axis the means of a = xx+yy and of zz, their first moments along the vertical, that of the radial shear rz;
-beside the probe's axis also the mean of xz and its moment along the vertical, the moments of a, zz and the shear in the plane
-along x, and the mean of xx-yy. With g(k) the moments under a wave of pressure or of shear on a half-space, V the sphere's volume
-and K the form that eq. CF.13 becomes on e, V e.K e, the image in the free surface is
-
-    G = V / (2 pi) Int 2 mu k / (4 (1-nu)) (g_p g_p + g_s g_s) k dk,     K~ = K (1 + G K)^-1        (CF.15)
-
-as the field that the sphere sends up meets the compliance of the half-spaces above and below, together 4 (1-nu) / (2 mu k) for
-both kinds of wave, where below the surface only one is left. For the moments with xz waves go as cos, with 1 / pi in place of
-1 / (2 pi), and there is a third kind, of shear about the vertical, with 2 / (mu k). For the mean of xx-yy, with t = R/d,
-
-    G = t^3 / (12 (1-nu) mu) [3/4 - nu/2 + nu^2 - 0.6 (1/2 + nu) t^2 + 0.225 t^4]                   (CF.16)
-
-which is Mindlin's solution (Physics 7 (1936) 195), differentiated twice and averaged over the sphere; so are those of eq. CF.15.
+The moments that matter are, about the sphere's vertical axis, the means of a = xx+yy and of zz, their first moments along the
+vertical, and that of the radial shear rz; off the probe's axis also the mean of xz and its moment along the vertical, the moments
+of a, zz and the shear in the plane along x, and the mean of xx-yy. In radii, with zeta the height above the centre and rho the
+distance from the vertical axis.
 """
 
 from __future__ import annotations
@@ -28,10 +17,8 @@ import numpy as np
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.layer import Waves, compute_strain_amplitudes
 
-AXIAL_MOMENTS, ALL_MOMENTS = (
-    5,
-    11,
-)  # about the sphere's vertical axis: a, z, a zeta, z zeta, rz rho; and xz, xz zeta, a x, z x, tau; xx - yy
+AXIAL_MOMENTS = 5  # of a, zz, a zeta, zz zeta and rz rho
+ALL_MOMENTS = 11  # these, then of xz, xz zeta, a x, zz x, the shear in the plane along x, and xx - yy
 
 
 @dataclass(frozen=True)
@@ -304,37 +291,3 @@ def _iterate_bessel_factors(sphere_waves: SphereWaves, axis_distance: Array | No
         np.multiply(kind, ball.raised[:, :, None], out=values[:, 0])
         np.multiply(kind, ball.sunk[:, :, None], out=values[:, 1])
         yield values.reshape(len(x), -1, x.shape[3])
-
-
-def compute_surface_image(
-    sphere: SphereArray, waves: Waves, sphere_waves: SphereWaves, weights: Array, *, mu: Array, nu: Array
-) -> Array:
-    """Compute the image G (eqs. CF.15, CF.16) for spheres in half-spaces of shear modulus mu and Poisson's ratio nu (n,).
-
-    Its shape is (n, moments, moments). ``weights`` are k dk of the waves, shape (n, q).
-    """
-    volume = 4 * np.pi / 3 * sphere.radius**3
-    factor = weights * waves.k * (volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
-    if sphere_waves.turned is None:
-        return _compute_gram(sphere_waves.moments[0], factor) + _compute_gram(sphere_waves.moments[1], factor)
-    G = np.zeros((len(mu), ALL_MOMENTS, ALL_MOMENTS), dtype=factor.dtype)
-    off_axis_rows = slice(AXIAL_MOMENTS, ALL_MOMENTS - 1)
-    for g in sphere_waves.moments:
-        G[:, :AXIAL_MOMENTS, :AXIAL_MOMENTS] = G[:, :AXIAL_MOMENTS, :AXIAL_MOMENTS] + _compute_gram(g[:, :AXIAL_MOMENTS], factor)
-        G[:, off_axis_rows, off_axis_rows] = G[:, off_axis_rows, off_axis_rows] + _compute_gram(g[:, off_axis_rows], 2 * factor)
-    G[:, off_axis_rows, off_axis_rows] = G[:, off_axis_rows, off_axis_rows] + _compute_gram(
-        sphere_waves.turned[:, off_axis_rows], 4 * (1 - nu)[:, None] * factor / 2
-    )
-    G[:, -1, -1] = compute_crossed_image(sphere, mu, nu)
-    return G
-
-
-def compute_crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
-    """Compute the image of the mean of xx-yy, eq. CF.16, shape (n,)."""
-    share = (sphere.radius / sphere.depth) ** 2
-    crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
-    return share**1.5 / (12 * (1 - nu) * mu) * crossed
-
-
-def _compute_gram(g: Array, weight: Array) -> Array:
-    return (g * weight[:, None, :]) @ g.swapaxes(1, 2)
