@@ -114,4 +114,8 @@ def test_relative_links_exist() -> None:
     for name, page in PAGES.items():
         folder = PATHS[name].parent
         for target in re.findall(r"\]\(([^)]+)\)", re.sub(r"`[^`\n]*`", "", page)):  # formulas have brackets too
-            assert target.startswith("https://") or (folder / target).exists(), (name, target)
+            path, _, heading = target.partition("#")
+            assert target.startswith("https://") or (folder / path).exists(), (name, target)
+            if heading and path.endswith(".md"):
+                headings = re.findall(r"^#+ (.+)$", (folder / path).read_text(encoding="utf-8"), re.M)
+                assert heading in {title.lower().replace(" ", "-") for title in headings}, (name, target)
