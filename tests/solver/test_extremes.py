@@ -27,7 +27,7 @@ FAST = (  # the most extreme of each kind that take a second or two
     "flat-incompressible", "tall-inner-flat-outer", "stiff-inner-soft-outer", "inner-neither-pressed-nor-pulled",
 )  # fmt: skip
 EXTREMES = [(f"extremes/{name}", level) for name in FAST for level in ("closed-form", "equivalent-inclusion", "axisymmetric")]
-LAWFUL = ("middle, 0 N", "middle, 0.1 N", "8 mm, 10 um deep, beside the axis, of tissue", "contrast-1000, moduli times 1e+06")
+LAWFUL = ("middle, 0 N", "middle, 0.1 N", "8 mm, 10 um deep, off the axis, of tissue", "contrast-1000, moduli times 1e+06")
 LONG = [("extremes/inner-neither-pressed-nor-pulled", "axisymmetric"), ("extremes/gap-5-mm-micro-probe", "axisymmetric")]
 LAWS = [(f"laws/{name}", level) for name in LAWFUL for level in ("closed-form", "equivalent-inclusion")]
 

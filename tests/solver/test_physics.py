@@ -32,7 +32,7 @@ DRAWN = {
     "axisymmetric": scenes(least_cover=0.03),
     "equivalent-inclusion": scenes(farthest=1.5, tumours=2),
 }
-BESIDE = ("closed-form", "equivalent-inclusion")  # levels that take tumours beside the axis
+BESIDE = ("closed-form", "equivalent-inclusion")  # levels that take tumours off the axis
 
 
 def held(

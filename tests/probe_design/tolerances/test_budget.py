@@ -66,7 +66,7 @@ def test_slopes_are_those_of_answers(x: float) -> None:
         upper, lower = (outputs(scene.replace(built_off(scene, variable.name, s)), scene, level, 1e-3) for s in (step, -step))
         wanted = (upper - lower) / (2 * step)
         assert slope[:3] == pytest.approx(wanted[:3], rel=0.03, abs=3e-3 / variable.value), variable.name
-        share = 0.1 if x else 0.03  # beside the axis the log-sensitivity's slope leaves reflections out
+        share = 0.1 if x else 0.03  # off the axis the log-sensitivity's slope leaves reflections out
         assert slope[3] == pytest.approx(wanted[3], rel=share, abs=3e-3 / variable.value), variable.name
 
 

@@ -119,7 +119,7 @@ def cut(scene: Scene, *parts: float) -> Scene:
     ],
 )
 def test_one_material_cut_up_changes_nothing(folder: str, name: str, parts: tuple[float, ...]) -> None:
-    """Loads, fields and images on half-spaces and floors, spheres on and beside the axis, and all derivatives: to rounding."""
+    """Loads, fields and images on half-spaces and floors, spheres on and off the axis, and all derivatives: to rounding."""
     scene = named(folder, name).scene
     for distance in (0.0, 0.4 * scene.probe.tube_radius):
         moved = scene.model_copy(update={"inclusion": tuple(body.model_copy(update={"x": distance}) for body in scene.inclusion)})
@@ -300,7 +300,7 @@ def test_laws_and_derivatives(x: float, interface: str) -> None:
 
 
 def test_many_are_answered_as_each_on_its_own() -> None:
-    """Bit for bit, layers on and beside the axis among scenes of one material."""
+    """Bit for bit, layers on and off the axis among scenes of one material."""
     off_axis = EXAMPLE.model_copy(update={"inclusion": (EXAMPLE.inclusion[0].model_copy(update={"x": 3e-3}),)})
     scenes = [
         add_layers(*[(h, 56e3), (0.5, 2e3)][:count], scene=scene)

@@ -25,7 +25,7 @@ ACROSS = named(BESIDE, LAYERED)
 
 @pytest.fixture
 def stored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The meshes of ACROSS: a tumour beside the axis, across the interface of fat and ground, under a skin."""
+    """The meshes of ACROSS: a tumour off the axis, across the interface of fat and ground, under a skin."""
     monkeypatch.setattr("solver.solid.film_forces.mesh_domain", partial(scene_mesh, name=LAYERED))
 
 

@@ -18,10 +18,10 @@ TILT_SHARE = 0.02  # of them: what they may be off
 LENGTHS = {"inner_radius", "outer_radius", "gap", "height", "inner_height", "outer_height", "radius", "depth", "diameter",
            "diameters", "x", "y", "indentation", "length", "breadth"}  # fmt: skip
 TISSUE_ITSELF = {  # x, diameter, cover, mm
-    "8 mm, 10 um deep, beside the axis,": ((5.0, 8.0, 0.01),),
+    "8 mm, 10 um deep, off the axis,": ((5.0, 8.0, 0.01),),
     "two of 8 mm": ((-6.0, 8.0, 0.5), (6.0, 8.0, 0.5)),
-    "40 mm, 10 um deep, beside the axis,": ((20.0, 40.0, 0.01),),
-    "0.1 mm beside the axis": ((3.0, 0.1, 0.05),),
+    "40 mm, 10 um deep, off the axis,": ((20.0, 40.0, 0.01),),
+    "0.1 mm off the axis": ((3.0, 0.1, 0.05),),
 }
 GRAINS = ((3.0, 0.1, 3.0), (6.0, 0.1, 3.0))
 SCALED = (
@@ -147,7 +147,7 @@ def homogeneous() -> Iterator[Row]:
             "laws", f"{name} of tissue", changed(scene, inclusion=spheres(scene, bodies, tissue)), without_sensitivity, nothing
         )
     for contrast in (1e-6, 1e6):
-        grain, name = spheres(scene, GRAINS, contrast * tissue), f"two of 0.1 mm beside the axis, contrast {contrast:g}"
+        grain, name = spheres(scene, GRAINS, contrast * tissue), f"two of 0.1 mm off the axis, contrast {contrast:g}"
         yield Row("laws", name, changed(scene, inclusion=grain), replace(without_sensitivity, uncertainty=GRAIN), nothing)
 
 

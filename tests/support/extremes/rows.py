@@ -14,9 +14,9 @@ FOLDERS = {
     "extreme": "more limits of the range of designs",
     "extra": "corners of the range of designs",
     "half-space": "tissue without an end",
-    "off-axis": "tumours beside the axis, pairs, ellipsoids",
+    "off-axis": "tumours off the axis, pairs, ellipsoids",
     "tissue-layers": "skin, fat, bone, films: tissue of layers",
-    "tissue-layers-off-axis": "tumours beside the axis in tissue of layers",
+    "tissue-layers-off-axis": "tumours off the axis in tissue of layers",
 }
 LIGHT, SMALL = 1e-3, 1e-3  # of loads; m, probes narrower than which are pressed more lightly by the square
 STRESSES = ("stress_inner", "stress_outer")
