@@ -69,8 +69,8 @@ def _incomparable(results: Mapping[int, Result]) -> Iterator[str]:
         f"Cannot be compared, loads: 1 N crushes a block of 100 Pa{pressed}, were all linear. Of ours the ratio alone, the limit "
         "of small loads, means anything."
     )
-    slope = results[3].log_sensitivity
-    if slope:
+    derivative = results[3].log_sensitivity
+    if derivative:
         yield (
             f"Cannot be told, E_object: on tumour 1 d ln(ratio) / d ln(E_object) is {slope:.2g}, so that the paper's 5 % error "
             f"of measurement, on the ratio, leaves a standard deviation of {NOISE / abs(slope):.0f} in ln E_object."

@@ -274,7 +274,7 @@ def main() -> None:
     shares = predict_blocks(scene, bench.reference)
     shares = replace(shares, blocks=tuple(replace(item, rule=None) for item in shares.blocks))
     print(
-        f"{options.draws} draws\n\n| fault | refused | film lags | told | gains, % | ratio, % | sum, % | sd ratio, % | "
+        f"{options.draws} draws\n\n| fault | refused | film lags | warned | gains, % | ratio, % | sum, % | sd ratio, % | "
         "sd sum, % |"
     )
     print("|---|---|---|---|---|---|---|---|---|")

@@ -75,28 +75,28 @@ def main() -> None:
 def build_row(solved: SolvedScene, *, with_stated: bool = True) -> ErrorRow | None:
     """Return the errors of a scene; None where the formulas break down, or refuse it as its stated error is too large."""
     scene, (shape, values) = solved.scene, build_parameters(solved.scene)
-    forces, slope = (part[0] for part in solve_columns(shape, values[:, None])[:2])
+    forces, derivative = (part[0] for part in solve_columns(shape, values[:, None])[:2])
     if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0)):
         return None
-    features = compute_features(scene, shape, forces, slope)
+    features = compute_features(scene, shape, forces, derivative)
     stated = None
     if with_stated:
-        errors = state_errors(scene, shape, forces, slope)
+        errors = state_errors(scene, shape, forces, derivative)
         if errors.largest > MAX_LOG_ERROR:
             return None
         stated = np.array([errors.log_ratio, *errors.log_totals, errors.log_stiffness, errors.sensitivity])
-    return ErrorRow(classify(shape), features, _compute_true(solved, forces, slope), stated)
+    return ErrorRow(classify(shape), features, _compute_true(solved, forces, derivative), stated)
 
 
-def _compute_true(solved: SolvedScene, forces: Floats, slope: Floats) -> Floats:
+def _compute_true(solved: SolvedScene, forces: Floats, derivative: Floats) -> Floats:
     """Return the errors of ln(ratio), of the logarithms of totals and stiffness, and of the log-sensitivity."""
     probe, result = solved.scene.probe, solved.result
-    felt = np.array([result["stress_inner"], result["stress_outer"]], dtype=float) * [probe.inner_area, probe.outer_area]
+    film_forces = np.array([result["stress_inner"], result["stress_outer"]], dtype=float) * [probe.inner_area, probe.outer_area]
     totals = forces.sum(axis=1)
-    exact = felt * float(result["stiffness"] or 0.0) / felt.sum()
+    exact = film_forces * float(result["stiffness"] or 0.0) / film_forces.sum()
     with np.errstate(invalid="ignore"):
         wrong = np.nan_to_num(np.log(totals / exact), nan=math.inf)  # a total of the other sign
-    share, known = slope.sum(axis=1) / totals, result["log_sensitivity"]
+    share, known = derivative.sum(axis=1) / totals, result["log_sensitivity"]
     sensitivity = math.nan if known is None else abs(float(share[0] - share[1]) - known)
     stiffness = abs(math.log(float(totals.sum()) / float(exact.sum())))
     return np.array([abs(wrong[0] - wrong[1]), *np.abs(wrong), stiffness, sensitivity])

@@ -61,8 +61,8 @@ def _shares(stem: str, path: str, spread: float) -> list[Floats]:
 
 def _quantities(shape: Shape, designs: Floats) -> Floats:
     """ln(ratio), the logarithms of both totals, and the log-sensitivity, shape (4, n)."""
-    totals, slopes = (part.sum(axis=2) for part in compute_forces(shape, designs))
-    logs, shares = np.log(totals), slopes / totals
+    totals, derivatives = (part.sum(axis=2) for part in compute_forces(shape, designs))
+    logs, shares = np.log(totals), derivatives / totals
     return np.array([logs @ [1, -1], *logs.T, shares @ [1, -1]])
 
 

@@ -47,7 +47,7 @@ def references() -> None:
             assert result.log_sensitivity is not None
             ratio_error = result.ratio / row["ratio"] - 1
             force = result.stiffness * depth / row["force"] - 1
-            slope = result.log_sensitivity / row["log_sensitivity"] - 1
+            derivative = result.log_sensitivity / row["log_sensitivity"] - 1
             reference_error, reference_slope_error = (row[f"{key}_unc"] / row[key] for key in ("ratio", "log_sensitivity"))
             ratio = f"{ratio_error:+.2%} / {result.error_estimate:.2%} ({reference_error:.2%})"
             print(
@@ -78,7 +78,7 @@ def _gap(scene: Scene, gap: float, max_indentation: float) -> str:
         return f"| {1e3 * gap:g} | | | | {fault} |"
     closes = "-" if loaded.gap_closure_load is None else f"{loaded.gap_closure_load.force:.3g}"
     ratios = ", ".join(f"{value:.4g}" for value in loaded.ratio)
-    slopes = ", ".join("-" if value is None else f"{value:.3g}" for value in loaded.log_sensitivity)
+    derivatives = ", ".join("-" if value is None else f"{value:.3g}" for value in loaded.log_sensitivity)
     return f"| {1e3 * gap:g} | {closes} | {ratios} | {slopes} | {loaded.force[-1]:.3g} N |"
 
 

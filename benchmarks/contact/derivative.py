@@ -78,8 +78,10 @@ def main() -> None:
     print("| code | indentation, mm | log-sensitivity | by differences | off |\n|---|---|---|---|---|")
     for name, press in (("ours, order 3", ours), ("NGSolve, P3/P1", press_by_ngsolve)):
         points = press(scene())
-        slopes = [points[k][1] for k, depth in enumerate(DEPTHS) if np.min(np.abs(np.subtract(SHOWN_DEPTHS_M, depth))) < 1e-9]
-        for depth, exact, differenced in zip(SHOWN_DEPTHS_M, slopes, difference(press, scene(), points), strict=True):
+        derivatives = [
+            points[k][1] for k, depth in enumerate(DEPTHS) if np.min(np.abs(np.subtract(SHOWN_DEPTHS_M, depth))) < 1e-9
+        ]
+        for depth, exact, differenced in zip(SHOWN_DEPTHS_M, derivatives, difference(press, scene(), points), strict=True):
             print(f"| {name} | {1e3 * depth:g} | {exact:.5f} | {differenced:.5f} | {exact / differenced - 1:+.2%} |", flush=True)
 
 

@@ -99,8 +99,8 @@ def compute_energy_density(displacement: Any, young: Any, nu: Any, pressure: Any
 
     J* is the volume at which U' = p.
     """
-    slope = ngs.Grad(displacement)
-    a, b, c, d, hoop = 1 + slope[0, 0], slope[0, 1], slope[1, 0], 1 + slope[1, 1], 1 + displacement[0] / ngs.x
+    derivative = ngs.Grad(displacement)
+    a, b, c, d, hoop = 1 + derivative[0, 0], derivative[0, 1], derivative[1, 0], 1 + derivative[1, 1], 1 + displacement[0] / ngs.x
     volume, first = (a * d - b * c) * hoop, a**2 + b**2 + c**2 + d**2 + hoop**2
     shear, bulk = young / (2 * (1 + nu)), young / (3 * (1 - 2 * nu))
     held, share = volume, 0.0

@@ -85,8 +85,8 @@ def one_mesh(order: int) -> PressedRun:
     films = np.array([point.films for point in points])
     ratio = films[:, 0] / films[:, 1] * probe.outer_area / probe.inner_area
     steps = sum(len(point.equilibrium.residuals) for point in path.points)
-    slopes = np.array([point.log_sensitivity for point in points])
-    return PressedRun(ratio, slopes, films.sum(axis=1), path.model.numbering.unknowns, steps, seconds)
+    derivatives = np.array([point.log_sensitivity for point in points])
+    return PressedRun(ratio, derivatives, films.sum(axis=1), path.model.numbering.unknowns, steps, seconds)
 
 
 def press_with_bounds() -> PressedRun:
@@ -99,22 +99,22 @@ def press_with_bounds() -> PressedRun:
     ratio = films[:, 0] / films[:, 1] * probe.outer_area / probe.inner_area
     unknowns = sum(path.model.numbering.unknowns for path in loaded_scene.paths)
     steps = sum(len(point.equilibrium.residuals) for path in loaded_scene.paths for point in path.points)
-    slopes = np.array([loaded.films.log_sensitivity for loaded in loaded_points])
-    return PressedRun(ratio, slopes, films.sum(axis=1) * LOADS, unknowns, steps, seconds)
+    derivatives = np.array([loaded.films.log_sensitivity for loaded in loaded_points])
+    return PressedRun(ratio, derivatives, films.sum(axis=1) * LOADS, unknowns, steps, seconds)
 
 
 def press_by_ngsolve(setting: ContactSetting) -> PressedRun:
     """Press with NGSolve."""
-    start, pressed_scene, films, slopes = process_time(), scene(), [], []
+    start, pressed_scene, films, derivatives = process_time(), scene(), [], []
     problem = PressedProbe(pressed_scene, setting)
     for load in LOADS:
         problem.press(load / pressed_scene.probe.inner_radius)
         films.append(problem.films())
-        slopes.append(problem.log_sensitivity(films[-1]))
+        derivatives.append(problem.log_sensitivity(films[-1]))
     seconds, unit = process_time() - start, pressed_scene.tissue.youngs_modulus * pressed_scene.probe.inner_radius**2
     forces = unit * np.array(films)
     ratio = forces[:, 0] / forces[:, 1] * pressed_scene.probe.outer_area / pressed_scene.probe.inner_area
-    return PressedRun(ratio, np.array(slopes), forces.sum(axis=1), problem.unknowns, problem.steps, seconds)
+    return PressedRun(ratio, np.array(derivatives), forces.sum(axis=1), problem.unknowns, problem.steps, seconds)
 
 
 def press_by_calculix(fineness: Fineness) -> PressedRun:

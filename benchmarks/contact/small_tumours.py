@@ -91,14 +91,14 @@ def rows(diameter: float, cover: float, contrast: float) -> list[tuple[float | s
         build_path(build_tumour_scene(diameter, cover, NEARLY_ONE)),
         build_path(build_tumour_scene(diameter, cover, contrast)),
     )
-    strength, slope = dipole(contrast, scene().tissue.poisson_ratio)
+    strength, derivative = dipole(contrast, scene().tissue.poisson_ratio)
     at_rest, change_at_rest, sensitivity_at_rest = compare_points(alone.points[0], real.points[0])
     table_rows: list[tuple[float | str, ...]] = []
     for depth in DEPTHS:
         bare = alone.press_to_indentation(depth * alone.radius)
         first, change, sensitivity = compare_points(bare, real.press_to_force(bare.force))
         carried = first / at_rest
-        by_dipole = strength * first / change, slope * first / sensitivity
+        by_dipole = strength * first / change, derivative * first / sensitivity
         by_load = carried * change_at_rest / change, carried * sensitivity_at_rest / sensitivity
         deviations = (f"{100 * (guess - 1):+.1f} %" for guess in (*by_dipole, *by_load))
         table_rows.append((1e3 * diameter, cover, contrast, depth, f"{first / at_rest:.3f}", change, sensitivity, *deviations))
@@ -118,8 +118,8 @@ def shares(model: ContactModel, x: float, depth: float, diameter: float) -> Floa
 
 def first_order(model: ContactModel, point: PathPoint, target: Floats) -> float:
     """Return S1 of a target at a point of a path without a tumour, at the same force."""
-    _, slopes = model.compute_responses(point.equilibrium.state, point.equilibrium.equations, target)
-    by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
+    _, derivatives = model.compute_responses(point.equilibrium.state, point.equilibrium.equations, target)
+    by_modulus = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
     return float(by_modulus @ ([1, -1] / point.films))
 
 
@@ -132,12 +132,19 @@ def row_beside(diameter: float, cover: float, offset: float) -> tuple[float | st
     path = Path(ContactModel.from_section(cut.section, cut.materials, "bonded", FINENESS), sensitive=False)
     target = shares(path.model, x, tumour_scene.inclusion[0].depth, diameter)
     points = [path.press_to_indentation(depth * path.radius) for depth in (SMALL_DEPTH_OUTER_RADII, *DEPTHS)]
-    slopes = [first_order(path.model, point, target) for point in points]
+    derivatives = [first_order(path.model, point, target) for point in points]
     moved = tumour_scene.model_copy(
         update={"inclusion": (tumour_scene.inclusion[0].model_copy(update={"x": x, "target": True}),)}
     )
     linear = evaluate(moved, "equivalent-inclusion", 1e-3).log_sensitivity
-    return 1e3 * diameter, cover, offset, slopes[0], linear or 0.0, *(f"{slope / slopes[0]:.3f}" for slope in slopes[1:])
+    return (
+        1e3 * diameter,
+        cover,
+        offset,
+        derivatives[0],
+        linear or 0.0,
+        *(f"{slope / slopes[0]:.3f}" for derivative in derivatives[1:]),
+    )
 
 
 def main() -> None:

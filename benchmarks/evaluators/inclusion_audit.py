@@ -18,13 +18,13 @@ from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.results.film_forces import FilmForces
 
-REFERENCE = 0.1  # of the accuracy, asked of the reference
+REFERENCE = 0.1  # of the accuracy: the reference's own
 GROUPS = (0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0)  # bounds of covers, diameters
 
 
 @dataclass(frozen=True)
-class Judged:
-    """One answer against the reference.
+class ComparedReadings:
+    """Readings of one scene compared with the reference.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Judged:
         The reference's own bound.
     totals
         Largest error of a film's total in excess of the reference's bound, over the bound stated.
-    slope, slope_stated, slope_reference_bound
+    sensitivity, sensitivity_stated, sensitivity_reference_bound
         The same three of the log-sensitivity, absolute.
     """
 
@@ -44,9 +44,9 @@ class Judged:
     stated: float
     reference_bound: float
     totals: float
-    slope: float
-    slope_stated: float
-    slope_reference_bound: float
+    sensitivity: float
+    sensitivity_stated: float
+    sensitivity_reference_bound: float
 
     @property
     def excess(self) -> float:
@@ -54,46 +54,46 @@ class Judged:
         return max(0.0, self.true - self.reference_bound) / self.stated if self.stated > 0 else np.inf
 
     @property
-    def slope_excess(self) -> float:
+    def sensitivity_excess(self) -> float:
         """The same of the log-sensitivity."""
-        return max(0.0, self.slope - self.slope_reference_bound) / max(self.slope_stated, 1e-300)
+        return max(0.0, self.sensitivity - self.sensitivity_reference_bound) / max(self.sensitivity_stated, 1e-300)
 
     @property
     def wrong(self) -> str:
         """Which bounds are wrong, in words."""
-        excesses = (("ratio", self.excess), ("stresses", self.totals), ("log_sensitivity", self.slope_excess))
+        excesses = (("ratio", self.excess), ("stresses", self.totals), ("log_sensitivity", self.sensitivity_excess))
         return ", ".join(f"{name} {excess:.2f} times" for name, excess in excesses if excess > 1)
 
 
 @dataclass(frozen=True)
 class AuditedScene:
-    """A scene with both tiers' answers; ``None``: no ratio is told."""
+    """A scene with the readings of both tiers; ``None``: no ratio is stated."""
 
     seed: int
     number: int
     drawn: DrawnScene
-    first: Judged | None
-    reflected: Judged | None
+    first: ComparedReadings | None
+    reflected: ComparedReadings | None
 
     def __str__(self) -> str:
         """Where it comes from and its numbers."""
         return f"seed {self.seed}, number {self.number}: DrawnScene({self.drawn})"
 
 
-def judge(readings: Readings, true: FilmForces) -> Judged | None:
-    """Compare one answer with the reference."""
+def compare(readings: Readings, true: FilmForces) -> ComparedReadings | None:
+    """Return the errors of readings, or None where no ratio is stated."""
     if not readings.resolved[0] or true.stress_below_error is not None:
         return None
     log_ratio = np.log(np.abs(readings.totals[0] / true.totals)) @ [1.0, -1.0]
     difference = np.abs(readings.totals[0] - true.totals) - true.bound.totals
-    return Judged(
+    return ComparedReadings(
         true=float(abs(log_ratio)),
         stated=float(readings.log_ratio_bound[0]),
         reference_bound=true.bound.log_ratio,
         totals=float(np.max(difference / readings.bound[0])),
-        slope=float(abs(readings.log_sensitivity[0] - (true.log_sensitivity or 0.0))),
-        slope_stated=float(readings.sensitivity_error[0]),
-        slope_reference_bound=true.sensitivity_error,
+        sensitivity=float(abs(readings.log_sensitivity[0] - (true.log_sensitivity or 0.0))),
+        sensitivity_stated=float(readings.sensitivity_error[0]),
+        sensitivity_reference_bound=true.sensitivity_error,
     )
 
 
@@ -101,13 +101,13 @@ DRAWS = {"random": draw, "random layered": draw_layered, "all but touching": dra
 
 
 def case(seed: int, number: int, accuracy: float, kind: str) -> AuditedScene | None:
-    """Answer one random scene by both tiers and by the reference; None where it does not fit or the reference fails."""
+    """Evaluate one random scene by both tiers and by the reference; None where it does not fit or the reference fails."""
     drawn = DRAWS[kind](seed, number)
     try:
         scene = drawn.scene()
         true = Axisymmetric().compute_converged(scene, REFERENCE * accuracy).films[0]
         base, tumours = solve_undisturbed(scene, accuracy), Tumours.from_scene(scene)
-        first, reflected = (judge(compute_readings(base, tumours, reflect=reflect), true) for reflect in (False, True))
+        first, reflected = (compare(compute_readings(base, tumours, reflect=reflect), true) for reflect in (False, True))
     except (InputError, Refusal, SolveError, ValueError):
         return None
     return AuditedScene(seed, number, drawn, first, reflected)
@@ -125,7 +125,7 @@ def audit(
             if audited_scene is None:
                 continue
             audited.append(audited_scene)
-            wrong += sum(bool(judged and judged.wrong) for judged in (audited_scene.first, audited_scene.reflected))
+            wrong += sum(bool(compared and compared.wrong) for compared in (audited_scene.first, audited_scene.reflected))
     drawn = scenes * len(seeds)
     title = f"{len(audited)} {kind} scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
     yield _summary(title, audited)
@@ -136,23 +136,35 @@ def audit(
 TIERS = {"first order": "first", "with reflections": "reflected"}
 
 
-def _list_judged(audited: Sequence[AuditedScene], tier: str) -> list[tuple[AuditedScene, Judged]]:
-    return [(audited_scene, judged) for audited_scene in audited if (judged := getattr(audited_scene, TIERS[tier])) is not None]
+def _list_compared(audited: Sequence[AuditedScene], tier: str) -> list[tuple[AuditedScene, ComparedReadings]]:
+    return [
+        (audited_scene, compared) for audited_scene in audited if (compared := getattr(audited_scene, TIERS[tier])) is not None
+    ]
 
 
 def _summary(title: str, audited: Sequence[AuditedScene]) -> MeasuredTable:
-    columns = ("tier", "told", "right", "wrong", "largest (true - reference's) / stated", "of stresses", "of log-sensitivity")
+    columns = (
+        "tier",
+        "with a ratio",
+        "right",
+        "wrong",
+        "largest (true - reference's) / stated",
+        "of stresses",
+        "of log-sensitivity",
+    )
     table = MeasuredTable(title, (*columns, "log-sensitivities wrong", "median true, error", "median stated, error"))
     for tier in TIERS:
-        judged = [judgement for _, judgement in _list_judged(audited, tier)]
-        if not judged:
+        compared = [comparison for _, comparison in _list_compared(audited, tier)]
+        if not compared:
             continue
-        wrong = sum(judgement.excess > 1 or judgement.totals > 1 for judgement in judged)
-        largest = [f"{max(values):.2f}" for values in zip(*((j.excess, j.totals, j.slope_excess) for j in judged), strict=True)]
-        slopes = sum(judgement.slope_excess > 1 for judgement in judged)
-        middle = (float(np.median([getattr(judgement, key) for judgement in judged])) for key in ("true", "stated"))
-        table.add(tier, len(judged), len(judged) - wrong, wrong, *largest, slopes, *middle)
-    table.note("wrong: ratio or a stress is off by more than stated and the reference's own bound together")
+        wrong = sum(comparison.excess > 1 or comparison.totals > 1 for comparison in compared)
+        largest = [
+            f"{max(values):.2f}" for values in zip(*((j.excess, j.totals, j.sensitivity_excess) for j in compared), strict=True)
+        ]
+        outside_sensitivities = sum(comparison.sensitivity_excess > 1 for comparison in compared)
+        middle = (float(np.median([getattr(comparison, key) for comparison in compared])) for key in ("true", "stated"))
+        table.add(tier, len(compared), len(compared) - wrong, wrong, *largest, outside_sensitivities, *middle)
+    table.note("wrong: ratio or a stress is in error by more than stated and the reference's own bound together")
     return table
 
 
@@ -162,7 +174,7 @@ def _groups(audited: Sequence[AuditedScene]) -> MeasuredTable:
         (
             "cover / D",
             "tier",
-            "told",
+            "with a ratio",
             "any bound wrong",
             "largest (true - reference's) / stated",
             "largest true, error",
@@ -171,25 +183,27 @@ def _groups(audited: Sequence[AuditedScene]) -> MeasuredTable:
     )
     for low, high in pairwise(GROUPS):
         for tier in TIERS:
-            judged = [j for audited_scene, j in _list_judged(audited, tier) if low <= audited_scene.drawn.cover < high]
-            if not judged:
+            compared = [j for audited_scene, j in _list_compared(audited, tier) if low <= audited_scene.drawn.cover < high]
+            if not compared:
                 continue
-            wrong, largest = sum(bool(j.wrong) for j in judged), max(max(j.excess, j.totals) for j in judged)
-            true, stated = max(j.true for j in judged), float(np.median([j.stated for j in judged]))
-            table.add(f"{low:g} to {high:g}", tier, len(judged), wrong, f"{largest:.2f}", true, stated)
+            wrong, largest = sum(bool(j.wrong) for j in compared), max(max(j.excess, j.totals) for j in compared)
+            true, stated = max(j.true for j in compared), float(np.median([j.stated for j in compared]))
+            table.add(f"{low:g} to {high:g}", tier, len(compared), wrong, f"{largest:.2f}", true, stated)
     return table
 
 
 def _worst(audited: Sequence[AuditedScene], count: int) -> MeasuredTable:
     table = MeasuredTable("worst scenes", ("tier", "true, error", "stated, error", "wrong bounds", "scene"))
     for tier in TIERS:
-        ranked = sorted(_list_judged(audited, tier), key=lambda pair: -max(pair[1].excess, pair[1].totals, pair[1].slope_excess))
-        for audited_scene, judged in ranked[:count]:
+        ranked = sorted(
+            _list_compared(audited, tier), key=lambda pair: -max(pair[1].excess, pair[1].totals, pair[1].sensitivity_excess)
+        )
+        for audited_scene, compared in ranked[:count]:
             table.add(
                 tier,
-                judged.true,
-                judged.stated,
-                judged.wrong or "none",
+                compared.true,
+                compared.stated,
+                compared.wrong or "none",
                 f"seed {audited_scene.seed}, number {audited_scene.number}",
             )
             table.note(str(audited_scene))

@@ -173,7 +173,8 @@ def _summary() -> MeasuredTable:
         "probe known, ms",
     )
     return MeasuredTable(
-        "worst of each folder", ("scenes", "asked", "tier", "number", "told", "wrong", "log-sensitivities wrong", *columns)
+        "worst of each folder",
+        ("scenes", "accuracy", "tier", "number", "with a ratio", "wrong", "log-sensitivities wrong", *columns),
     )
 
 

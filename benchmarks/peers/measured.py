@@ -52,8 +52,8 @@ class RatioCurve:
 
     def largest_difference(self, other: RatioCurve) -> tuple[float, float]:
         """Return the largest differences: of the ratio, relative; of the log-sensitivity, relative to its largest value."""
-        slope = np.abs(self.log_sensitivity - other.log_sensitivity) / np.max(np.abs(other.log_sensitivity))
-        return float(np.max(np.abs(self.ratio / other.ratio - 1))), float(np.max(slope))
+        derivative = np.abs(self.log_sensitivity - other.log_sensitivity) / np.max(np.abs(other.log_sensitivity))
+        return float(np.max(np.abs(self.ratio / other.ratio - 1))), float(np.max(derivative))
 
 
 @dataclass(frozen=True)

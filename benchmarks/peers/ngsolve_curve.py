@@ -42,7 +42,7 @@ def solve_by_looping(scene: Scene, setting: MeridianSetting, moduli: Floats) -> 
     """Assemble and factorise for each modulus anew, on one mesh and one space."""
     watch = Stopwatch()
     problem = _prepare(scene, setting, watch)
-    slope = problem.form(1.0, (INCLUSION,)).mat
+    derivative = problem.form(1.0, (INCLUSION,)).mat
     watch.lap("assemble")
     points = []
     for modulus in moduli:
@@ -50,7 +50,7 @@ def solve_by_looping(scene: Scene, setting: MeridianSetting, moduli: Floats) -> 
         watch.lap("assemble")
         inverse = matrix.Inverse(problem.free, "sparsecholesky")
         watch.lap("factorise")
-        points.append(_point(problem, matrix, inverse, slope))
+        points.append(_point(problem, matrix, inverse, derivative))
         watch.lap("solve")
     return _run(problem, moduli, points, watch)
 
@@ -60,17 +60,17 @@ def solve_by_reusing(scene: Scene, setting: MeridianSetting, moduli: Floats) -> 
     watch = Stopwatch()
     problem = _prepare(scene, setting, watch)
     inverse, points = None, []
-    start, slope = _affine(problem)
+    start, derivative = _affine(problem)
     matrix = start.CreateMatrix()
     watch.lap("assemble")
     for modulus in moduli:
-        matrix.AsVector().data = start.AsVector() + float(modulus) * slope.AsVector()
+        matrix.AsVector().data = start.AsVector() + float(modulus) * derivative.AsVector()
         if inverse is None:
             inverse = matrix.Inverse(problem.free, "sparsecholesky")
         else:
             inverse.Update()
         watch.lap("factorise")
-        points.append(_point(problem, matrix, inverse, slope))
+        points.append(_point(problem, matrix, inverse, derivative))
         watch.lap("solve")
     return _run(problem, moduli, points, watch)
 
@@ -87,27 +87,27 @@ def _affine(problem: NGSolveProblem) -> tuple[Any, Any]:
     """Return K_0 and K_o in one sparsity pattern, from two moduli: a form of the inclusion alone has a pattern of its own."""
     unit = problem.scene.tissue.youngs_modulus
     start, double = problem.form(unit).mat, problem.form(2 * unit).mat
-    slope = start.CreateMatrix()
-    slope.AsVector().data = (1 / unit) * double.AsVector() - (1 / unit) * start.AsVector()
-    start.AsVector().data -= unit * slope.AsVector()
-    return start, slope
+    derivative = start.CreateMatrix()
+    derivative.AsVector().data = (1 / unit) * double.AsVector() - (1 / unit) * start.AsVector()
+    start.AsVector().data -= unit * derivative.AsVector()
+    return start, derivative
 
 
-def _point(problem: NGSolveProblem, matrix: Any, inverse: Any, slope: Any) -> tuple[Floats, Floats]:
+def _point(problem: NGSolveProblem, matrix: Any, inverse: Any, derivative: Any) -> tuple[Floats, Floats]:
     """Return the film forces and their derivatives with respect to the inclusion's modulus, both blocks pressed."""
     states = [problem.solve(matrix, inverse, lift) for lift in problem.lifts]
     pressed = states[0].CreateVector()
     pressed.data = states[0] + states[1]
     forces = []
-    for operator in (matrix, slope):
+    for operator in (matrix, derivative):
         reaction = (operator * pressed).Evaluate()
         forces.append(np.array([ngs.InnerProduct(reaction, state) for state in states]))
     return forces[0], forces[1]
 
 
 def _run(problem: NGSolveProblem, moduli: Floats, points: Sequence[tuple[Floats, Floats]], watch: Stopwatch) -> CurveRun:
-    forces, slopes = (np.array(values) for values in zip(*points, strict=True))
-    sensitivity = moduli * (slopes[:, 0] / forces[:, 0] - slopes[:, 1] / forces[:, 1])
+    forces, derivatives = (np.array(values) for values in zip(*points, strict=True))
+    sensitivity = moduli * (derivatives[:, 0] / forces[:, 0] - derivatives[:, 1] / forces[:, 1])
     curve = RatioCurve(moduli, np.array([problem.ratio(pair) for pair in forces]), sensitivity)
     return CurveRun(curve, problem.unknowns, watch.stages)
 

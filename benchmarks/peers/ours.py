@@ -46,8 +46,8 @@ def one_mesh(scene: Scene, level: MeridianFineness) -> PeerAnswer:
 def curve(scene: Scene, moduli: Floats, accuracy: float) -> RatioCurve:
     """Find the curve over the inclusion's modulus, with its error estimate."""
     modulus_curve = Axisymmetric().curve(scene, moduli, accuracy)
-    ratio, slopes = (np.array(values, dtype=float) for values in (modulus_curve.ratio, modulus_curve.log_sensitivity))
-    return RatioCurve(moduli, ratio, slopes)
+    ratio, derivatives = (np.array(values, dtype=float) for values in (modulus_curve.ratio, modulus_curve.log_sensitivity))
+    return RatioCurve(moduli, ratio, derivatives)
 
 
 def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats]:

@@ -71,7 +71,7 @@ def soak(seconds: float, rate: float, path: Path) -> None:
     )
 
 
-def verb(seconds: float, rate: float, path: Path) -> None:
+def run_command(seconds: float, rate: float, path: Path) -> None:
     """Run `read --virtual` for so long at so many samples per second, and print what it held."""
     from probe_design.commands import hardware_sources
     from probe_design.commands.main import cli
@@ -102,7 +102,7 @@ def main() -> None:
     if given.full:
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(given.full * 1e6), resource.RLIM_INFINITY))
     with tempfile.TemporaryDirectory() as folder:
-        (verb if given.command else soak)(given.seconds, given.rate, Path(folder) / "run.probe")
+        (run_command if given.command else soak)(given.seconds, given.rate, Path(folder) / "run.probe")
 
 
 if __name__ == "__main__":

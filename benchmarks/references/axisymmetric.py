@@ -193,9 +193,9 @@ def solve(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> R
     return summary(scene, *film_forces(scene, refinement, mesher))
 
 
-def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> ReferenceAnswer:
+def summary(scene: Scene, forces: np.ndarray, derivatives: np.ndarray) -> ReferenceAnswer:
     """Return stresses and the like from F_ij (N per m of base displacement) and dF_ij / d ln E_object."""
-    per_metre, change = forces.sum(axis=1), slopes.sum(axis=1)
+    per_metre, change = forces.sum(axis=1), derivatives.sum(axis=1)
     stiffness = float(per_metre.sum())
     indentation = scene.load.indentation if scene.load.force is None else scene.load.force / stiffness
     inner = float(per_metre[0] * indentation / scene.probe.inner_area)

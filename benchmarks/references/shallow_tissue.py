@@ -178,11 +178,11 @@ def rows(case: Case, refinement: Refinement) -> Iterator[tuple[float, np.ndarray
         *(x for x in INDENTATIONS if x * math.hypot(1, 25 / case.depth**2) <= MAX_LOAD_MEASURE),
     ):
         problem.press(last_indentation, indentation * unit)
-        values, slope = problem.values(indentation), problem.sensitivity()
+        values, derivative = problem.values(indentation), problem.sensitivity()
         if indentation == LINEAR_INDENTATION:
-            linear, small = values, slope
+            linear, small = values, derivative
         else:
-            yield indentation, np.append(values / linear - 1, math.log(slope / small))
+            yield indentation, np.append(values / linear - 1, math.log(derivative / small))
         last_indentation = indentation * unit
 
 

@@ -58,7 +58,7 @@ class Forces:
 
     without: np.ndarray
     present: np.ndarray
-    slopes: np.ndarray | None
+    derivatives: np.ndarray | None
     unknowns: int
 
 
@@ -164,13 +164,15 @@ class ScatteredFields:
         first = self.matrix(lambda i, j: ngs.Integrate(work(*self.change, strains[i], strains[j]) * inside, self.mesh))
         second = self.matrix(lambda i, j: ngs.InnerProduct(loads[i].vec, scattered[j].vec))
         unit, target = 2 * self.scene.probe.inner_radius, self.scene.target
-        slopes = None
+        derivatives = None
         if target is not None:
             whole = [e + self.strain(w.components, self.parts[0]) for e, w in zip(strains, scattered, strict=True)]
             body = ngs.dx(definedon=self.mesh.Materials(f"tumour{target}in.*"), intrules=rules)
-            slopes = unit * self.matrix(lambda i, j: ngs.Integrate(work(self.mu, self.lam, whole[i], whole[j]) * body, self.mesh))
+            derivatives = unit * self.matrix(
+                lambda i, j: ngs.Integrate(work(self.mu, self.lam, whole[i], whole[j]) * body, self.mesh)
+            )
         free = sum(self.space.FreeDofs(coupling=True))
-        return Forces(self.plane.forces, self.plane.forces + unit * (first + second), slopes, free)
+        return Forces(self.plane.forces, self.plane.forces + unit * (first + second), derivatives, free)
 
     def solve(self, form: ngs.BilinearForm, inverse: Any, load: Any) -> ngs.GridFunction:
         """Solve a(w, v) = -l(v)."""
@@ -200,10 +202,10 @@ def reference(scene: Scene, ladder: tuple[Refinement, ...] = LADDER) -> dict[str
     for refinement in ladder:
         start = time.perf_counter()
         forces = ScatteredFields(scene, refinement, plane).forces()
-        steps.append(build_reference_answer(scene, forces.present, forces.slopes))
+        steps.append(build_reference_answer(scene, forces.present, forces.derivatives))
         print(refinement, forces.unknowns, steps[-1], f"{time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
     coarse, fine = steps[-2:]
-    slopes = [each.log_sensitivity for each in (coarse, fine) if each.log_sensitivity is not None]
+    derivatives = [each.log_sensitivity for each in (coarse, fine) if each.log_sensitivity is not None]
     return {
         "stress_inner_pa": fine.stress_inner,
         "stress_outer_pa": fine.stress_outer,
@@ -211,18 +213,18 @@ def reference(scene: Scene, ladder: tuple[Refinement, ...] = LADDER) -> dict[str
         "stiffness_n_per_m": fine.stiffness,
         "log_sensitivity": fine.log_sensitivity,
         "relative_uncertainty": difference(replace(coarse, log_sensitivity=None), fine),
-        "log_sensitivity_uncertainty": abs(slopes[0] - slopes[-1]) if slopes else None,
+        "log_sensitivity_uncertainty": abs(derivatives[0] - derivatives[-1]) if derivatives else None,
         "ratio_without": build_reference_answer(scene, forces.without, None).ratio,
         "forces_n_per_m": forces.present.tolist(),
         "forces_without_n_per_m": forces.without.tolist(),
     }
 
 
-def build_reference_answer(scene: Scene, forces: np.ndarray, slopes: np.ndarray | None) -> ReferenceAnswer:
+def build_reference_answer(scene: Scene, forces: np.ndarray, derivatives: np.ndarray | None) -> ReferenceAnswer:
     """Return the stresses of a common displacement; the log-sensitivity is None where there is no target."""
-    if slopes is None:
+    if derivatives is None:
         return summary(scene.model_copy(update={"inclusion": ()}), forces, np.zeros((2, 2)))
-    return summary(scene, forces, slopes)
+    return summary(scene, forces, derivatives)
 
 
 def main(paths: list[Path]) -> None:

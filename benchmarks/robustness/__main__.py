@@ -22,36 +22,36 @@ from pathlib import Path
 
 from benchmarks.robustness.attempt import failures, prepare, run_attempt
 from benchmarks.robustness.kinds import KINDS
-from benchmarks.robustness.multi_step import LOST_ROWS, ORDEALS, Ordeal
+from benchmarks.robustness.multi_step import LOST_ROWS, TRIALS, Trial
 from benchmarks.robustness.samples import remove
 
 WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST_ROWS)
 COLUMNS = ("tries", "answered", "refused", *WRONG, "slowest, s")
 
 
-def try_once(kind: str, number: int, seed: int) -> Ordeal:
-    """One try of a kind, in a folder of its own."""
-    folder, draw = Path(tempfile.mkdtemp(prefix="attack-")), random.Random(f"{seed} {kind} {number}")
+def try_once(kind: str, number: int, seed: int) -> Trial:
+    """Run one trial of a kind in a folder of its own."""
+    folder, draw = Path(tempfile.mkdtemp(prefix="robustness-")), random.Random(f"{seed} {kind} {number}")
     try:
-        if kind in ORDEALS:
-            return ORDEALS[kind](draw, folder)
+        if kind in TRIALS:
+            return TRIALS[kind](draw, folder)
         attempt = KINDS[kind](draw, folder)
         ended = run_attempt(attempt, folder)
         words = " ".join(word[:80] for word in attempt.words)
-        return Ordeal(f"{attempt.said}: {words!r}", ended, tuple(failures(attempt, ended)))
+        return Trial(f"{attempt.said}: {words!r}", ended, tuple(failures(attempt, ended)))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def attack(kind: str, numbers: range, seed: int) -> Counter[str]:
-    """Try a kind, print what fails, and count."""
+def run_trials(kind: str, numbers: range, seed: int) -> Counter[str]:
+    """Run the trials of one kind, print each failure, and count the outcomes."""
     counts: Counter[str] = Counter()
     for number in numbers:
-        ordeal = try_once(kind, number, seed)
-        ended, outcome = ordeal.ended, {0: ["answered"], 2: ["refused"]}
-        counts.update(["tries", *ordeal.wrong, *outcome.get(-1 if ended.code is None else ended.code, [])])
+        trial = try_once(kind, number, seed)
+        ended, outcome = trial.ended, {0: ["answered"], 2: ["refused"]}
+        counts.update(["tries", *trial.wrong, *outcome.get(-1 if ended.code is None else ended.code, [])])
         counts["slowest, s"] = max(counts["slowest, s"], round(ended.seconds))
-        if ordeal.wrong:
+        if trial.wrong:
             said = " | ".join(ended.errors.splitlines()[-3:])
             print(f"{kind} {number}: {', '.join(ordeal.wrong)}: {ordeal.said}: {said[:300]!r}", file=sys.stderr, flush=True)
     return counts
@@ -61,19 +61,19 @@ def main() -> int:
     """Print the table; 1 if anything failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--kind", action="append", choices=sorted(KINDS | ORDEALS), help="one kind; again for more  [default: all]"
+        "--kind", action="append", choices=sorted(KINDS | TRIALS), help="one kind; again for more  [default: all]"
     )
     parser.add_argument("--tries", type=int, default=100, help="of each kind")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    os.environ["PROBE_DESIGN_CACHE"] = tempfile.mkdtemp(prefix="attack-cache-")
+    os.environ["PROBE_DESIGN_CACHE"] = tempfile.mkdtemp(prefix="robustness-cache-")
     prepare()
     start, total = time.perf_counter(), Counter[str]()
     print(f"seed {options.seed}, tries {options.first} to {options.first + options.tries - 1} of each kind\n")
     print(f"| kind | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 1)}", flush=True)
-    for kind in options.kind or [*KINDS, *ORDEALS]:
-        counts = attack(kind, range(options.first, options.first + options.tries), options.seed)
+    for kind in options.kind or [*KINDS, *TRIALS]:
+        counts = run_trials(kind, range(options.first, options.first + options.tries), options.seed)
         print(f"| {kind} | {' | '.join(str(counts[column]) for column in COLUMNS)} |", flush=True)
         total.update(counts)
     shutil.rmtree(os.environ["PROBE_DESIGN_CACHE"], ignore_errors=True)

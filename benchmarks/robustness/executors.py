@@ -86,7 +86,7 @@ def try_fault(library: str, name: str) -> None:
     os._exit(0)
 
 
-def judge(library: str, name: str) -> str:
+def run_faulty_task(library: str, name: str) -> str:
     """Return what a fault cost besides its own task."""
     words = [sys.executable, "-m", "benchmarks.robustness.executors", library, name]
     begin = time.monotonic()
@@ -142,7 +142,7 @@ def main() -> None:
     heads = [f"{library} {metadata.version(library)}" if library in packages else library for library in LIBRARIES]
     print("|", " | ".join(["one of six tasks", *heads]), "|", flush=True)
     for name in FAULTS:
-        print("|", " | ".join([name, *(judge(library, name) for library in LIBRARIES)]), "|", flush=True)
+        print("|", " | ".join([name, *(run_faulty_task(library, name) for library in LIBRARIES)]), "|", flush=True)
     print("|", " | ".join(["a script without a main guard", *map(judge_script, LIBRARIES)]), "|")
 
 

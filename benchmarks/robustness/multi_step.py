@@ -35,22 +35,22 @@ NOWHERE = ("tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1
 SLOW_SWEEP_SCRIPT = (
     "from probe_design.__main__ import main; from probe_design.sweeps import batches; batches.BATCH_TIME_S = 0.02; main()"
 )
-VERBS = (
+COMMANDS = (
     ("evaluate", str(SCENE), "--json"), ("plan", str(SCENE)), ("export", str(SCENE), "-o", "OUT"), ("tradeoff", "-o", "OUT"),
     ("curve", str(SCENE), "--points", "5", "--plot", "OUT/curve.png"), ("read", str(SCENE), "--virtual", "--seconds", "3"),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Ordeal:
-    """How one went: what was done, how the program ended, and all that went wrong."""
+class Trial:
+    """One trial: what was done, how the program ended, and every failure."""
 
     said: str
     ended: Ended
     wrong: tuple[str, ...]
 
 
-def kill(draw: Random, folder: Path) -> Ordeal:
+def kill(draw: Random, folder: Path) -> Trial:
     """Kill a sweep at any moment, up to three times, and start it again."""
     path, output_folder, kills = toml(folder, n=DESIGNS), folder / "out", draw.randint(1, 3)
     for _ in range(kills):
@@ -65,16 +65,16 @@ def kill(draw: Random, folder: Path) -> Ordeal:
     return _check_resumed(f"{kills} kills", path, output_folder)
 
 
-def full_disk(draw: Random, folder: Path) -> Ordeal:
+def full_disk(draw: Random, folder: Path) -> Trial:
     """Run a sweep whose files may not grow beyond some kB, then again without the limit."""
     path, output_folder, room = toml(folder, n=DESIGNS), folder / "out", draw.randint(4, 60) * 1000
     first = _sweep_again(path, output_folder, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
     resumed = _check_resumed(f"files of {room} bytes at most", path, output_folder)
     wrong = () if first.code in (0, 1, 2) else ("exit code",)
-    return Ordeal(resumed.said, resumed.ended, (*_lines(first), *wrong, *resumed.wrong))
+    return Trial(resumed.said, resumed.ended, (*_lines(first), *wrong, *resumed.wrong))
 
 
-def store(draw: Random, folder: Path) -> Ordeal:
+def store(draw: Random, folder: Path) -> Trial:
     """Damage or cut a store: it must be repaired or refused, and never give another table."""
     path, output_folder = toml(folder, n=DESIGNS), folder / "out"
     shutil.copytree(_whole()[0], output_folder)
@@ -92,7 +92,7 @@ def store(draw: Random, folder: Path) -> Ordeal:
     return _check_resumed(kind, path, output_folder, refusable=True)
 
 
-def scheduler(draw: Random, folder: Path) -> Ordeal:
+def scheduler(draw: Random, folder: Path) -> Trial:
     """Run with a scheduler's address at which there is nothing, rubbish or another service, or with an invalid address."""
     behaviour = draw.choice([*BEHAVIOURS, None])
     with _server(BEHAVIOURS.get(behaviour or "", _close), draw) as address:
@@ -100,20 +100,20 @@ def scheduler(draw: Random, folder: Path) -> Ordeal:
             address if behaviour else draw.choice(["tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1:1", ""])
         )
         ended = _sweep_again(toml(folder, n=4), folder / "out", lambda: None, "--scheduler", given)
-    return Ordeal(str(behaviour or given), ended, (*_lines(ended), *(() if ended.code == 2 else ("exit code",))))
+    return Trial(str(behaviour or given), ended, (*_lines(ended), *(() if ended.code == 2 else ("exit code",))))
 
 
-def interrupt(draw: Random, folder: Path) -> Ordeal:
+def interrupt(draw: Random, folder: Path) -> Trial:
     """Send a signal at any moment of any command."""
-    words = draw.choice(VERBS)
+    words = draw.choice(COMMANDS)
     (delay, number), start = next(moments(_find_undisturbed(words).seconds, 1, draw.randrange(2**32))), time.perf_counter()
     leftovers = left(words, delay, number)
     fault = leftovers.wrong(number, _find_undisturbed(words))
     ended = Ended(leftovers.code, "", leftovers.said, time.perf_counter() - start)
-    return Ordeal(f"signal {number} after {delay:.2f} s: {fault}", ended, ("exit code",) if fault else ())
+    return Trial(f"signal {number} after {delay:.2f} s: {fault}", ended, ("exit code",) if fault else ())
 
 
-ORDEALS: dict[str, Callable[[Random, Path], Ordeal]] = {
+TRIALS: dict[str, Callable[[Random, Path], Trial]] = {
     "kills": kill, "full disks": full_disk, "stores": store, "schedulers": scheduler, "interrupts": interrupt,
 }  # fmt: skip
 
@@ -127,12 +127,12 @@ def _sweep_again(path: Path, output_folder: Path, prepare: Callable[[], Any], *e
     return Ended(done.returncode, done.stdout, done.stderr, time.perf_counter() - start)
 
 
-def _check_resumed(said: str, path: Path, output_folder: Path, refusable: bool = False) -> Ordeal:
+def _check_resumed(said: str, path: Path, output_folder: Path, refusable: bool = False) -> Trial:
     ended = _sweep_again(path, output_folder, lambda: None)
     if ended.code == 2 and refusable:
-        return Ordeal(said, ended, tuple(_lines(ended)))
+        return Trial(said, ended, tuple(_lines(ended)))
     is_same = ended.code == 0 and stored(output_folder) == _whole()[1]
-    return Ordeal(said, ended, (*_lines(ended), *(() if is_same else (LOST_ROWS,))))
+    return Trial(said, ended, (*_lines(ended), *(() if is_same else (LOST_ROWS,))))
 
 
 def _lines(ended: Ended) -> Iterator[str]:
@@ -151,7 +151,7 @@ def _lines(ended: Ended) -> Iterator[str]:
 @cache
 def _whole() -> tuple[Path, list[tuple[Any, ...]]]:
     """Return the store of an undisturbed sweep, and its rows."""
-    folder = Path(tempfile.mkdtemp(prefix="attack-whole-"))
+    folder = Path(tempfile.mkdtemp(prefix="robustness-whole-"))
     assert _sweep_again(toml(folder, n=DESIGNS), folder / "out", lambda: None).code == 0
     return folder / "out", stored(folder / "out")
 

@@ -14,7 +14,7 @@ from benchmarks.robustness.samples import recordings
 
 CHEAP = ("--accuracy", "0.1", *LIMITS)
 LEVELS = ("auto", "published", "closed-form", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
-VERBS: tuple[tuple[str, ...], ...] = (
+COMMANDS: tuple[tuple[str, ...], ...] = (
     ("plan", FILE), ("curve", FILE, "--points", "2", *CHEAP), ("scan", FILE, "--points", "2", *CHEAP),
     ("detectability", FILE, "--points", "2", *CHEAP), ("estimate", FILE, "--ratio", "0.6", *CHEAP), ("export", FILE, "-o", "out"),
     ("sweep", FILE, "-o", "out", "--workers", "1"), ("read", FILE, *VIRTUAL),
@@ -29,7 +29,7 @@ OPTIONS = (
     "--nuisance", "--reading", "--column", "--rate", "--frequency", "--step", "--tolerance", "--shrinkage", "--draft",
     "--material", "--samples", "--stiffness-noise", "--report", "--wait", "--thinner", "--pareto",
 )  # fmt: skip
-LONE_VERBS = (
+LONE_COMMANDS = (
     ("material", "show"), ("material", "show", "ecoflex-00-10"), ("material", "list"), ("tissue", "show", "breast"), ("rerun",),
     ("optimize", "none.toml", "-o", "out"), ("doctor", "--virtual", "--seconds", "1"), ("check", "--virtual", "--seconds", "1"),
 )  # fmt: skip
@@ -39,7 +39,7 @@ PATHS = ("/", "/dev/full", "/proc/x.png", "none/x.png", "out", ".", "x.png", "x.
 def scene(draw: Random, folder: Path) -> Attempt:
     """Draw a scene with other tables, for any command and evaluator."""
     right = draw.choice(SCENES)
-    words = draw.choice([*VERBS, *(("evaluate", FILE, "--evaluator", level, *CHEAP) for level in LEVELS)])
+    words = draw.choice([*COMMANDS, *(("evaluate", FILE, "--evaluator", level, *CHEAP) for level in LEVELS)])
     return _build_attempt(Readable(".toml", (*words, "--json"), right), mutate(right, draw), folder)
 
 
@@ -57,7 +57,7 @@ def other_bytes(draw: Random, folder: Path) -> Attempt:
 
 def options(draw: Random, folder: Path) -> Attempt:
     """Options with values that are seldom allowed, also of commands that do not have them."""
-    words = [str(ROOT / "examples" / "scene.toml") if word == FILE else word for word in draw.choice((*VERBS, *LONE_VERBS))]
+    words = [str(ROOT / "examples" / "scene.toml") if word == FILE else word for word in draw.choice((*COMMANDS, *LONE_COMMANDS))]
     for _ in range(draw.randint(1, 2)):
         value = draw.choice([*TEXTS, *map(str, NUMBERS[:7]), "nan", "-inf", "1e400", *PATHS]).replace("\udce9", "?")
         words += [draw.choice(OPTIONS), value]

@@ -44,7 +44,7 @@ def _bytes(name: str) -> bytes:
 @cache
 def write_samples() -> Path:
     """Return the folder of one short reading as all of these files."""
-    folder = Path(tempfile.mkdtemp(prefix="attack-samples-"))
+    folder = Path(tempfile.mkdtemp(prefix="robustness-samples-"))
     for name in ("run.probe", "run.h5"):
         read_printed("read", SCENE, *VIRTUAL, "--record", str(folder / name), "--json")
     with Reader.open(f"replay:{folder / 'run.h5'}") as reader:

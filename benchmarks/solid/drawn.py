@@ -46,19 +46,19 @@ def main() -> None:
     parser.add_argument("--accuracy", action="append", type=float)
     given = parser.parse_args()
     table, count = MeasuredTable("drawn scenes", COLUMNS), 0
-    for name, scene, judge in draws(given.seed):
-        for cells in rows(scene, judge, given.accuracy or [0.02, 0.01]):
+    for name, scene, evaluator_name in draws(given.seed):
+        for cells in rows(scene, evaluator_name, given.accuracy or [0.02, 0.01]):
             print(name, *cells, file=sys.stderr, flush=True)
             table.add(name, *cells)
             count += 1
         if count >= given.scenes * len(given.accuracy or [0.02, 0.01]):
             break
-    table.note("share: true error over stated, where the judge's own error is counted with the latter")
+    table.note("share: true error over stated, where the reference's own error is counted with the latter")
     table.print(Console(width=150))
 
 
 def draws(seed: int) -> Iterator[tuple[str, Scene, str]]:
-    """Scenes that fit, without an end, and the level that judges them."""
+    """Yield scenes that fit, without end, and the evaluator that provides the true values."""
     number = -1
     while True:
         number, kind = number + 1, ("layers", "axis", "beside")[(number + 1) % 3]
@@ -92,32 +92,36 @@ def _usual(drawn: DrawnScene) -> DrawnScene:
     )
 
 
-def rows(scene: Scene, judge: str, accuracies: list[float]) -> Iterator[tuple[Any, ...]]:
+def rows(scene: Scene, evaluator_name: str, accuracies: list[float]) -> Iterator[tuple[Any, ...]]:
     try:
         with use_limits(Limits(seconds=60.0)):
-            true = evaluate(scene, judge, TRUE_ACCURACIES[judge])
-        if true.error_estimate is None or true.error_estimate > 2 * TRUE_ACCURACIES[judge]:
+            true = evaluate(scene, evaluator_name, TRUE_ACCURACIES[evaluator_name])
+        if true.error_estimate is None or true.error_estimate > 2 * TRUE_ACCURACIES[evaluator_name]:
             return
         for accuracy in accuracies:
             meshes, start = list[str](), processor()
             with use_limits(Limits(seconds=90.0)):
-                level = SolidEvaluator(tell=meshes.append)
-                forces = level.solve_forces(scene, accuracy)
-                result = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
+                evaluator = SolidEvaluator(tell=meshes.append)
+                forces = evaluator.solve_forces(scene, accuracy)
+                result = evaluator.build_answer(scene, forces, accuracy).build_result(evaluator.name, scene, 0.0)
             seconds = processor() - start
-            scene_shares = shares(result, true, forces.films[0].sensitivity_error)
-            yield (accuracy, *scene_shares, sum(text.startswith("solving") for text in meshes), seconds)
+            quotients = compute_quotients(result, true, forces.films[0].sensitivity_error)
+            yield (accuracy, *quotients, sum(text.startswith("solving") for text in meshes), seconds)
     except (Refusal, SolveError, LimitReached) as fault:
         print(f"passed over: {fault}", file=sys.stderr)
 
 
-def shares(result: Result, true: Result, bound: float) -> tuple[float, float, float, float | None]:
+def compute_quotients(result: Result, true: Result, bound: float) -> tuple[float, float, float, float | None]:
     """Return the largest true error of all quantities, the stated error, their quotient, and the same of log_sensitivity."""
     errors = [abs(getattr(result, name) / getattr(true, name) - 1) for name in QUANTITIES]
     stated, true_error = result.error_estimate or 0.0, true.error_estimate or 0.0
-    slope, true_slope = result.log_sensitivity, true.log_sensitivity
-    share = None if slope is None or true_slope is None else abs(slope - true_slope) / (bound + true_error * abs(true_slope))
-    return max(errors), stated, round(max(errors) / (stated + true_error), 2), None if share is None else round(share, 2)
+    sensitivity, true_sensitivity = result.log_sensitivity, true.log_sensitivity
+    quotient = (
+        None
+        if sensitivity is None or true_sensitivity is None
+        else abs(sensitivity - true_sensitivity) / (bound + true_error * abs(true_sensitivity))
+    )
+    return max(errors), stated, round(max(errors) / (stated + true_error), 2), None if quotient is None else round(quotient, 2)
 
 
 if __name__ == "__main__":

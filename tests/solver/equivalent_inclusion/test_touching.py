@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.evaluators.inclusion_audit import judge
+from benchmarks.evaluators.inclusion_audit import compare
 from benchmarks.evaluators.inclusion_draws import draw_near
 from geometry import Inclusion, read_scene
 from geometry.scenes.scene import CylinderTissue, Layer
@@ -16,9 +16,9 @@ from tests.support.paths import SCENE
 def evaluate_both(scene, accuracy=0.01):
     """What both levels find, compared."""
     true = Axisymmetric().compute_converged(scene, accuracy / 10).films[0]
-    judgement = judge(compute_readings(solve_undisturbed(scene, accuracy), Tumours.from_scene(scene), reflect=True), true)
-    assert judgement
-    return judgement
+    comparison = compare(compute_readings(solve_undisturbed(scene, accuracy), Tumours.from_scene(scene), reflect=True), true)
+    assert comparison
+    return comparison
 
 
 @pytest.mark.parametrize("gap", [1e-5, 1e-4])
@@ -28,12 +28,12 @@ def test_next_to_an_interface_the_bound_is_of_use(gap, contrast):
     skin = Layer(thickness=1.5e-3, youngs_modulus=contrast * 3e3, poisson_ratio=0.45)
     tissue = CylinderTissue(shape="cylinder", radius=45e-3, depth=40e-3, youngs_modulus=3e3, poisson_ratio=0.45, layer=(skin,))
     body = Inclusion(diameter=6e-3, depth=4.5e-3 + gap, youngs_modulus=20e3, poisson_ratio=0.45)
-    judgement = evaluate_both(read_scene(SCENE).model_copy(update={"tissue": tissue, "inclusion": (body,)}))
-    assert judgement.wrong == ""
-    assert judgement.stated < max(0.01, 20 * judgement.true)
+    comparison = evaluate_both(read_scene(SCENE).model_copy(update={"tissue": tissue, "inclusion": (body,)}))
+    assert comparison.wrong == ""
+    assert comparison.stated < max(0.01, 20 * comparison.true)
 
 
 @pytest.mark.parametrize("number", [38, 2, 3])  # a hard sphere at the floor of nearly incompressible tissue; one; one at the side
 def test_bounds_hold_where_tissue_is_all_but_pinched_off(number):
-    judgement = evaluate_both(draw_near(7, number).scene())
-    assert judgement.wrong == ""
+    comparison = evaluate_both(draw_near(7, number).scene())
+    assert comparison.wrong == ""
