@@ -72,8 +72,8 @@ def _incomparable(results: Mapping[int, Result]) -> Iterator[str]:
     derivative = results[3].log_sensitivity
     if derivative:
         yield (
-            f"Cannot be told, E_object: on tumour 1 d ln(ratio) / d ln(E_object) is {slope:.2g}, so that the paper's 5 % error "
-            f"of measurement, on the ratio, leaves a standard deviation of {NOISE / abs(slope):.0f} in ln E_object."
+            f"Not determined: E_object. On tumour 1 d ln(ratio) / d ln(E_object) is {derivative:.2g}, so that the paper's 5 % "
+            f"error of measurement, on the ratio, leaves a standard deviation of {NOISE / abs(derivative):.0f} in ln E_object."
         )
 
 

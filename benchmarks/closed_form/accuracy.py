@@ -93,7 +93,7 @@ def _row(name: str, scene: Scene, values: dict[str, Any]) -> tuple[bool, bool] |
         return None if cover < 0.25 else (False, False)
     ratio, exact = (result.ratio or 0.0) / values["ratio"] - 1, values.get("log_sensitivity")
     derivative = (result.log_sensitivity or 0.0) / exact - 1 if exact else None
-    slope_text = "" if derivative is None else f"{slope:+.1%}"
+    slope_text = "" if derivative is None else f"{derivative:+.1%}"
     print(start, f"{ratio:+.2%} | {slope_text} | {result.error_estimate or 0:.1%} |")
     small = derivative is None or abs(derivative) <= 0.15 or abs(exact or 0.0) < 1e-5
     return None if cover < 0.25 else (abs(ratio) <= 0.05, small)

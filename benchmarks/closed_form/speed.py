@@ -60,8 +60,8 @@ def measure() -> None:
         f"{1e9 * rates[BESSEL]:.1f} ns a value of Bessel functions, {1e-9 / rates[SOLVE]:.1f} Gflop/s in systems of 15 unknowns"
     )
     print(
-        "| scene | a second | us | Bessel values | us | systems, flop | us | all derivatives, one alone, us | on two threads, us |"
-        " one probe and tissue, a second |"
+        "| scene | a second | us | Bessel values | us | systems, flop | us | all derivatives, one alone, us |"
+        " on two threads, us | one probe and tissue, a second |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     shares = []

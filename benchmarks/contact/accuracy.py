@@ -51,7 +51,7 @@ def references() -> None:
             reference_error, reference_slope_error = (row[f"{key}_unc"] / row[key] for key in ("ratio", "log_sensitivity"))
             ratio = f"{ratio_error:+.2%} / {result.error_estimate:.2%} ({reference_error:.2%})"
             print(
-                f"| {name} | {1e3 * depth:g} | {ratio} | {force:+.3%} | {slope:+.1%} ({reference_slope_error:.1%}) | "
+                f"| {name} | {1e3 * depth:g} | {ratio} | {force:+.3%} | {derivative:+.1%} ({reference_slope_error:.1%}) | "
                 f"{seconds:.1f} |",
                 flush=True,
             )
@@ -79,7 +79,7 @@ def _gap(scene: Scene, gap: float, max_indentation: float) -> str:
     closes = "-" if loaded.gap_closure_load is None else f"{loaded.gap_closure_load.force:.3g}"
     ratios = ", ".join(f"{value:.4g}" for value in loaded.ratio)
     derivatives = ", ".join("-" if value is None else f"{value:.3g}" for value in loaded.log_sensitivity)
-    return f"| {1e3 * gap:g} | {closes} | {ratios} | {slopes} | {loaded.force[-1]:.3g} N |"
+    return f"| {1e3 * gap:g} | {closes} | {ratios} | {derivatives} | {loaded.force[-1]:.3g} N |"
 
 
 def faces() -> None:

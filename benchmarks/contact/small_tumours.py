@@ -143,7 +143,7 @@ def row_beside(diameter: float, cover: float, offset: float) -> tuple[float | st
         offset,
         derivatives[0],
         linear or 0.0,
-        *(f"{slope / slopes[0]:.3f}" for derivative in derivatives[1:]),
+        *(f"{derivative / derivatives[0]:.3f}" for derivative in derivatives[1:]),
     )
 
 

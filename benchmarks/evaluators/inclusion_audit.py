@@ -161,9 +161,9 @@ def _summary(title: str, audited: Sequence[AuditedScene]) -> MeasuredTable:
         largest = [
             f"{max(values):.2f}" for values in zip(*((j.excess, j.totals, j.sensitivity_excess) for j in compared), strict=True)
         ]
-        outside_sensitivities = sum(comparison.sensitivity_excess > 1 for comparison in compared)
+        outside = sum(comparison.sensitivity_excess > 1 for comparison in compared)
         middle = (float(np.median([getattr(comparison, key) for comparison in compared])) for key in ("true", "stated"))
-        table.add(tier, len(compared), len(compared) - wrong, wrong, *largest, outside_sensitivities, *middle)
+        table.add(tier, len(compared), len(compared) - wrong, wrong, *largest, outside, *middle)
     table.note("wrong: ratio or a stress is in error by more than stated and the reference's own bound together")
     return table
 

@@ -53,7 +53,7 @@ def run_trials(kind: str, numbers: range, seed: int) -> Counter[str]:
         counts["slowest, s"] = max(counts["slowest, s"], round(ended.seconds))
         if trial.wrong:
             said = " | ".join(ended.errors.splitlines()[-3:])
-            print(f"{kind} {number}: {', '.join(ordeal.wrong)}: {ordeal.said}: {said[:300]!r}", file=sys.stderr, flush=True)
+            print(f"{kind} {number}: {', '.join(trial.wrong)}: {trial.said}: {said[:300]!r}", file=sys.stderr, flush=True)
     return counts
 
 
