@@ -35,7 +35,7 @@ def format_record(record: Record) -> str:
 
 def format_optimum(optimum: TumourOptimum) -> str:
     """Return the verdict of an optimisation and the comparison of start and optimum as HTML."""
-    from probe_design.design_report.tumour_table import build_comparison_table
+    from probe_design.design_report.tumour_report import build_comparison_table
 
     return f"<p>{escape(optimum.verdict)}</p>{build_comparison_table(optimum).to_html()}"
 

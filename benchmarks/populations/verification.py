@@ -17,8 +17,8 @@ import numpy as np
 
 from benchmarks.populations.cases import CASES, case
 from geometry.common.arrays import Floats, Ints
-from probe_design.design_report.levers import compute_levers
-from probe_design.design_report.pictures import draw_levers
+from probe_design.design_report.improvements import compute_improvements
+from probe_design.design_report.pictures import draw_improvements
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
 from probe_design.populations.examination import Examination
@@ -78,7 +78,9 @@ def main() -> None:
         )
         if given.pictures is not None:
             slug = name.replace(" ", "-")
-            draw_levers(compute_levers(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png")
+            draw_improvements(
+                compute_improvements(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png"
+            )
 
 
 if __name__ == "__main__":

@@ -124,7 +124,7 @@ class OptimizeRequest(LimitedRequest):
         if self.as_json:
             print_json(report.build_summary(files))
         else:
-            show_table(report.build_table())
+            show_table(report.table)
             report_assumed_sizes(optimum.scene.probe)
             warn(list_missing_films(optimum.scene.probe))
             for message in report.messages:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from probe_design.design_report.population_report import PopulationReport
-from probe_design.design_report.tumour_report import TumourReport
+from probe_design.design_report.population_report import build_population_report
+from probe_design.design_report.report import Report
+from probe_design.design_report.tumour_report import build_tumour_report
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.tumour_optimum import TumourOptimum
 
 
-def build_report(optimum: PopulationOptimum | TumourOptimum, fronts: tuple[Front, ...] = ()) -> PopulationReport | TumourReport:
+def build_report(optimum: PopulationOptimum | TumourOptimum, fronts: tuple[Front, ...] = ()) -> Report:
     """Return the report of an optimum; fronts are those of a design file."""
-    return PopulationReport(optimum, fronts) if isinstance(optimum, PopulationOptimum) else TumourReport(optimum)
+    if isinstance(optimum, PopulationOptimum):
+        return build_population_report(optimum, fronts)
+    return build_tumour_report(optimum)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,18 +15,16 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from geometry.scenes.units import MM_PER_M
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
+from probe_design.design_report.improvements import Improvement
+from probe_design.design_search.pareto import Front
+from probe_design.design_search.verification import PopulationVerification
 from probe_design.reporting.picture_files import check_format, save_figure
-
-if TYPE_CHECKING:
-    from probe_design.design_report.levers import Lever
-    from probe_design.design_search.pareto import Front
-    from probe_design.design_search.verification import PopulationVerification
 
 VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"
 MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: range of the colours
 
 
-def draw_maps(maps: dict[str, DepthMap], judged: dict[str, PopulationVerification], path: Path) -> Path:
+def draw_maps(maps: dict[str, DepthMap], verified: dict[str, PopulationVerification], path: Path) -> Path:
     """Draw P and the standard deviation of ln contrast over diameter and depth, one column per design; return ``path``.
 
     Tumours of the verification are points, filled if their probability of detection is above 0.5.
@@ -41,7 +39,7 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, PopulationVerificatio
         ):
             _draw_map(figure, axes[row][column], item, values, label=label, limit=limit)
         axes[0][column].set_title(name, fontsize=11)
-        _draw_tumours(axes[0][column], judged[name])
+        _draw_tumours(axes[0][column], verified[name])
     for row in axes:
         row[0].set_ylabel("depth of the centre, mm")
     for item in axes[-1]:
@@ -57,29 +55,25 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, PopulationVerificatio
 def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
     """Draw Pareto fronts side by side; return ``path``."""
     figure, axes = _create_figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
-    for plain, front in zip(axes[0], fronts, strict=True):
-        plain.plot(
-            front.costs, [point.value for point in front.points], "-", color=CLOSED_FORM_COLOUR, label="by the closed form"
-        )
-        judged = [(cost, point) for cost, point in zip(front.costs, front.points, strict=True) if point.judged is not None]
-        if judged:
-            values, errors = zip(*(point.judged for _, point in judged), strict=True)
-            plain.errorbar(
-                [cost for cost, _ in judged], values, errors, fmt="o", color=VERIFIED_COLOUR, capsize=3, label="judged, one error"
-            )
-        plain.set_xlabel(front.label)
-        plain.set_ylabel(name)
-        plain.legend(fontsize=8)
+    for plot, front in zip(axes[0], fronts, strict=True):
+        values = [point.value for point in front.points]
+        plot.plot(front.costs, values, "-", color=CLOSED_FORM_COLOUR, label="by the closed form")
+        verified = [(cost, *point.judged) for cost, point in zip(front.costs, front.points, strict=True) if point.judged]
+        if verified:
+            plot.errorbar(*zip(*verified, strict=True), fmt="o", color=VERIFIED_COLOUR, capsize=3, label="verified, one error")
+        plot.set_xlabel(front.label)
+        plot.set_ylabel(name)
+        plot.legend(fontsize=8)
     return save_figure(figure, path)
 
 
-def draw_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
+def draw_improvements(improvements: Sequence[Improvement], label: str, path: Path) -> Path:
     """Draw the gain of each improvement as a bar with two standard errors; return ``path``.
 
     Parameters
     ----------
-    levers
-        Improvements from ``compute_levers``, the first of which changes nothing.
+    improvements
+        Improvements from ``compute_improvements``, the first of which changes nothing.
     label
         Label of the objective.
     path
@@ -91,13 +85,13 @@ def draw_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
         The format is not known.
     """
     check_format(path)
-    figure, ((axes,),) = _create_figure((6.5, 1.2 + 0.42 * len(levers)), (1, 1))
-    places, values = np.arange(len(levers)), [lever.value for lever in levers]
-    axes.barh(places, values, color=["0.6", *["tab:blue"] * (len(levers) - 1)])
-    errors = [2 * lever.error for lever in levers]
+    figure, ((axes,),) = _create_figure((6.5, 1.2 + 0.42 * len(improvements)), (1, 1))
+    places, values = np.arange(len(improvements)), [item.value for item in improvements]
+    axes.barh(places, values, color=["0.6", *["tab:blue"] * (len(improvements) - 1)])
+    errors = [2 * item.error for item in improvements]
     axes.errorbar(values, places, xerr=errors, fmt="none", ecolor="black", capsize=3)
-    axes.axvline(levers[0].value, color="0.3", linewidth=0.8, linestyle=":")
-    axes.set_yticks(places, [lever.name for lever in levers])
+    axes.axvline(improvements[0].value, color="0.3", linewidth=0.8, linestyle=":")
+    axes.set_yticks(places, [item.name for item in improvements])
     axes.invert_yaxis()
     axes.set_xlabel(f"{label} (bars: two standard errors of the gain)")
     return save_figure(figure, path)
@@ -111,7 +105,6 @@ def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[A
 
 def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
     axes.set_facecolor("0.88")
-
     probability = limit == DETECTION_THRESHOLD
     norm = Normalize(0.0, 1.0) if probability else LogNorm(MIN_SHOWN_SD, MAX_SHOWN_SD)
     colours = "viridis" if probability else "viridis_r"
@@ -135,7 +128,8 @@ def _format_axis(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _draw_tumours(axes: Any, judged: PopulationVerification) -> None:
-    detected = judged.judgement.probability >= 0.5
-    x, y = judged.judgement.diameter * MM_PER_M, judged.judgement.depth * MM_PER_M
+def _draw_tumours(axes: Any, verified: PopulationVerification) -> None:
+    performance = verified.judgement
+    detected = performance.probability >= 0.5
+    x, y = performance.diameter * MM_PER_M, performance.depth * MM_PER_M
     axes.scatter(x, y, s=16, facecolors=np.where(detected, "white", "none"), edgecolors="white", linewidths=0.8)

@@ -2,144 +2,183 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 
-from geometry.common.json_types import JsonObject
-from geometry.provenance.block import Provenance
+import tomli_w
+
+from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene_file import scene_to_dict
-from probe_design.design_report.depth_map import compute_depth_map
-from probe_design.design_report.levers import compute_levers
-from probe_design.design_report.pictures import draw_front, draw_levers, draw_maps
-from probe_design.design_report.report import Report, Writer
-from probe_design.design_report.table import build_table, describe_conditions
+from probe_design.design_report.depth_map import DepthMap, compute_depth_map
+from probe_design.design_report.improvements import compute_improvements
+from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
+from probe_design.design_report.report import C_PER_PC, M_PER_MM, PA_PER_KPA, Report, Writer, format_heights
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.population_optimum import PopulationOptimum
+from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import Design
-from probe_design.reporting.page import Chapter, Code, Part, Picture, Text
+from probe_design.populations.population import ScenePopulation
+from probe_design.populations.tables import Observable
+from probe_design.reporting.page import Chapter, Code, Text
 from probe_design.reporting.table import Table
 
-MAPS_FILE, LEVERS_FILE, FRONT_FILE = "maps.png", "levers.png", "pareto.png"
+MAPS_FILE, IMPROVEMENTS_FILE, FRONT_FILE = "maps.png", "levers.png", "pareto.png"
 TOLERANCE_NOTE = (
     "The objective by the closed form over 64 draws of what is built: radii and height to 0.05 mm, gap to 0.02 mm, each modulus "
     "to 10 % or to its material's own tolerance, one standard deviation each."
 )
 LIMITS_NOTE = (
-    "linearity and gap_closure are forces, N: up to the first finite strain changes the ratio by at most 1 %, up to the second "
+    "linearity and gap_closure are forces: up to the first, finite strain changes the ratio by at most 1 %; up to the second, "
     "the gap stays open, for every tumour and tissue of the population, both with a margin of a tenth. They are lower than those "
     "of the one scene below."
 )
+OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
+FORCE_LIMIT_LABELS = {
+    "scene": "load", "force": "force limit", "linearity": "linearity", "indentation": "indentation",
+    "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
+}  # fmt: skip
 
 
-class PopulationReport(Report[PopulationOptimum]):
-    """The report of an optimisation for a design file's population.
+def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> Report:
+    """Return the report of an optimisation for a design file's population, with its Pareto fronts."""
+    design, designs, error_note = optimum.design, optimum.list_columns(), optimum.best.judgement.error_note
+    maximise, search, design_file = design.objective.maximise, optimum.search.how, write_design_file(design)
+    maps = {name: compute_depth_map(design, item.scene, item.pressed.force) for name, item in designs.items()}
+    improvements = compute_improvements(optimum.scene, design)
+    provenance = build_provenance(design.scene, evaluator=optimum.best.evaluator, seed=design.population.seed)
+    pictures: dict[str, tuple[str, Writer]] = {
+        MAPS_FILE: (
+            "probability and standard deviation of ln contrast over depth and diameter",
+            partial(draw_maps, maps, designs),
+        ),
+        IMPROVEMENTS_FILE: (
+            "the objective after each change of the readings",
+            partial(draw_improvements, improvements, maximise),
+        ),
+    }
+    if fronts:
+        pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, maximise)
+    notes = [
+        f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of "
+        "noise; the model error is a bound on what the evaluator's own errors change. Of the recommended design "
+        f"{error_note}. A gain counts only where it is beyond twice its own error, for which the same tumours are read with both "
+        f"probes, under one force for all of them. The search used the closed form: {search}."
+    ]
+    if optimum.why_no_single:
+        notes.append(f"No design for one tumour: {optimum.why_no_single}.")
+    return Report(
+        optimum=optimum,
+        table=build_population_table(optimum, maps),
+        notes=notes,
+        provenance=provenance,
+        cautions=optimum.warnings,
+        shown_scene=optimum.scene,
+        pictures=pictures,
+        texts={"question.toml": format_toml_comment(provenance) + design_file},
+        chapters={
+            "Which tumours are detected and resolved": (MAPS_FILE,),
+            "What would help most": (IMPROVEMENTS_FILE,),
+            "What more would cost": (FRONT_FILE,),
+            "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
+        },
+        limit_notes=(LIMITS_NOTE,),
+        last_chapters=(Chapter("What was asked", (Code(design_file),)),),
+        additions={"levers": [asdict(item) for item in improvements], "pareto": [front.as_dict() for front in fronts]},
+        messages=(f"search: {search}", f"error of the detection: {error_note}"),
+    )
 
-    Parameters
-    ----------
-    optimum
-        The result of the optimisation.
-    fronts
-        The Pareto fronts.
-    """
 
-    def __init__(self, optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> None:
-        super().__init__(optimum)
-        self.fronts = fronts
-        self.maps = {
-            name: compute_depth_map(optimum.design, verified.scene, verified.pressed.force)
-            for name, verified in optimum.list_columns().items()
-        }
-        self.levers = compute_levers(optimum.scene, optimum.design)
+def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Table:
+    """Return the table that compares the verified designs: quantities in rows, designs in columns."""
+    designs, rows = optimum.list_columns(), list[tuple[str, ...]]()
 
-    def build_table(self) -> Table:
-        """See ``Report``."""
-        return build_table(self.optimum, self.maps)
+    def add_row(name: str, format_cell: Callable[[PopulationVerification], str]) -> None:
+        rows.append((name, *(format_cell(verified) for verified in designs.values())))
 
-    @property
-    def pictures(self) -> Mapping[str, tuple[str, Writer]]:
-        """See ``Report``."""
-        maximise = self.optimum.design.objective.maximise
-        pictures: dict[str, tuple[str, Writer]] = {
-            MAPS_FILE: (
-                "probability and standard deviation of ln contrast over depth and diameter",
-                partial(draw_maps, self.maps, self.optimum.list_columns()),
-            ),
-            LEVERS_FILE: ("the objective after each change of the readings", partial(draw_levers, self.levers, maximise)),
-        }
-        front = {FRONT_FILE: ("Pareto fronts", partial(draw_front, self.fronts, maximise))} if self.fronts else {}
-        return pictures | front
+    for observable, label in OBSERVABLE_LABELS.items():
+        star = " *" if observable == optimum.design.protocol.observable else ""
+        add_row(f"detected of 100, {label}{star}", partial(_format_detected, observable=observable))
+    add_row("* sampling, model error", _format_error_split)
+    add_row("* resolved of 100", lambda verified: _format_percent(verified.judgement.resolved, verified.judgement.resolved_error))
+    add_row(
+        "* information, nats",
+        lambda verified: f"{verified.judgement.information:.3f} ± {verified.judgement.information_error:.1g}",
+    )
+    ranges = ScenePopulation.from_scene(optimum.design.scene, optimum.design.population).ranges
+    diameter = max(ranges["diameter"].values)
+    depths = [maps[name].find_deepest(diameter) for name in designs]
+    texts = ("nowhere" if depth is None else f"{depth / M_PER_MM:.3g}" for depth in depths)
+    rows.append((f"{diameter / M_PER_MM:.2g} mm detected (90 %) to, mm", *texts))
+    add_row("force, N", lambda verified: f"{verified.pressed.force:.3g}")
+    add_row("force limited by", lambda verified: FORCE_LIMIT_LABELS[verified.pressed.limited_by])
+    add_row("indentation, mm", lambda verified: f"{verified.pressed.indentation / M_PER_MM:.2g}")
+    add_row("weaker charge, pC", lambda verified: f"{verified.pressed.charge[0] / C_PER_PC:.2g}")
+    add_row("inner radius, mm", lambda verified: f"{verified.scene.probe.inner_radius / M_PER_MM:.4g}")
+    add_row("outer radius, mm", lambda verified: f"{verified.scene.probe.tube_radius / M_PER_MM:.4g}")
+    add_row("gap, mm", lambda verified: f"{verified.scene.probe.gap / M_PER_MM:.4g}")
+    add_row("height, mm", lambda verified: format_heights(verified.scene.probe))
+    add_row("moduli, kPa", _format_moduli)
+    if any(_format_materials(verified) for verified in designs.values()):
+        add_row("materials", lambda verified: _format_materials(verified) or "-")
+    return Table(("quantity", *designs), rows, optimum.title, describe_conditions(optimum))
 
-    @property
-    def texts(self) -> Mapping[str, Callable[[], str]]:
-        """See ``Report``."""
-        comment, design = format_toml_comment(self.provenance), self.optimum.design
-        return {"question.toml": lambda: comment + write_design_file(design)}
 
-    @property
-    def provenance(self) -> Provenance:
-        """See ``Report``."""
-        return self.build_provenance(self.optimum.best.evaluator, self.optimum.design.population.seed)
+def describe_conditions(optimum: PopulationOptimum) -> str:
+    """Describe the conditions for which the numbers hold."""
+    protocol, judgement = optimum.design.protocol, optimum.start.judgement
+    active = [limit.name for limit in optimum.limits if limit.active]
+    against = "a baseline reading" if protocol.blank else "a prediction"
+    return (
+        f"Verified with {judgement.evaluator} on {len(judgement.depth)} tumours that were not used in the search; "
+        f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
+        f"*: by what the probe is designed for, {OBSERVABLE_LABELS[protocol.observable]} ([protocol] stiffness); ± "
+        "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to 0.5; "
+        f"active limits: {', '.join(active) or 'none'}"
+    )
 
-    @property
-    def additions(self) -> JsonObject:
-        """See ``Report``."""
-        return {"levers": [asdict(item) for item in self.levers], "pareto": [item.as_dict() for item in self.fronts]}
 
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """See ``Report``."""
-        note = self.optimum.best.judgement.error_note
-        return f"search: {self.optimum.search.how}", f"error of the detection: {note}"
-
-    @property
-    def limit_notes(self) -> tuple[Text, ...]:
-        """See ``Report``."""
-        return (Text(LIMITS_NOTE),)
-
-    def build_chapters(self, pictures: Mapping[str, tuple[Picture, ...]]) -> Mapping[str, tuple[Part, ...]]:
-        """See ``Report``."""
-        tolerances = Table(("design", "as drawn", "expected", "5 % below", "95 % below"), self._list_tolerances())
-        return {
-            "Which tumours are detected and resolved": pictures[MAPS_FILE],
-            "What would help most": pictures[LEVERS_FILE],
-            "What more would cost": pictures.get(FRONT_FILE, ()),
-            "After the workshop": (Text(TOLERANCE_NOTE), tolerances),
-        }
-
-    def build_last_chapters(self) -> tuple[Chapter, ...]:
-        """See ``Report``."""
-        return (Chapter("What was asked", (Code(write_design_file(self.optimum.design)),)),)
-
-    def list_notes(self) -> Iterator[str]:
-        """See ``Report``."""
-        optimum = self.optimum
-        yield (
-            f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the "
-            "draws of noise; the "
-            "model error is a bound on what the evaluator's own errors change. Of the recommended design "
-            f"{optimum.best.judgement.error_note}. A gain counts only where it is beyond twice its own error, for which the same "
-            f"tumours are read with both probes, under one force for all of them. The search went by formulas: "
-            f"{optimum.search.how}."
+def build_tolerance_table(optimum: PopulationOptimum) -> Table:
+    """Return the table of each design's objective as drawn and as built."""
+    designs = (optimum.start, *optimum.finalists)
+    names = ["start", *(f"design {k + 1}" for k in range(len(optimum.finalists)))]
+    rows = [
+        (
+            f"{name}, recommended" if verified is optimum.best else name,
+            *(f"{value:.3g}" for value in (item.nominal, item.expected, item.low, item.high)),
         )
-        if optimum.why_no_single:
-            yield f"No design for one tumour: {optimum.why_no_single}."
-
-    def _list_tolerances(self) -> list[tuple[str, ...]]:
-        robust = self.optimum.robust
-        names = ["start", *(f"design {k + 1}" for k in range(len(robust)))]
-        designs = (self.optimum.start, *self.optimum.finalists)
-        names[next(k for k, verified in enumerate(designs) if verified is self.optimum.best)] += ", recommended"
-        return [
-            (name, *(f"{value:.3g}" for value in (item.nominal, item.expected, item.low, item.high)))
-            for name, item in zip(names, robust, strict=False)
-        ]
+        for name, verified, item in zip(names, designs, optimum.robust, strict=True)
+    ]
+    return Table(("design", "as drawn", "expected", "5 % below", "95 % below"), rows)
 
 
 def write_design_file(design: Design) -> str:
     """Return the design file with all defaults written out; reading it yields the same design."""
-    import tomli_w
-
     tables = design.model_dump(mode="json", exclude_none=True, exclude={"scene"})
     return tomli_w.dumps(tables | {"scene": scene_to_dict(design.scene)})
+
+
+def _format_detected(verified: PopulationVerification, observable: Observable) -> str:
+    performance = verified.judgement.by_observable[observable]
+    return "-" if performance is None else _format_percent(performance.detection, performance.detection_error)
+
+
+def _format_error_split(verified: PopulationVerification) -> str:
+    error = verified.judgement.errors["detection"]
+    return f"± {100 * error.sampling:.1f}, ± {100 * error.model:.1f}"
+
+
+def _format_percent(value: float, error: float) -> str:
+    return f"{100 * value:.1f} ± {100 * error:.1f}"
+
+
+def _format_moduli(verified: PopulationVerification) -> str:
+    probe = verified.scene.probe
+    return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
+
+
+def _format_materials(verified: PopulationVerification) -> str:
+    """Return the names of the blocks' materials; empty if neither has one."""
+    names = verified.scene.probe.inner.material, verified.scene.probe.outer.material
+    return " / ".join(name or "-" for name in names) if any(names) else ""

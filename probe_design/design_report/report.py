@@ -3,100 +3,90 @@
 from __future__ import annotations
 
 import json
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from geometry.cad.export import export_parts
 from geometry.cad.parts_record import RECORD_NAME, list_part_files
 from geometry.common.json_types import JsonObject
-from geometry.provenance.block import Provenance, build_provenance
+from geometry.provenance.block import Provenance
 from geometry.provenance.texts import format_toml_comment
+from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.workshop.overview import draw_probe
 from probe_design.design_search.optimum import Optimum
+from probe_design.design_search.variables import Limit
 from probe_design.reporting.page import Chapter, Items, Part, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
 from probe_design.reporting.table import Table
 from probe_design.reporting.workshop_command import WORKSHOP_PARTS
 
+M_PER_MM, PA_PER_KPA, C_PER_PC, N_PER_MN = 1e-3, 1e3, 1e-12, 1e-3  # SI values of the units in tables
 WRITING_STAGE = "writing STEP files, pictures and report"
 DRAWING_FILE, DRAWING_CAPTION = "drawing.png", "section and view of the probe"
+LIMIT_UNITS = {  # SI value of the unit and its name, by what a limit limits; all others are lengths
+    "area_ratio": (1.0, ""), "tissue_strain": (1.0, ""), "charge": (C_PER_PC, " pC"),
+    "inner_modulus": (PA_PER_KPA, " kPa"), "outer_modulus": (PA_PER_KPA, " kPa"),
+    "scene": (N_PER_MN, " mN"), "force": (N_PER_MN, " mN"), "linearity": (N_PER_MN, " mN"), "gap_closure": (N_PER_MN, " mN"),
+}  # fmt: skip
 Progress = Callable[[str, int, int], None]
 Writer = Callable[[Path], object]
-Found = TypeVar("Found", bound=Optimum[Any])
 
 
-class Report(ABC, Generic[Found]):
-    """The report of an optimisation; subclasses state what only one kind of question has.
+@dataclass(frozen=True)
+class Report:
+    """The report of an optimisation.
 
-    Parameters
+    Attributes
     ----------
     optimum
         The result of the optimisation.
+    table
+        Comparison of start and optimum.
+    notes
+        Explain the numbers of the comparison.
+    provenance
+        Provenance of the results.
+    cautions
+        Cautions for the reader.
+    shown_scene
+        The scene whose maps and stresses are shown.
+    map_noise
+        Noise of its maps; None leaves maps and stresses out.
+    pictures
+        Pictures other than the drawing by file name: a caption, and a function that draws each.
+    texts
+        Further text files.
+    chapters
+        Chapters between comparison and limits by their titles; a text stands for the picture of that file name.
+    limit_notes
+        Explain the limits, below their table.
+    last_chapters
+        Chapters at the end.
+    additions
+        Further keys of the JSON object.
+    messages
+        Lines for the terminal, below the table.
     """
 
-    def __init__(self, optimum: Found) -> None:
-        self.optimum = optimum
-
-    @abstractmethod
-    def build_table(self) -> Table:
-        """Return the table that compares start and optimum."""
-
-    @abstractmethod
-    def list_notes(self) -> Iterable[str]:
-        """Return notes that explain the numbers of the comparison."""
-
-    @property
-    @abstractmethod
-    def pictures(self) -> Mapping[str, tuple[str, Writer]]:
-        """Pictures other than the drawing by file name: a caption, and a function that draws each."""
-
-    @property
-    @abstractmethod
-    def texts(self) -> Mapping[str, Callable[[], str]]:
-        """Further text files."""
-
-    @property
-    @abstractmethod
-    def provenance(self) -> Provenance:
-        """The provenance of the results."""
-
-    @property
-    def linear_scene(self) -> tuple[Scene, float | None]:
-        """The scene whose maps and stresses are shown, and the noise of its maps; None leaves these out."""
-        return self.optimum.scene, None
-
-    @property
-    def additions(self) -> JsonObject:
-        """Further keys of the JSON object."""
-        return {}
-
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """Lines for the terminal, below the table."""
-        return ()
-
-    def build_chapters(self, pictures: Mapping[str, tuple[Picture, ...]]) -> Mapping[str, tuple[Part, ...]]:
-        """Return the chapters that only this kind has, between comparison and limits."""
-        return {}
-
-    @property
-    def limit_notes(self) -> tuple[Text, ...]:
-        """Notes that explain the limits, below their table."""
-        return ()
-
-    @property
-    def cautions(self) -> tuple[str, ...]:
-        """Cautions for the reader."""
-        return self.optimum.warnings
-
-    def build_last_chapters(self) -> tuple[Chapter, ...]:
-        """Return the chapters that only this kind has, at the end."""
-        return ()
+    optimum: Optimum[Any]
+    table: Table
+    notes: Sequence[str]
+    provenance: Provenance
+    cautions: Sequence[str]
+    shown_scene: Scene
+    map_noise: float | None = None
+    pictures: Mapping[str, tuple[str, Writer]] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
+    chapters: Mapping[str, Sequence[Part | str]] = field(default_factory=dict)
+    limit_notes: Sequence[str] = ()
+    last_chapters: Sequence[Chapter] = ()
+    additions: JsonObject = field(default_factory=dict)
+    messages: Sequence[str] = ()
 
     def build_summary(self, files: Sequence[Path]) -> JsonObject:
         """Return the JSON object of ``probe-design optimize``."""
@@ -119,20 +109,19 @@ class Report(ABC, Generic[Found]):
             The folder cannot be written.
         """
         progress(WRITING_STAGE, 0, 4)
-
         scene = self.optimum.scene
         probe, edge = scene.probe, scene.contact.edge_radius
-        comment, pictures = format_toml_comment(self.provenance), self.pictures
-        texts: dict[str, Callable[[], str]] = {
-            "design.toml": lambda: comment + scene_to_toml(scene),
-            **self.texts,
-            "optimize.json": lambda: json.dumps(self.build_summary(paths), indent=2, allow_nan=False) + "\n",
-        }
-        names = [*list_part_files(probe), RECORD_NAME, DRAWING_FILE, *pictures, *texts, "report.html"]
+        texts = {"design.toml": format_toml_comment(self.provenance) + scene_to_toml(scene), **self.texts}
+        names = [
+            *list_part_files(probe), RECORD_NAME, DRAWING_FILE, *self.pictures, *texts, "optimize.json", "report.html",
+        ]  # fmt: skip
         paths = [folder / name for name in names]
         writers: dict[str, Writer] = {DRAWING_FILE: lambda path: draw_probe(probe, path, edge)}
-        writers |= {name: draw for name, (_, draw) in pictures.items()}
-        writers |= {name: partial(_write_text, text) for name, text in texts.items()}
+        writers |= {name: draw for name, (_, draw) in self.pictures.items()}
+        writers |= {name: partial(Path.write_text, data=text, encoding="utf-8") for name, text in texts.items()}
+        writers["optimize.json"] = lambda path: path.write_text(
+            json.dumps(self.build_summary(paths), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
         writers["report.html"] = lambda path: path.write_text(
             self.build_page(names[:-1], self.build_summary(paths), path.parent), encoding="utf-8"
         )
@@ -154,28 +143,36 @@ class Report(ABC, Generic[Found]):
             Folder of the pictures.
         """
         captions = {DRAWING_FILE: DRAWING_CAPTION} | {name: caption for name, (caption, _) in self.pictures.items()}
-        pictures = {
-            name: (Picture.from_file(folder / name, caption),) if name in files else () for name, caption in captions.items()
-        }
-        limits = [(limit.name, f"{limit.value:.4g}", "yes" if limit.active else "no") for limit in self.optimum.limits]
+        pictures = {name: Picture.from_file(folder / name, caption) for name, caption in captions.items() if name in files}
+
+        def find_parts(parts: Sequence[Part | str]) -> tuple[Part, ...]:
+            """Return the parts with pictures in place of their file names, without those that are not drawn."""
+            shown_parts = (pictures.get(part) if isinstance(part, str) else part for part in parts)
+            return tuple(part for part in shown_parts if part is not None)
+
+        chapters = [Chapter(title, find_parts(parts)) for title, parts in self.chapters.items()]
+        limits = [(limit.name, format_limit(limit), "yes" if limit.active else "no") for limit in self.optimum.limits]
         sections = (
-            Chapter("Start and optimum", (self.build_table(), *map(Text, self.list_notes()))),
-            *(Chapter(title, parts) for title, parts in self.build_chapters(pictures).items() if parts),
-            Chapter("Limits", (Table(("limit", "value, SI", "active"), limits), *self.limit_notes)),
-            Chapter("What to machine", (*pictures[DRAWING_FILE], Items(tuple(files), links=True), *WORKSHOP_PARTS)),
-            *iterate_scene_sections(*self.linear_scene),
-            Chapter("What to keep in mind", (Items(self.cautions or ("nothing",)),)),
+            Chapter("Start and optimum", (self.table, *map(Text, self.notes))),
+            *(chapter for chapter in chapters if chapter.parts),
+            Chapter("Limits", (Table(("limit", "value", "active"), limits), *map(Text, self.limit_notes))),
+            Chapter("What to machine", (*find_parts((DRAWING_FILE,)), Items(tuple(files), links=True), *WORKSHOP_PARTS)),
+            *iterate_scene_sections(self.shown_scene, self.map_noise),
+            Chapter("What to keep in mind", (Items(tuple(self.cautions) or ("nothing",)),)),
             build_scene_section(self.optimum.scene, "The scene of the design"),
-            *self.build_last_chapters(),
+            *self.last_chapters,
         )
         verdict, improved = self.optimum.verdict, self.optimum.winner is not None
         headline = f"{verdict[0].upper()}{verdict[1:]}."
         return build_page(title="Probe design", headline=headline, sections=sections, answer=summary, is_positive=improved)
 
-    def build_provenance(self, evaluator: str, seed: int | None = None) -> Provenance:
-        """Return the provenance of results by an evaluator for the question's scene."""
-        return build_provenance(self.optimum.design.scene, evaluator=evaluator, seed=seed)
+
+def format_limit(limit: Limit) -> str:
+    """Return the value of a limit in the unit that a person would use: mm, kPa, mN or pC."""
+    size, unit = LIMIT_UNITS.get(limit.name.rpartition(" ")[2], (M_PER_MM, " mm"))
+    return f"{limit.value / size:.4g}{unit}"
 
 
-def _write_text(text: Callable[[], str], path: Path) -> None:
-    path.write_text(text(), encoding="utf-8")
+def format_heights(probe: Probe) -> str:
+    """Return the height of both blocks in mm, or that of each where they differ."""
+    return " / ".join(f"{height / M_PER_MM:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height)))

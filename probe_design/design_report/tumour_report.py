@@ -1,80 +1,169 @@
-"""Build the report of an optimisation for one tumour read once."""
+"""Build the report of an optimisation for one tumour read once: designs side by side with their limits, all verified designs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable
+from functools import partial
 
-from geometry.provenance.block import Provenance
-from geometry.scenes.scene import Scene
-from probe_design.design_report.report import Report, Writer
-from probe_design.design_report.tumour_table import build_comparison_table, build_verified_table, describe_noise
+from geometry.provenance.block import build_provenance
+from probe_design.design_report.report import M_PER_MM, PA_PER_KPA, Report, format_heights
 from probe_design.design_search.tumour_optimum import TumourOptimum
+from probe_design.design_search.tumour_verification import TumourVerification
+from probe_design.design_search.variables import Limit
 from probe_design.reporting.page import Chapter
 from probe_design.reporting.scene_sections import build_scene_section
-from probe_design.reporting.table import Table
+from probe_design.reporting.table import Table, format_number
+
+Cells = list[tuple[str, str]]  # quantity, value
+LIMITED_QUANTITIES = {
+    "inner radius, mm": "inner_radius", "A2/A1": "area_ratio", "outer radius, mm": "outer_radius", "wall, mm": "wall",
+    "gap, mm": "gap", "height, mm": "height", "inner modulus, kPa": "inner_modulus", "outer modulus, kPa": "outer_modulus",
+}  # fmt: skip
+LOADED_NOTE = (
+    "The scene's load is larger than linear elasticity allows: contact verified the designs under the best of all loads up to "
+    "it, as far as half an outer radius deep, with nine tenths of the load that closes the gap at most; then a gain counts beyond "
+    "twice its error. Maps, sensitivities and stresses below are those of the largest load that linear elasticity allows."
+)
+SCALE_NOTE = (
+    "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it cannot be "
+    "determined from one reading, however good the design (a tumour a hundred times stiffer than its tissue hardly reads "
+    "differently from a rigid one)."
+)
 
 
-class TumourReport(Report[TumourOptimum]):
-    """The report of an optimisation for the target of a scene."""
+def build_tumour_report(optimum: TumourOptimum) -> Report:
+    """Return the report of an optimisation for the target of a scene."""
+    best, scene, all_designs = optimum.best, optimum.design.scene, build_verified_table(optimum)
+    loaded = any(design.linear is not None for design in (best, optimum.start))
+    return Report(
+        optimum=optimum,
+        table=build_comparison_table(optimum),
+        notes=(_explain_verification(optimum), *([LOADED_NOTE] if loaded else []), SCALE_NOTE),
+        provenance=build_provenance(scene, evaluator=optimum.linear_evaluator),
+        cautions=(*optimum.warnings, *map(str, best.result.warnings)),
+        shown_scene=(best.linear or best).loaded_scene,
+        map_noise=optimum.noise.ratio,
+        texts={"candidates.csv": all_designs.to_csv()},
+        last_chapters=(Chapter("All verified designs", (all_designs,)), build_scene_section(scene, "What was asked")),
+    )
 
-    def build_table(self) -> Table:
-        """See ``Report``."""
-        return build_comparison_table(self.optimum)
 
-    @property
-    def pictures(self) -> Mapping[str, tuple[str, Writer]]:
-        """See ``Report``."""
-        return {}
+def _explain_verification(optimum: TumourOptimum) -> str:
+    return (
+        f"Standard deviations hold for {describe_noise(optimum)}. A star marks a limit that the design lies on. The search "
+        f"used the closed form; {optimum.linear_evaluator} verified. A gain counts only where it is beyond the errors of "
+        f"both designs: those of the log-sensitivity and the ratio by {optimum.linear_evaluator}, and what finite strain "
+        "changes of both at the force. The force is the smallest of three: that of the scene's load on each design, the force at "
+        "which finite strain changes the ratio by 1 %, and 1/20 of the force that closes the gap in linear elasticity; "
+        "design.toml has it as its load. Lengths are rounded to 0.01 mm and moduli to three digits before they are verified: "
+        "this table is the probe as it is drawn."
+    )
 
-    @property
-    def texts(self) -> Mapping[str, Callable[[], str]]:
-        """See ``Report``."""
-        return {"candidates.csv": lambda: build_verified_table(self.optimum).to_csv()}
 
-    @property
-    def provenance(self) -> Provenance:
-        """See ``Report``."""
-        return self.build_provenance(self.optimum.linear_evaluator)
+def build_comparison_table(optimum: TumourOptimum) -> Table:
+    """Return the table that compares start and other designs, the recommended one last, with the limits of the quantities."""
+    designs, limits = list(optimum.list_columns().values()), optimum.search_space.space.list_limits(optimum.best.scene)
+    linear, others = optimum.linear_evaluator, [name for name in optimum.evaluators if name != optimum.linear_evaluator]
 
-    @property
-    def linear_scene(self) -> tuple[Scene, float | None]:
-        """See ``Report``."""
-        best = self.optimum.best
-        return (best.linear or best).loaded_scene, self.optimum.noise.ratio
-
-    @property
-    def cautions(self) -> tuple[str, ...]:
-        """See ``Report``."""
-        return (*self.optimum.warnings, *map(str, self.optimum.best.result.warnings))
-
-    def build_last_chapters(self) -> tuple[Chapter, ...]:
-        """See ``Report``."""
-        return (
-            Chapter("All verified designs", (build_verified_table(self.optimum),)),
-            build_scene_section(self.optimum.design.scene, "What was asked"),
-        )
-
-    def list_notes(self) -> Iterator[str]:
-        """See ``Report``."""
-        optimum = self.optimum
-        yield (
-            f"Standard deviations hold for {describe_noise(optimum)}. A star marks a limit that the design lies on. The search "
-            f"used the closed form; {optimum.linear_evaluator} verified. A gain counts only where it is beyond the errors of "
-            f"both designs: those of the log-sensitivity and the ratio by {optimum.linear_evaluator}, and what finite strain "
-            "changes of both at the force. That is the least of what the scene's load gives on each design, the force at which "
-            "finite strain changes the ratio by 1 %, and 1/20 of the force that closes the gap in linear elasticity; design.toml "
-            "has it as its load. Lengths are rounded to 0.01 mm and moduli to three digits before they are verified: this table "
-            "is the probe as it is drawn."
-        )
-        if any(design.linear is not None for design in (optimum.best, optimum.start)):
-            yield (
-                "The scene's load is more than linear elasticity answers for: contact verified the designs under the best of all "
-                "loads up to it, as far as half an outer radius deep, with nine tenths of the load that closes the gap at most; "
-                "then a gain counts beyond twice its error. Maps, sensitivities and stresses below are those of the largest load "
-                "that linear elasticity answers for."
+    def build_rows(list_cells: Callable[[TumourVerification], Cells], suffix: str = "") -> list[tuple[str, ...]]:
+        columns = [list_cells(design) for design in designs]
+        return [
+            (
+                f"{cells[0][0]}{suffix}",
+                *(text for _, text in cells),
+                _format_limits(limits, LIMITED_QUANTITIES.get(cells[0][0], "")),
             )
-        yield (
-            "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it "
-            "cannot be determined from one reading, however good the design (a tumour a hundred times stiffer than its tissue "
-            "hardly feels different from a rigid one)."
-        )
+            for cells in zip(*columns, strict=True)
+        ]
+
+    rows = build_rows(_list_design_cells) + build_rows(_list_load_cells)
+    for name in ("closed-form", linear, *others):
+        rows += build_rows(partial(_list_evaluator_cells, evaluator_name=name), f" by {name}")
+    rows += build_rows(_list_gain_cells) if any(design.linear is not None for design in designs) else []
+    caption = f"{describe_noise(optimum)}; *: the limit is active"
+    return Table(("quantity", *optimum.list_columns(), "limits"), rows, optimum.title, caption)
+
+
+def describe_noise(optimum: TumourOptimum) -> str:
+    """Return the noise for which the standard deviations hold, in words."""
+    noise = optimum.noise
+    return f"noise {noise.ratio:g} on the ratio, {noise.charge * 1e12:g} pC on each channel's charge"
+
+
+def build_verified_table(optimum: TumourOptimum) -> Table:
+    """Return all verified designs, best first, with units in the headings."""
+    names = [name for name, _ in (*_list_design_cells(optimum.start), *_list_load_cells(optimum.start))]
+    numbers = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
+    rows = list[tuple[str, ...]]()
+    for name, item in [("start", optimum.start), *((f"{k + 1}", item) for k, item in enumerate(optimum.finalists))]:
+        result, objectives = item.result, (item.formula_value, item.value, item.lower, item.upper)
+        values = (*objectives, result.ratio, result.log_sensitivity, result.error_estimate)
+        cells = [text for _, text in (*_list_design_cells(item), *_list_load_cells(item))]
+        rows.append((name, *cells, item.evaluator, *(f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values)))
+    return Table(("design", *names, "evaluator", *numbers), rows)
+
+
+def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:
+    """Return the limits of a variable, an active one with a star: ``0.1* to 0.5``."""
+    shown = {}
+    for limit in limits:
+        kind, _, limited_variable = limit.name.partition(" ")
+        if limited_variable == variable:
+            unit = PA_PER_KPA if "modulus" in limited_variable else 1.0 if limited_variable == "area_ratio" else M_PER_MM
+            shown[kind] = f"{limit.value / unit:.4g}{'*' * limit.active}"
+    if len(shown) == 2:
+        return f"{shown['least']} to {shown['largest']}"
+    return "".join(f"{'from' if kind == 'least' else 'up to'} {text}" for kind, text in shown.items())
+
+
+def _list_design_cells(verified: TumourVerification) -> Cells:
+    probe = verified.scene.probe
+    return [
+        ("inner radius, mm", f"{probe.inner_radius / M_PER_MM:.4g}"),
+        ("A2/A1", f"{probe.inner_area / probe.outer_area:.4g}"),
+        ("outer radius, mm", f"{probe.tube_radius / M_PER_MM:.4g}"),
+        ("wall, mm", f"{(probe.tube_radius - probe.hole_radius) / M_PER_MM:.4g}"),
+        ("gap, mm", f"{probe.gap / M_PER_MM:.4g}"),
+        ("height, mm", format_heights(probe)),
+        ("inner modulus, kPa", f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g}"),
+        ("outer modulus, kPa", f"{probe.outer.youngs_modulus / PA_PER_KPA:.4g}"),
+    ]
+
+
+def _list_load_cells(verified: TumourVerification) -> Cells:
+    force, limited_by = verified.force
+    depth = force / verified.result.stiffness if verified.result.stiffness else math.nan
+    return [("force, N", f"{force:.3g}"), ("indentation, mm", f"{depth / M_PER_MM:.3g}"), ("force limited by", limited_by)]
+
+
+def _list_gain_cells(verified: TumourVerification) -> Cells:
+    """Return rows on the gain of a load beyond the linear range."""
+    linear, names = verified.linear_design, ("largest linear load, N", "gain of more load, %", "its error, %")
+    if linear is None:
+        return [(name, "-") for name in names]
+    gain, error = verified.compute_gain(linear)
+    shown = (f"{linear.pressing.force:.3g}", f"{100 * gain:.3g}", format_number(100 * error))
+    return list(zip(names, shown, strict=True))
+
+
+def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> Cells:
+    """Return an evaluator's results of a design; a linear evaluator's are under the largest linear load."""
+    linear = verified.linear or verified
+    if evaluator_name == "closed-form":
+        sensitivity = linear.formula_result.log_sensitivity if linear.formula_result else None
+        return [
+            ("log-sensitivity", format_number(sensitivity)),
+            ("sd of ln E_object", format_number(linear.formula_value)),
+        ]
+    evaluated = next((item for item in (verified, linear) if item.evaluator == evaluator_name), None)
+    shown, result = evaluated or verified, (evaluated or verified).result
+    rows = [
+        ("ratio", result.ratio),
+        ("error estimate", result.error_estimate),
+        ("log-sensitivity", result.log_sensitivity),
+        ("sd of ln E_object", shown.value),
+        ("least sd", shown.lower),
+        ("most sd", shown.upper),
+    ]
+    return [(name, format_number(value if evaluated else None)) for name, value in rows]

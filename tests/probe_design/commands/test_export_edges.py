@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
 from geometry.workshop.tolerance import NO_BUDGET
 from probe_design.commands.main import cli
-from probe_design.design_report.tumour_report import TumourReport
+from probe_design.design_report.report import Report
+from probe_design.reporting.table import Table
 from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
 from tests.support.paths import SCENE
 
@@ -63,6 +65,7 @@ def test_export(tmp_path: Path, scene: Scene, handed: Handed) -> None:
 
 
 def test_optimize(tmp_path: Path, scene: Scene, handed: Handed) -> None:
-    optimum: Any = SimpleNamespace(scene=scene, design=SimpleNamespace(scene=scene), linear_evaluator="axisymmetric")
-    TumourReport(optimum).write(tmp_path, lambda *_: None)
+    optimum: Any = SimpleNamespace(scene=scene)
+    report = Report(optimum, Table((), ()), (), build_provenance(scene), (), scene)
+    report.write(tmp_path, lambda *_: None)
     assert handed == [("parts", EDGE), ("drawing", EDGE)]

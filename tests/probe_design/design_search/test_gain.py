@@ -10,8 +10,7 @@ import pytest
 
 from geometry import Load, Refusal, Scene, read_scene
 from geometry.scenes.probe import Probe
-from probe_design.design_report.tumour_report import TumourReport
-from probe_design.design_report.tumour_table import build_comparison_table
+from probe_design.design_report.tumour_report import build_comparison_table, build_tumour_report
 from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.tumour_optimum import TumourOptimum
@@ -140,7 +139,7 @@ def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywher
     radii = next(row for row in table.rows if row[0] == "outer radius, mm")
     assert radii[1:3] == (f"{1e3 * room.outer_radius:.4g}", f"{1e3 * start.scene.probe.tube_radius:.4g}")
     assert not next(limit.active for limit in optimum.limits if limit.name == "outer_radius")
-    report = TumourReport(optimum)
+    report = build_tumour_report(optimum)
     answer = report.build_summary(())
     assert answer["recommended"] == "start"
     assert answer["design"]["probe"]["inner_radius"] == f"{1e3 * start.scene.probe.inner_radius:.12g} mm"

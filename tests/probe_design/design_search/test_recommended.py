@@ -9,7 +9,7 @@ import pytest
 
 from geometry.scenes.scene import Scene
 from probe_design.design_report.depth_map import DepthMap
-from probe_design.design_report.table import describe_conditions, list_rows
+from probe_design.design_report.population_report import build_population_table, describe_conditions
 from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.design_search.loads import PressedDesign
@@ -76,7 +76,7 @@ def test_with_a_verified_gain_everything_is_of_the_design_found(judgement: Judge
 
 def test_three_lines_and_both_errors_are_in_every_table(judgement: Judgement) -> None:
     best = optimum(judgement, 0.5)
-    table = {row[0]: row[1:] for row in list_rows(best, dict.fromkeys(best.list_columns(), NOWHERE))}
+    table = {row[0]: row[1:] for row in build_population_table(best, dict.fromkeys(best.list_columns(), NOWHERE)).rows}
     assert {"detected of 100, ratio alone *", "detected of 100, stiffness alone", "detected of 100, both"} <= table.keys()
     assert table["* sampling, model error"] == ("± 1.0, ± 5.0", "± 1.0, ± 5.0")
     assert "*: by what the probe is designed for, ratio alone" in describe_conditions(best)

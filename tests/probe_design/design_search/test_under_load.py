@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from geometry import Load, Scene
-from probe_design.design_report.tumour_table import build_comparison_table
+from probe_design.design_report.tumour_report import build_comparison_table
 from probe_design.design_search.contact_verification import needs_contact, optimize_load
 from probe_design.design_search.optimize import optimize
 from probe_design.design_search.tumour_objective import Noise

@@ -1,4 +1,4 @@
-"""Levers, and their picture."""
+"""What would help most: single improvements of the readings, and their picture."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from geometry.common.errors import InputError
-from probe_design.design_report.levers import Lever, compute_levers
-from probe_design.design_report.pictures import draw_levers
+from probe_design.design_report.improvements import Improvement, compute_improvements
+from probe_design.design_report.pictures import draw_improvements
 from probe_design.populations.design_file import Design
 from tests.support.designs import SUPERFICIAL, example_design
 
@@ -24,23 +24,23 @@ def small(**protocol: object) -> Design:
 @pytest.mark.slow
 def test_every_lever_helps_and_is_named() -> None:
     design = small(stiffness=False, blank=False)
-    levers_found = compute_levers(design.scene, design)
+    improvements = compute_improvements(design.scene, design)
     names = ["as it is", "white halved", "gain halved", "charge halved", "stiffness read", "blank read", "3 positions"]
-    assert [lever.name for lever in levers_found] == names
-    assert levers_found[0].gain == 0.0
-    for lever in levers_found[1:]:
-        if lever.name != "blank read":  # which takes gains away and doubles white noise
-            assert lever.gain > -2 * lever.error, lever
+    assert [item.name for item in improvements] == names
+    assert improvements[0].gain == 0.0
+    for item in improvements[1:]:
+        if item.name != "blank read":  # which takes gains away and doubles white noise
+            assert item.gain > -2 * item.error, item
 
 
 @pytest.mark.slow
 def test_gains_that_cancel_are_no_lever() -> None:
     design = small(stiffness=False)
-    assert not any("gain" in lever.name for lever in compute_levers(design.scene, design))
+    assert not any("gain" in item.name for item in compute_improvements(design.scene, design))
 
 
 def test_their_picture_is_written(tmp_path: Path) -> None:
-    bars = [Lever("as it is", 0.4, 0.0, 0.0), Lever("white halved", 0.5, 0.1, 0.02)]
-    assert draw_levers(bars, "probability to be found", tmp_path / "levers.png").read_bytes().startswith(PNG)
+    bars = [Improvement("as it is", 0.4, 0.0, 0.0), Improvement("white halved", 0.5, 0.1, 0.02)]
+    assert draw_improvements(bars, "probability to be found", tmp_path / "levers.png").read_bytes().startswith(PNG)
     with pytest.raises(InputError, match="a file name that ends in"):
-        draw_levers(bars, "P", tmp_path / "levers.txt")
+        draw_improvements(bars, "P", tmp_path / "levers.txt")

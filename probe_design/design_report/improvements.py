@@ -10,7 +10,6 @@ import numpy as np
 
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
-from probe_design.populations.examination import Examination
 from probe_design.populations.judge import examine
 from probe_design.populations.judgement import Judgement
 from probe_design.populations.tables import MAX_POSITIONS
@@ -19,7 +18,7 @@ NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "t
 
 
 @dataclass(frozen=True)
-class Lever:
+class Improvement:
     """A single improvement of the readings.
 
     Attributes
@@ -38,7 +37,7 @@ class Lever:
     error: float
 
 
-def compute_levers(scene: Scene, design: Design) -> tuple[Lever, ...]:
+def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...]:
     """Compute by the closed form the gain of each single improvement of a probe's readings; the first changes nothing.
 
     Parameters
@@ -53,32 +52,21 @@ def compute_levers(scene: Scene, design: Design) -> tuple[Lever, ...]:
     InputError, Refusal
         See ``judge.examine``.
     """
-    changes = list(_iterate_changes(design))
-    whole = _merge_positions(design, [changed for _, changed in changes])
-    scan = examine(scene, whole)
-    start = _select_positions(scan, whole, design).evaluate(design)
-    results = [Lever("as it is", _get_objective(start, design), 0.0, 0.0)]
-    for name, changed in changes:
-        better = _select_positions(scan, whole, changed).evaluate(changed)
-        results.append(Lever(name, _get_objective(better, design), *better.compute_gain(start, design.objective)))
+    changes = dict(_iterate_changes(design))
+    positions = max((changed.protocol.positions for changed in (design, *changes.values())), key=len)  # contain all others
+    widest = _replace_table(design, "protocol", positions=positions)
+    scan, maximise = examine(scene, widest), design.objective.maximise
+
+    def evaluate(changed: Design) -> Judgement:
+        distances = np.abs(changed.protocol.places[:, None] - widest.protocol.places)
+        return scan.select(distances.argmin(axis=1), "both").evaluate(changed)
+
+    start = evaluate(design)
+    results = [Improvement("as it is", start.means[maximise], 0.0, 0.0)]
+    for name, changed in changes.items():
+        better = evaluate(changed)
+        results.append(Improvement(name, better.means[maximise], *better.compute_gain(start, design.objective)))
     return tuple(results)
-
-
-def _merge_positions(design: Design, designs: list[Design]) -> Design:
-    """Return the design with the positions of all designs, so that the closed form computes all of them at once."""
-    return _replace_table(
-        design, "protocol", positions=max((candidate.protocol.positions for candidate in (design, *designs)), key=len)
-    )
-
-
-def _select_positions(scan: Examination, whole: Design, design: Design) -> Examination:
-    """Return the part of a scan that is read at the positions of a design's protocol."""
-    distances = np.abs(design.protocol.places[:, None] - whole.protocol.places)
-    return scan.select(distances.argmin(axis=1), "both")
-
-
-def _get_objective(judgement: Judgement, design: Design) -> float:
-    return float(getattr(judgement, design.objective.maximise))
 
 
 def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
