@@ -19,10 +19,10 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load, Scene
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import verify
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
+from tests.support.designs import verify
 
 OPTIMUM = {"probe.inner_radius": 6.26e-3, "probe.outer_radius": 8.37e-3, "probe.gap": 0.5e-3, "probe.height": 1.25e-3}
 ACCURACY, SCANS, BLANKS = 1e-3, 400, 40_000
@@ -87,9 +87,9 @@ def main() -> None:
     print("| tumours | detection | sampling error | model error | both |\n|---|---|---|---|---|")
     for samples in given.samples:
         verification = verify(scene, design, samples=samples)
-        error = verification.errors["detection"]
+        detection, error = verification.means["detection"], verification.errors["detection"]
         print(
-            f"| {samples} | {verification.detection:.3f} | {error.sampling:.4f} | {error.model:.4f} | {error.total:.4f} |",
+            f"| {samples} | {detection:.3f} | {error.sampling:.4f} | {error.model:.4f} | {error.total:.4f} |",
             flush=True,
         )
     truth, spread = monte_carlo(scene, design, given.tumours)

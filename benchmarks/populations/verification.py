@@ -2,7 +2,7 @@
 
     python -m benchmarks.populations.verification [--scans 10000] [--tumours 64] [--only deep] [--pictures FOLDER]
 
-Each simulated scan draws a tumour of the judge's, the errors of every reading, both gains of the scan and a blank.
+Each simulated scan draws a tumour of the verification's, the errors of every reading, both gains of the scan and a blank.
 
 Duration: minutes.
 """
@@ -21,8 +21,7 @@ from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_improvements
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
-from probe_design.populations.examination import Examination
-from probe_design.populations.judge import examine, score
+from probe_design.populations.examination import Examination, examine
 from probe_design.populations.noise import build_difference_noise, compute_film_charges
 
 
@@ -61,19 +60,22 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--only", choices=sorted(CASES))
     given = parser.parse_args()
-    print("population | scored, s | judged, s (processor) | P formulas | P judged | simulated | alarms | resolved | information")
+    print(
+        "population | closed form, s | verified, s (processor) | P closed form | P verified | simulated | alarms | resolved | information"
+    )
     for name in [given.only] if given.only else CASES:
         design = case(name)
-        formulas, start, spent = score(design.scene, design), perf_counter(), process_time()
+        begin = perf_counter()
+        formulas, start, spent = examine(design.scene, design).evaluate(design), perf_counter(), process_time()
         scan = examine(design.scene, design, samples=given.tumours, unseen=True)
-        judgement = scan.evaluate(design)
+        performance = scan.evaluate(design)
         took, spent = perf_counter() - start, process_time() - spent
         simulation, alarms = compute_detection_rates(scan, design, given.scans)
+        means, errors = performance.means, performance.errors
+        stated = {kind: f"{mean:.3f} +- {errors[kind].total:.3f}" for kind, mean in means.items()}
         print(
-            f"{name} | {formulas.seconds:.1f} | {took:.1f} ({spent:.1f}) | {formulas.detection:.3f} | "
-            f"{judgement.detection:.3f} +- {judgement.detection_error:.3f} | {simulation:.3f} | {alarms:.3f} | "
-            f"{judgement.resolved:.2f} +- {judgement.resolved_error:.2f} | "
-            f"{judgement.information:.3f} +- {judgement.information_error:.3f}",
+            f"{name} | {start - begin:.1f} | {took:.1f} ({spent:.1f}) | {formulas.means['detection']:.3f} | "
+            f"{stated['detection']} | {simulation:.3f} | {alarms:.3f} | {stated['resolved']} | {stated['information']}",
             flush=True,
         )
         if given.pictures is not None:

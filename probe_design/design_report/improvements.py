@@ -10,8 +10,8 @@ import numpy as np
 
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import examine
-from probe_design.populations.judgement import Judgement
+from probe_design.populations.examination import examine
+from probe_design.populations.performance import Performance
 from probe_design.populations.tables import MAX_POSITIONS
 
 NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
@@ -50,14 +50,14 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
     Raises
     ------
     InputError, Refusal
-        See ``judge.examine``.
+        See ``examination.examine``.
     """
     changes = dict(_iterate_changes(design))
     positions = max((changed.protocol.positions for changed in (design, *changes.values())), key=len)  # contain all others
     widest = _replace_table(design, "protocol", positions=positions)
     scan, maximise = examine(scene, widest), design.objective.maximise
 
-    def evaluate(changed: Design) -> Judgement:
+    def evaluate(changed: Design) -> Performance:
         distances = np.abs(changed.protocol.places[:, None] - widest.protocol.places)
         return scan.select(distances.argmin(axis=1), "both").evaluate(changed)
 

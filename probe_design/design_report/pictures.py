@@ -58,7 +58,7 @@ def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
     for plot, front in zip(axes[0], fronts, strict=True):
         values = [point.value for point in front.points]
         plot.plot(front.costs, values, "-", color=CLOSED_FORM_COLOUR, label="by the closed form")
-        verified = [(cost, *point.judged) for cost, point in zip(front.costs, front.points, strict=True) if point.judged]
+        verified = [(cost, *point.verified) for cost, point in zip(front.costs, front.points, strict=True) if point.verified]
         if verified:
             plot.errorbar(*zip(*verified, strict=True), fmt="o", color=VERIFIED_COLOUR, capsize=3, label="verified, one error")
         plot.set_xlabel(front.label)
@@ -129,7 +129,7 @@ def _format_axis(axis: Any) -> None:
 
 
 def _draw_tumours(axes: Any, verified: PopulationVerification) -> None:
-    performance = verified.judgement
-    detected = performance.probability >= 0.5
-    x, y = performance.diameter * MM_PER_M, performance.depth * MM_PER_M
+    performance = verified.performance
+    detected = performance.values["detection"] >= 0.5
+    x, y = performance.draw.diameter * MM_PER_M, performance.draw.depth * MM_PER_M
     axes.scatter(x, y, s=16, facecolors=np.where(detected, "white", "none"), edgecolors="white", linewidths=0.8)

@@ -43,7 +43,7 @@ FORCE_LIMIT_LABELS = {
 
 def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> Report:
     """Return the report of an optimisation for a design file's population, with its Pareto fronts."""
-    design, designs, error_note = optimum.design, optimum.list_columns(), optimum.best.judgement.error_note
+    design, designs, error_note = optimum.design, optimum.list_columns(), optimum.best.performance.error_note
     maximise, search, design_file = design.objective.maximise, optimum.search.how, write_design_file(design)
     maps = {name: compute_depth_map(design, item.scene, item.pressed.force) for name, item in designs.items()}
     improvements = compute_improvements(optimum.scene, design)
@@ -101,10 +101,15 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
         star = " *" if observable == optimum.design.protocol.observable else ""
         add_row(f"detected of 100, {label}{star}", partial(_format_detected, observable=observable))
     add_row("* sampling, model error", _format_error_split)
-    add_row("* resolved of 100", lambda verified: _format_percent(verified.judgement.resolved, verified.judgement.resolved_error))
+    add_row(
+        "* resolved of 100",
+        lambda verified: _format_percent(verified.performance.means["resolved"], verified.performance.errors["resolved"].total),
+    )
     add_row(
         "* information, nats",
-        lambda verified: f"{verified.judgement.information:.3f} ± {verified.judgement.information_error:.1g}",
+        lambda verified: (
+            f"{verified.performance.means['information']:.3f} ± {verified.performance.errors['information'].total:.1g}"
+        ),
     )
     ranges = ScenePopulation.from_scene(optimum.design.scene, optimum.design.population).ranges
     diameter = max(ranges["diameter"].values)
@@ -127,15 +132,15 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
 
 def describe_conditions(optimum: PopulationOptimum) -> str:
     """Describe the conditions for which the numbers hold."""
-    protocol, judgement = optimum.design.protocol, optimum.start.judgement
+    protocol, performance = optimum.design.protocol, optimum.start.performance
     active = [limit.name for limit in optimum.limits if limit.active]
     against = "a baseline reading" if protocol.blank else "a prediction"
     return (
-        f"Verified with {judgement.evaluator} on {len(judgement.depth)} tumours that were not used in the search; "
+        f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
         f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
         f"*: by what the probe is designed for, {OBSERVABLE_LABELS[protocol.observable]} ([protocol] stiffness); ± "
-        "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to 0.5; "
-        f"active limits: {', '.join(active) or 'none'}"
+        "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to "
+        f"0.5; active limits: {', '.join(active) or 'none'}"
     )
 
 
@@ -160,12 +165,12 @@ def write_design_file(design: Design) -> str:
 
 
 def _format_detected(verified: PopulationVerification, observable: Observable) -> str:
-    performance = verified.judgement.by_observable[observable]
-    return "-" if performance is None else _format_percent(performance.detection, performance.detection_error)
+    performance = verified.performance.by_observable[observable]
+    return "-" if performance is None else _format_percent(performance.means["detection"], performance.errors["detection"].total)
 
 
 def _format_error_split(verified: PopulationVerification) -> str:
-    error = verified.judgement.errors["detection"]
+    error = verified.performance.errors["detection"]
     return f"± {100 * error.sampling:.1f}, ± {100 * error.model:.1f}"
 
 

@@ -22,8 +22,8 @@ LIMITED_QUANTITIES = {
 }  # fmt: skip
 LOADED_NOTE = (
     "The scene's load is larger than linear elasticity allows: contact verified the designs under the best of all loads up to "
-    "it, as far as half an outer radius deep, with nine tenths of the load that closes the gap at most; then a gain counts beyond "
-    "twice its error. Maps, sensitivities and stresses below are those of the largest load that linear elasticity allows."
+    "it, as far as half an outer radius deep, with nine tenths of the load that closes the gap at most; then a gain counts "
+    "beyond twice its error. Maps, sensitivities and stresses below are those of the largest load that linear elasticity allows."
 )
 SCALE_NOTE = (
     "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it cannot be "

@@ -31,9 +31,9 @@ MIN_RADIUS_FRACTION = 0.5  # of the limit: smallest radius of a front
 class Point:
     """The best design at one cost: the cost in SI, the objective by the closed form and, for some, verified with its error."""
 
-    at: float
+    cost: float
     value: float
-    judged: tuple[float, float] | None = None
+    verified: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,12 @@ class Front:
     @property
     def costs(self) -> list[float]:
         """The costs in the label's unit."""
-        return [point.at * (1e3 if self.against == "outer_radius" else 1.0) for point in self.points]
+        return [point.cost * (1e3 if self.against == "outer_radius" else 1.0) for point in self.points]
 
     def as_dict(self) -> JsonObject:
         """Return the points as a JSON object."""
-        return {"against": self.against, "points": [vars(point) for point in self.points]}
+        points = [{"at": point.cost, "value": point.value, "judged": point.verified} for point in self.points]
+        return {"against": self.against, "points": points}
 
 
 def compute_front(design: Design, against: str, progress: Progress) -> Front:
@@ -82,7 +83,7 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
         if k in (0, len(designs) - 1):
             scene = study.search_space.build_scene(best.design, best.combination)
             with suppress(Refusal):
-                points[-1] = points[-1] if scene is None else replace(points[-1], judged=study.verify(scene, _ignore).objective)
+                points[-1] = points[-1] if scene is None else replace(points[-1], verified=study.verify(scene, _ignore).objective)
     progress(len(designs), len(designs))
     return Front(against, tuple(points))
 

@@ -11,7 +11,7 @@ from probe_design.design_search.optimum import NO_GAIN, Optimum
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE, Limit
 from probe_design.design_search.verification import GAIN_SIGNIFICANCE, PopulationVerification
 from probe_design.design_search.workshop import Robustness
-from probe_design.populations.judgement import Judgement
+from probe_design.populations.performance import Performance
 from probe_design.populations.tables import DesignLimits
 
 LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force due to linear elasticity
@@ -58,9 +58,10 @@ class PopulationOptimum(Optimum[PopulationVerification]):
     @property
     def warnings(self) -> tuple[str, ...]:
         """See ``Optimum``."""
-        texts = [*self.start.judgement.warnings, *self.best.judgement.warnings, *self.warn_wide_start()]
+        texts = [note for item in (self.start, self.best) if (note := item.performance.draw.note)]
+        texts += self.warn_wide_start()
         texts += self._warn_unused_force()
-        if (warning := explain_low_detection(self.best.judgement)) is not None:
+        if (warning := explain_low_detection(self.best.performance)) is not None:
             texts.append(warning)
         texts += self._warn_missing_channels()
         if self.why_no_single:
@@ -69,7 +70,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
 
     def _warn_missing_channels(self) -> Iterator[str]:
         """Yield a warning that names the channels without results because their noise is too small."""
-        missing = [name for name, judgement in self.best.judgement.by_observable.items() if judgement is None]
+        missing = [name for name, performance in self.best.performance.by_observable.items() if performance is None]
         if missing:
             named = " and ".join(missing)
             yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"
@@ -81,7 +82,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
         if pressed.limited_by in LINEARITY_LIMITS:
             named = "limits.force" if key == "force" else "the scene's load"
             yield (
-                f"{named} of {pressed.allowed[key]:.3g} N is more than linear elasticity answers for: searched and judged under "
+                f"{named} of {pressed.allowed[key]:.3g} N is more than linear elasticity allows: searched and verified under "
                 f"{pressed.force:.3g} N (limited by {pressed.limited_by}); contact, which knows more, takes no tumours "
                 "beside the axis"
             )
@@ -104,7 +105,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
         return super().build_summary(files) | {
             "maximise": self.design.objective.maximise,
             "statistic": self.design.objective.statistic,
-            "population": {name: None if item is None else item.judgement.as_dict() for name, item in named.items()},
+            "population": {name: None if item is None else item.performance.as_dict() for name, item in named.items()},
             "single_reason": self.why_no_single or None,
             "pressing": {name: None if item is None else item.summarize_pressing() for name, item in named.items()},
             "designs": {name: None if item is None else scene_to_dict(item.scene) for name, item in named.items()},
@@ -113,13 +114,13 @@ class PopulationOptimum(Optimum[PopulationVerification]):
         }
 
 
-def explain_low_detection(judgement: Judgement) -> str | None:
+def explain_low_detection(performance: Performance) -> str | None:
     """Return a warning if no more tumours are detected than false alarms would give, else None."""
-    lower_limit = judgement.detection - GAIN_SIGNIFICANCE * judgement.detection_error
-    if lower_limit > judgement.false_alarm:
+    lower_limit = performance.means["detection"] - GAIN_SIGNIFICANCE * performance.errors["detection"].total
+    if lower_limit > performance.false_alarm:
         return None
-    detected = f"{100 * judgement.detection:.3g} ± {100 * judgement.detection_error:.2g} of 100 tumours"
-    alarms = f"{100 * judgement.false_alarm:g} of 100"
+    detected = f"{100 * performance.means['detection']:.3g} ± {100 * performance.errors['detection'].total:.2g} of 100 tumours"
+    alarms = f"{100 * performance.false_alarm:g} of 100"
     return (
         f"the recommended design detects {detected}, no more than false alarms alone may, {alarms}; "
         "the report's 'What would help most' says what to change"

@@ -20,7 +20,7 @@ from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.design_search.workshop import Robustness, compute_robustness
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import verify
+from probe_design.populations.examination import examine
 from probe_design.populations.population import ScenePopulation
 
 Progress = Callable[[str, int, int], None]
@@ -78,9 +78,9 @@ class PopulationStudy:
             The evaluators cannot model the scene.
         """
         loaded, pressed = self.objective.rule.apply_force(scene)
-        judgement = verify(loaded, self.design, progress=advance)
+        performance = examine(loaded, self.design, unseen=True, progress=advance).evaluate_all_channels(self.design)
         materials = () if choice is None else choice.combination.materials
-        return PopulationVerification(loaded, pressed, judgement, self.design.objective, materials)
+        return PopulationVerification(loaded, pressed, performance, self.design.objective, materials)
 
     def verify_start(self, tell: Progress) -> PopulationVerification:
         """Verify the start."""

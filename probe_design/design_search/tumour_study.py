@@ -300,5 +300,5 @@ def _select_evaluator(scene: Scene, name: str | None) -> str:
     if name is None:
         return next((known for known in EVALUATORS if find_evaluator(known).refusal(scene) is None), EVALUATORS[0])
     if name not in EVALUATORS:
-        raise InputError("evaluator", name, f"to judge designs {describe_choices(name, EVALUATORS)}")
+        raise InputError("evaluator", name, f"to verify designs {describe_choices(name, EVALUATORS)}")
     return name

@@ -9,7 +9,7 @@ from typing import Self
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.design_search.loads import PressedDesign
-from probe_design.populations.judgement import Judgement
+from probe_design.populations.performance import Performance
 from probe_design.populations.tables import Objective
 
 GAIN_SIGNIFICANCE = 2.0  # times the combined error: a gain beyond it counts
@@ -58,7 +58,7 @@ class PopulationVerification(VerifiedDesign):
         The whole scene, with the force as its load.
     pressed
         The force with its limits.
-    judgement
+    performance
         Performance on tumours not used in the search.
     aim
         The quantity that the design file maximises.
@@ -68,7 +68,7 @@ class PopulationVerification(VerifiedDesign):
 
     scene: Scene
     pressed: PressedDesign
-    judgement: Judgement
+    performance: Performance
     aim: Objective
     materials: tuple[str, ...] = ()
 
@@ -80,13 +80,13 @@ class PopulationVerification(VerifiedDesign):
     @property
     def evaluator(self) -> str:
         """See ``VerifiedDesign``."""
-        return self.judgement.evaluator
+        return self.performance.evaluator
 
     @property
     def objective(self) -> tuple[float, float]:
         """The quantity that the design file maximises, and its error."""
         kind = self.aim.maximise
-        return getattr(self.judgement, kind), getattr(self.judgement, f"{kind}_error")
+        return getattr(self.performance, kind), getattr(self.performance, f"{kind}_error")
 
     @property
     def force(self) -> tuple[float, str]:
@@ -97,7 +97,7 @@ class PopulationVerification(VerifiedDesign):
         """Return the gain in the objective over another design for the same tumours, and its error by model and sample."""
         if self.scene == reference.scene:
             return 0.0, 0.0
-        return self.judgement.compute_gain(reference.judgement, self.aim)
+        return self.performance.compute_gain(reference.performance, self.aim)
 
     def summarize_pressing(self) -> JsonObject:
         """Return the load as a JSON object."""

@@ -1,7 +1,7 @@
 """Compute readings over a population with the closed form: tumours and positions as arrays.
 
-Each pair of a tumour and a distance from the probe is a column of parameters of ``closed_form.designs.compute_forces``. Derivatives
-are complex steps.
+Each pair of a tumour and a distance from the probe is a column of parameters of ``closed_form.designs.compute_forces``.
+Derivatives are complex steps.
 """
 
 from __future__ import annotations
@@ -128,7 +128,8 @@ def _build_tumour_scene(draw: TumourDraw, number: int, offset: float) -> Scene:
         diameter=float(draw.diameter[number]), depth=float(draw.depth[number]), x=offset, y=0.0, target=True,
         youngs_modulus=float(draw.youngs_modulus[number]), poisson_ratio=draw.poisson_ratio,
     )  # fmt: skip
-    return draw.tissues[draw.tissue[number]].model_copy(update={"inclusion": (body,), "placement": Placement()})
+    scene: Scene = draw.tissues[draw.tissue[number]]
+    return scene.model_copy(update={"inclusion": (body,), "placement": Placement()})
 
 
 def _build_tissue_columns(tissues: tuple[Scene, ...]) -> Columns:

@@ -22,56 +22,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.scenes.scene import Scene
-from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.detection import Detector
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.tables import Objective, Protocol
 
-MIN_CONTROL_TUMOURS, MAX_CONTROL_TUMOURS = (
-    256,
-    4096,
-)  # tumours evaluated by the closed form in a verification, minimum and maximum
-CONTROL_TUMOURS_PER_TUMOUR = 6  # over the verified tumours, so that more of these reduce the errors of both parts
+MIN_CONTROL_TUMOURS, MAX_CONTROL_TUMOURS = 256, 4096  # other tumours that the closed form evaluates in a verification
+CONTROL_TUMOURS_PER_TUMOUR = 6
 CONTROL_TISSUES, SCANS_PER_CONTROL_TUMOUR = 32, 64  # their tissues, and scans over each tumour
 
 
 @dataclass(frozen=True)
-class ControlVariate:
-    """Probabilities of detection by the closed form.
+class ControlSample:
+    """Values by the closed form: signals with one more axis for the m readings, or probabilities of detection.
 
     Attributes
     ----------
     same_tumours
-        c_i of the n verified tumours, shape (n,).
+        Values of the n verified tumours, shape (n,) or (n, m).
     other_tumours
-        C_k of N others, shape (N,).
-    tissue
-        Number of the tissue of each of these others, shape (N,).
-    """
-
-    same_tumours: Floats
-    other_tumours: Floats
-    tissue: Ints
-
-    def subtract(self, reference: ControlVariate) -> ControlVariate:
-        """Return the difference of the probabilities of two probes for the same tumours."""
-        return ControlVariate(
-            self.same_tumours - reference.same_tumours, self.other_tumours - reference.other_tumours, self.tissue
-        )
-
-
-@dataclass(frozen=True)
-class ControlSignals:
-    """Signals by the closed form.
-
-    Attributes
-    ----------
-    same_tumours
-        Signals of the n verified tumours, shape (n, m).
-    other_tumours
-        Signals of at least ``MIN_CONTROL_TUMOURS`` others, used neither in the verification nor by the detector or a search,
-        shape (N, m).
+        Values of N others, used neither in the verification nor by the detector or a search, shape (N,) or (N, m).
     tissue
         Number of the tissue of each of these others, shape (N,).
     """
@@ -81,30 +51,30 @@ class ControlSignals:
     tissue: Ints
 
     @classmethod
-    def from_draw(cls, scene: Scene, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSignals:
-        """Compute the signals with the closed form. Raises ``Refusal`` where it fails for the scene's probe."""
+    def from_draw(cls, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSample:
+        """Compute the signals. Raises ``Refusal`` where the closed form fails for the scene's probe."""
         count = min(max(MIN_CONTROL_TUMOURS, CONTROL_TUMOURS_PER_TUMOUR * len(draw)), MAX_CONTROL_TUMOURS)
         control_draw = replace(population, seed=population.seed + 2).draw_tumours(count, unseen=True, tissues=CONTROL_TISSUES)
-        same_tumours, other_tumours = (
-            ClosedFormScan.from_draw(tumour_draw, protocol).compute_readings(scene).signal for tumour_draw in (draw, control_draw)
-        )
-        return cls(same_tumours, other_tumours, control_draw.tissue)
+        same, others = (compute_closed_form_readings(tumours, protocol).signal for tumours in (draw, control_draw))
+        return cls(same, others, control_draw.tissue)
 
-    def select_readings(self, columns: Ints) -> ControlSignals:
-        """Return some of the readings, by number."""
-        return ControlSignals(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)
+    def select_readings(self, columns: Ints) -> ControlSample:
+        """Return the signals of some of the readings, by number."""
+        return ControlSample(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)
 
-    def compute_probabilities(self, detector: Detector, seed: int) -> ControlVariate:
-        """Return the probabilities of detection, under the same draws as those of the verified tumours."""
-        same_tumours = detector.compute_probabilities(self.same_tumours, seed=seed)
-        return ControlVariate(
-            same_tumours,
-            detector.compute_probabilities(self.other_tumours, seed=seed, scans=SCANS_PER_CONTROL_TUMOUR),
-            self.tissue,
-        )
+    def compute_probabilities(self, detector: Detector) -> ControlSample:
+        """Return the probabilities of detection from signals, under the same draws as those of the verified tumours."""
+        same = detector.compute_probabilities(self.same_tumours)
+        others = detector.compute_probabilities(self.other_tumours, scans=SCANS_PER_CONTROL_TUMOUR)
+        return ControlSample(same, others, self.tissue)
+
+    def subtract(self, reference: ControlSample) -> ControlSample:
+        """Return the difference of the values of two probes for the same tumours."""
+        same, others = self.same_tumours - reference.same_tumours, self.other_tumours - reference.other_tumours
+        return ControlSample(same, others, self.tissue)
 
 
-def estimate_statistic(values: Floats, tissue: Ints, objective: Objective, control: ControlVariate | None) -> tuple[float, float]:
+def estimate_statistic(values: Floats, tissue: Ints, objective: Objective, control: ControlSample | None) -> tuple[float, float]:
     """Return the statistic of n tumours and its standard error; for a mean, by eq. PO.10 where its error is smaller.
 
     Parameters

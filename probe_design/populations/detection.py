@@ -34,6 +34,7 @@ from geometry.common.arrays import Floats
 from probe_design.inference.linear_gaussian import Array
 
 TUMOUR_FREE_SCANS = 32_768  # scans without tumours that determine the threshold
+THRESHOLD_SEED, SCAN_SEED = (0, 1), (0, 2)  # of the draws of noise
 SCANS_PER_TUMOUR = 256  # over each tumour
 MAX_SCANS_AT_ONCE = 8192  # scans at once, which limits memory
 SMALL_EXPONENT = 0.1  # exponents below which expm1 computes the mean, as its difference from 1
@@ -56,8 +57,8 @@ class Detector:
         Threshold of ln Lambda; of u . z / |u| with a single template.
     tie
         Fraction of the scans exactly at the threshold that count as above it; all scans are at it if no tumour has a signal.
-    uncertain
-        Thresholds lower and higher by one standard error of the false alarms.
+    lower_threshold
+        Threshold lower by one standard error of the false alarms.
     """
 
     factor: Floats
@@ -65,12 +66,10 @@ class Detector:
     false_alarm: float
     threshold: float
     tie: float
-    uncertain: tuple[float, float]
+    lower_threshold: float
 
     @classmethod
-    def train(
-        cls, signals: Floats, covariance: Floats, false_alarm: float, *, seed: int = 0, blanks: int = TUMOUR_FREE_SCANS
-    ) -> Detector:
+    def train(cls, signals: Floats, covariance: Floats, false_alarm: float, *, blanks: int = TUMOUR_FREE_SCANS) -> Detector:
         """Return the detector for a reference sample of tumours.
 
         Parameters
@@ -81,8 +80,6 @@ class Detector:
             Covariance of the readings, shape (m, m).
         false_alarm
             Probability of a false alarm in a whole scan.
-        seed
-            Seed of the draws.
         blanks
             Number of scans without tumours that are drawn.
         """
@@ -90,30 +87,28 @@ class Detector:
         templates = whiten(factor, signals)
         if np.ptp(templates, axis=0).max() <= SAME_TEMPLATE_TOLERANCE_RELATIVE * np.abs(templates).max():
             threshold = float(ndtri(1 - false_alarm))
-            return cls(factor, templates[:1], false_alarm, threshold, false_alarm, (threshold, threshold))
-        z = np.random.default_rng([seed, 1]).standard_normal((blanks, len(factor)))
+            return cls(factor, templates[:1], false_alarm, threshold, false_alarm, threshold)
+        z = np.random.default_rng(THRESHOLD_SEED).standard_normal((blanks, len(factor)))
         statistic = np.sort(compute_log_likelihood_ratio(templates, z))
         spread = np.sqrt(false_alarm * (1 - false_alarm) / blanks)
-        threshold, lower, higher = (
-            float(np.quantile(statistic, 1 - share, method="higher"))
-            for share in (false_alarm, false_alarm + spread, false_alarm - spread)
+        threshold, lower_threshold = (
+            float(np.quantile(statistic, 1 - fraction, method="higher")) for fraction in (false_alarm, false_alarm + spread)
         )
         fraction_above, fraction_tied = float((statistic > threshold).mean()), float((statistic == threshold).mean())
-        return cls(factor, templates, false_alarm, threshold, (false_alarm - fraction_above) / fraction_tied, (lower, higher))
+        tie = (false_alarm - fraction_above) / fraction_tied
+        return cls(factor, templates, false_alarm, threshold, tie, lower_threshold)
 
-    def compute_probabilities(self, signals: Floats, *, seed: int = 0, scans: int = SCANS_PER_TUMOUR, shift: int = 0) -> Floats:
-        """Return the probability of detection of each of n tumours.
+    def compute_probabilities(self, signals: Floats, *, scans: int = SCANS_PER_TUMOUR, threshold: float | None = None) -> Floats:
+        """Return the probability of detection of each of n tumours, under the same draws of noise in each call.
 
         Parameters
         ----------
         signals
             Signals of the tumours, shape (n, m).
-        seed
-            Seed of the draws, which are the same in each call.
         scans
             Number of scans drawn over each tumour.
-        shift
-            -1 or 1: the threshold is one standard error lower or higher; 0: the threshold itself.
+        threshold
+            Threshold in place of the detector's own; not used with a single template.
 
         Returns
         -------
@@ -123,15 +118,14 @@ class Detector:
         v = whiten(self.factor, signals)
         if len(self.templates) == 1:
             return self._compute_known_tumour(v)
-        threshold = self.threshold if not shift else self.uncertain[(shift + 1) // 2]
+        threshold = self.threshold if threshold is None else threshold
         chunk, probabilities = max(1, MAX_SCANS_AT_ONCE // scans), np.empty(len(v))
-        rng = np.random.default_rng([seed, 2])
+        rng = np.random.default_rng(SCAN_SEED)
         for low in range(0, len(v), chunk):
             z = rng.standard_normal((min(chunk, len(v) - low), scans, v.shape[1])) + v[low : low + chunk, None]
             statistic = compute_log_likelihood_ratio(self.templates, z.reshape(-1, v.shape[1])).reshape(z.shape[:2])
-            probabilities[low : low + chunk] = (statistic > threshold).mean(axis=1) + self.tie * (statistic == threshold).mean(
-                axis=1
-            )
+            above, tied = (statistic > threshold).mean(axis=1), (statistic == threshold).mean(axis=1)
+            probabilities[low : low + chunk] = above + self.tie * tied
         return probabilities
 
     def compute_derivatives(self, signals: Floats) -> Floats:

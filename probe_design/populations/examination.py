@@ -13,29 +13,33 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
+from geometry.scenes.scene import Scene
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.control_variate import ControlSignals, estimate_statistic
+from probe_design.populations.closed_form_scan import compute_closed_form_readings
+from probe_design.populations.control_variate import ControlSample, estimate_statistic
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector
-from probe_design.populations.judgement import Judgement, Kind, MeanError
+from probe_design.populations.inclusion_scan import Progress, compute_inclusion_readings
 from probe_design.populations.noise import build_difference_noise, build_full_noise
+from probe_design.populations.performance import Kind, MeanError, Performance
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import (
     Unknowns,
+    compute_contrast_sd,
     compute_fraction_error,
     compute_informations,
-    compute_log_sds,
     is_resolved,
     is_undecided,
 )
 from probe_design.populations.scan_readings import ScanReadings
 from probe_design.populations.tables import CHANNEL_INDICES, Observable
+
+DETECTOR_TUMOURS = 256  # reference tumours of the detector
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,6 @@ class Examination:
         Signals by the closed form, of the draw's tumours and of more; None if the closed form is the evaluator.
     evaluator
         Evaluator of the readings.
-    seconds
-        Computing time, s.
     """
 
     population: ScenePopulation
@@ -69,10 +71,9 @@ class Examination:
     readings: ScanReadings
     reference: Floats
     evaluator: str
-    seconds: float
     reflected: Ints
     first: ScanReadings | None = None
-    control: ControlSignals | None = None
+    control: ControlSample | None = None
 
     def select(self, positions: Ints, observable: Observable) -> Examination:
         """Return the examination restricted to some positions, by number, and to the channels of an observable."""
@@ -86,15 +87,13 @@ class Examination:
             control=None if self.control is None else self.control.select_readings(columns),
         )
 
-    def evaluate(self, design: Design, seed: int = 0, observable: Observable | None = None) -> Judgement:
+    def evaluate(self, design: Design, observable: Observable | None = None) -> Performance:
         """Compute probabilities of detection and resolution under a design file's noise, false alarms and statistic.
 
         Parameters
         ----------
         design
             The design; its positions are those of the readings.
-        seed
-            Seed of the draws of noise.
         observable
             The channels that are read; default: those of the protocol.
 
@@ -103,26 +102,24 @@ class Examination:
         InputError
             The noise of a reading is below ``MIN_NOISE``.
         """
-        start, read = perf_counter(), observable or design.protocol.observable
-        scan = self.select(np.arange(len(design.protocol.positions)), read)
-        return scan._evaluate_observable(design, seed, read, start)
+        channels = observable or design.protocol.observable
+        return self.select(np.arange(len(design.protocol.positions)), channels)._evaluate_observable(design, channels)
 
-    def evaluate_all_channels(self, design: Design, seed: int = 0) -> Judgement:
+    def evaluate_all_channels(self, design: Design) -> Performance:
         """Evaluate as ``evaluate`` does, and also for the ratio alone, the stiffness alone and both."""
-        start, protocol_observable = perf_counter(), design.protocol.observable
-        lines: dict[Observable, Judgement | None] = {}
+        by_observable: dict[Observable, Performance | None] = {}
         for observable in CHANNEL_INDICES:
             try:
-                lines[observable] = self.evaluate(design, seed, observable)
+                by_observable[observable] = self.evaluate(design, observable)
             except InputError:  # the noise of a channel that the protocol does not read may be missing
-                if observable == protocol_observable:
+                if observable == design.protocol.observable:
                     raise
-                lines[observable] = None
-        judged = lines[protocol_observable]
-        assert judged is not None
-        return replace(judged, by_observable=lines, seconds=self.seconds + perf_counter() - start)
+                by_observable[observable] = None
+        performance = by_observable[design.protocol.observable]
+        assert performance is not None
+        return replace(performance, by_observable=by_observable)
 
-    def _evaluate_observable(self, design: Design, seed: int, observable: Observable, start: float) -> Judgement:
+    def _evaluate_observable(self, design: Design, observable: Observable) -> Performance:
         """Evaluate the readings of one observable."""
         draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.readings
         unknowns, blank = Unknowns.from_draw(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
@@ -134,41 +131,39 @@ class Examination:
             observable=observable,
         )
         full_noise = build_full_noise(*known, readings.mean_forces, observable=observable)
-        detector = Detector.train(self.reference, noise.covariance, protocol.false_alarm, seed=seed)
-        values, contrast, modulus = _evaluate_tumours(
-            detector, unknowns, readings, noise=full_noise, blank=protocol.blank, seed=seed
-        )
-        threshold, model, causes = self._compute_model_error(detector, values["detection"], protocol.blank, seed)
-        control = None if self.control is None else self.control.compute_probabilities(detector, seed)
+        detector = Detector.train(self.reference, noise.covariance, protocol.false_alarm)
+        values, contrast_sd = _evaluate_tumours(detector, unknowns, readings, noise=full_noise, blank=protocol.blank)
+        threshold_error, model_error, causes = self._compute_model_error(detector, values["detection"], protocol.blank)
+        control = None if self.control is None else self.control.compute_probabilities(detector)
         correction_errors = dict.fromkeys(values, 0.0)
         if self.first is not None:
-            first_order = _evaluate_tumours(detector, unknowns, self.first, noise=full_noise, blank=protocol.blank, seed=seed)[0]
+            first_order = _evaluate_tumours(detector, unknowns, self.first, noise=full_noise, blank=protocol.blank)[0]
             values, correction_errors = self._correct_first_order(values, first_order)
         fraction, reflected = _compute_error_fractions(readings, protocol.blank), self.reflected
-        models: dict[Kind, float] = {
-            "detection": model,
-            "resolved": float(is_undecided(contrast[reflected], fraction[reflected]).mean() / 2),
-            "information": float(np.minimum(fraction, values["information"])[reflected].mean()),
+        resolved, information = values["resolved"], values["information"]
+        model_errors: dict[Kind, float] = {
+            "detection": model_error,
+            "resolved": float(is_undecided(contrast_sd[reflected], fraction[reflected]).mean() / 2),
+            "information": float(np.minimum(fraction, information)[reflected].mean()),
         }
-        mean, sampled = estimate_statistic(values["detection"], draw.tissue, objective, control)
-        resolved_values, gain = values["resolved"], values["information"]
-        sampling: dict[Kind, float] = {
-            "detection": math.hypot(sampled, threshold),
-            "resolved": max(objective.compute_error(resolved_values, draw.tissue), compute_fraction_error(resolved_values)),
-            "information": objective.compute_error(gain, draw.tissue),
+        detection, detection_error = estimate_statistic(values["detection"], draw.tissue, objective, control)
+        sampling_errors: dict[Kind, float] = {
+            "detection": math.hypot(detection_error, threshold_error),
+            "resolved": max(objective.compute_error(resolved, draw.tissue), compute_fraction_error(resolved)),
+            "information": objective.compute_error(information, draw.tissue),
         }
-        return Judgement(
-            observable=observable,
-            means={"detection": mean, "resolved": float(resolved_values.mean()),
-                    "information": objective.compute_statistic(gain)},
-            errors={kind: MeanError(math.hypot(sampling[kind], correction_errors[kind]), models[kind], correction_errors[kind])
-                    for kind in models},
-            values=values, contrast_sd=contrast, modulus_sd=modulus,
-            deflection=np.sqrt(noise.compute_chi_square(readings.signal)), depth=draw.depth,
-            diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
-            causes=causes, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=self.evaluator,
-            seconds=self.seconds + perf_counter() - start, control=control, warnings=(draw.note,) if draw.note else (),
-        )  # fmt: skip
+        means: dict[Kind, float] = {
+            "detection": detection,
+            "resolved": float(resolved.mean()),
+            "information": objective.compute_statistic(information),
+        }
+        errors = {
+            kind: MeanError(math.hypot(sampling_errors[kind], corrected), model_errors[kind], corrected)
+            for kind, corrected in correction_errors.items()
+        }
+        return Performance(
+            observable, means, errors, values, contrast_sd, draw, causes, protocol.false_alarm, self.evaluator, control
+        )
 
     def _correct_first_order(
         self, values: dict[Kind, Floats], first_order: dict[Kind, Floats]
@@ -186,17 +181,18 @@ class Examination:
         return values, standard_errors
 
     def _compute_model_error(
-        self, detector: Detector, probabilities: Floats, blank: bool, seed: int
+        self, detector: Detector, probabilities: Floats, blank: bool
     ) -> tuple[float, float, dict[str, float]]:
         """Return the errors of the mean P by threshold and draws, and by the evaluator, and the latter's fractions by cause."""
         readings, reflected = self.readings, self.reflected
         slopes, errors = detector.compute_derivatives(readings.signal), _bound_signal_errors(readings, blank)
         signal_errors = errors * np.sign(slopes)  # eq. PO.11
         lower, upper = (
-            detector.compute_probabilities(readings.signal + item, seed=seed) if signal_errors.any() else probabilities
+            detector.compute_probabilities(readings.signal + item) if signal_errors.any() else probabilities
             for item in (-signal_errors, signal_errors)
         )
-        threshold = float(np.mean(detector.compute_probabilities(readings.signal, seed=seed, shift=-1) - probabilities))
+        shifted = detector.compute_probabilities(readings.signal, threshold=detector.lower_threshold)
+        threshold = float(np.mean(shifted - probabilities))
         # the scatter of several tumours contains that of the draws, and a single template needs no draws
         known = len(probabilities) > 1 or len(detector.templates) == 1
         draws = 0.0 if known else math.sqrt(float(probabilities[0] * (1 - probabilities[0])) / SCANS_PER_TUMOUR)
@@ -206,18 +202,63 @@ class Examination:
         return math.hypot(threshold, draws), float(np.abs(upper - lower)[reflected].mean() / 2), causes
 
 
+def examine(
+    scene: Scene, design: Design, *, samples: int | None = None, unseen: bool = False, progress: Progress | None = None
+) -> Examination:
+    """Compute the readings over a population: by the closed form over the design's draw, or by finite elements over another.
+
+    The reference tumours of the detector, computed with the closed form, are others of the population, so that it is never
+    tested on tumours that it knows. Both ratio and stiffness are computed, whichever of them the protocol reads.
+
+    Parameters
+    ----------
+    scene
+        The design's scene, perhaps with another probe and load.
+    design
+        Design with population and protocol.
+    samples
+        Number of tumours; default: that of the design.
+    unseen
+        Whether to use equivalent-inclusion with reflections, and tumours that were not used in a search.
+    progress
+        Called by finite elements with the number of tissues done and the number of all.
+
+    Raises
+    ------
+    InputError
+        The population does not fit the tissue, or the probe would leave it.
+    Refusal
+        The evaluators cannot model the scene.
+    """
+    population, protocol = ScenePopulation.from_scene(scene, design.population), design.protocol.with_both_channels
+    draw = population.draw_tumours(samples, unseen=unseen)
+    names = ("object", *(name for name, values in population.ranges.items() if not values.is_single and name != "object"))
+    first, control, reflected = None, None, np.arange(len(draw))
+    if unseen:
+        inclusion = compute_inclusion_readings(draw, protocol, names, noise=design.noise, progress=progress)
+        readings, reflected = inclusion.best, inclusion.reflected
+        first = inclusion.first if len(reflected) < len(draw) else None
+        control = ControlSample.from_draw(protocol, population, draw) if len(draw) > 1 else None
+    else:
+        readings = compute_closed_form_readings(draw, protocol, names)
+    known_tumours = replace(population, seed=population.seed + 1).draw_tumours(DETECTOR_TUMOURS)
+    reference = compute_closed_form_readings(known_tumours, protocol).signal
+    evaluator = "equivalent-inclusion" if unseen else "closed-form"
+    return Examination(population, draw, readings, reference, evaluator, reflected, first, control)
+
+
 def _evaluate_tumours(
-    detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, noise: LinearGaussian, blank: bool, seed: int
-) -> tuple[dict[Kind, Floats], Floats, Floats]:
-    """Return each tumour's probability of detection, resolution, information, and the standard deviations of both logarithms."""
+    detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, noise: LinearGaussian, blank: bool
+) -> tuple[dict[Kind, Floats], Floats]:
+    """Return each tumour's probability of detection, resolution and information, and its standard deviation of ln contrast."""
     J = unknowns.build_derivatives(readings, blank)
-    contrast, modulus = compute_log_sds(unknowns, J, noise)
+    contrast_sd = compute_contrast_sd(unknowns, J, noise)
     values: dict[Kind, Floats] = {
-        "detection": detector.compute_probabilities(readings.signal, seed=seed),
-        "resolved": is_resolved(contrast),
+        "detection": detector.compute_probabilities(readings.signal),
+        "resolved": is_resolved(contrast_sd),
         "information": compute_informations(unknowns, J, noise),
     }
-    return values, contrast, modulus
+    return values, contrast_sd
 
 
 def _average_tissue_derivatives(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:

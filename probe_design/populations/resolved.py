@@ -8,8 +8,8 @@ the one before:
 
     W = (C + sum S_i J_i J_i^T)^-1,   sd(k) = (j^T W j)^(-1/2)                                     (PO.6)
 
-The contrast has no prior here, as if the prior variance of the object were infinite. The same with t in place of t + j is the
-standard deviation of ln E_object; for a tumour of which all else is known it is that of eq. DS.6. With the prior of the object,
+The contrast has no prior here, as if the prior variance of the object were infinite. For a tumour of which all else is known it
+is that of eq. DS.6. With the prior of the object,
 
     sd(k)^2 = c^T (S^-1 + J^T C^-1 J)^-1 c,   c = e_object - e_host                                (PO.7)
 
@@ -55,15 +55,15 @@ class Unknowns:
     @classmethod
     def from_draw(cls, population: ScenePopulation, draw: TumourDraw) -> Unknowns:
         """Return the unknowns of a draw: the numbers that vary in the population."""
-        open_ones = {
+        varied = {
             key: value_range.deviation
             for key, value_range in population.ranges.items()
             if not value_range.is_single and key != "object"
         }
-        names = ("object", *open_ones)
+        names = ("object", *varied)
         hosts = np.array([name_host_modulus(draw, number) for number in range(len(draw))])
         index = np.array([names.index(name) if name in names else -1 for name in hosts.tolist()])
-        deviations = [population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD, *open_ones.values()]
+        deviations = [population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD, *varied.values()]
         return cls(names, np.array(deviations), index)
 
     @property
@@ -82,8 +82,8 @@ class Unknowns:
         return np.stack(columns, axis=-1)
 
 
-def compute_log_sds(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> tuple[Floats, Floats]:
-    """Return the standard deviations of ln contrast and of ln E_object (eq. PO.6), shape (n,) each; inf without information.
+def compute_contrast_sd(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:
+    """Return the standard deviation of ln contrast (eq. PO.6), shape (n,); inf without information.
 
     Parameters
     ----------
@@ -94,8 +94,7 @@ def compute_log_sds(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> tup
     noise
         Noise of the m readings.
     """
-    model = noise.add_unknowns(J, np.array([np.inf, *unknowns.deviations[1:]]))
-    return model.compute_posterior_sd(unknowns.contrast), model.compute_posterior_sd(np.array([1.0]))
+    return noise.add_unknowns(J, np.array([np.inf, *unknowns.deviations[1:]])).compute_posterior_sd(unknowns.contrast)
 
 
 def compute_informations(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:

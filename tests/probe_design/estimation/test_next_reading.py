@@ -27,7 +27,7 @@ from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import TumourDraw
-from probe_design.populations.resolved import Unknowns, compute_log_sds
+from probe_design.populations.resolved import Unknowns, compute_contrast_sd
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.support.paths import EXAMPLES
 from tests.support.program import run
@@ -168,10 +168,10 @@ def by_population(scene: Scene, positions: Sequence[float], stiffness: bool) -> 
     protocol = Protocol(positions=tuple(positions), stiffness=stiffness, blank=False)
     noise = NoiseModel(white=0.01, stiffness_white=0.01, gain=0.0, stiffness_gain=0.0, charge=0.0)
     readings = compute_inclusion_readings(draw, protocol, tuple(deviations), noise=noise).best
-    unknowns = Unknowns(tuple(deviations), np.array(list(deviations.values())), np.array([3]))
+    unknowns = Unknowns(tuple(deviations), np.array(list(deviations.values())), np.array([-1]))  # of ln E_object
     J = unknowns.build_derivatives(readings, protocol.blank)
     noise = LinearGaussian.from_shared_errors(np.zeros((J.shape[1], 0)), np.full(J.shape[1], 1e-4))
-    return float(compute_log_sds(unknowns, J, noise)[1][0])
+    return float(compute_contrast_sd(unknowns, J, noise)[0])
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from geometry.common.arrays import Floats
-from probe_design.populations.control_variate import ControlVariate, estimate_statistic
+from probe_design.populations.control_variate import ControlSample, estimate_statistic
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import Objective
@@ -32,7 +32,7 @@ def repeated(slope: float) -> tuple[Floats, Floats, Floats]:
         judged, predicted = (
             probabilities(sizes, chosen_slope, np.random.default_rng(seed), 256) for chosen_slope in (TRUE, slope)
         )
-        control = ControlVariate(predicted, probabilities(controls, slope, rng, 64), np.zeros(MANY, dtype=int))
+        control = ControlSample(predicted, probabilities(controls, slope, rng, 64), np.zeros(MANY, dtype=int))
         estimates.append((*estimate_statistic(judged, np.zeros(JUDGED, dtype=int), Objective(), control), judged.mean()))
     mean, error, plain = np.array(estimates).T
     return mean, error, plain
@@ -52,7 +52,7 @@ def test_intervals_of_controlled_means_cover_the_truth_though_the_formulas_are_w
 def test_formulas_that_know_nothing_do_not_count() -> None:
     rng = np.random.default_rng(1)
     values, group = rng.uniform(size=JUDGED), np.zeros(JUDGED, dtype=int)
-    control = ControlVariate(rng.uniform(size=JUDGED), rng.uniform(size=MANY), np.zeros(MANY, dtype=int))
+    control = ControlSample(rng.uniform(size=JUDGED), rng.uniform(size=MANY), np.zeros(MANY, dtype=int))
     mean, error = estimate_statistic(values, group, Objective(), control)
     alone = estimate_statistic(values, group, Objective(), None)
     assert mean == alone[0]
@@ -67,7 +67,7 @@ def test_formulas_that_know_nothing_do_not_count() -> None:
 def test_few_tumours_that_are_all_detected_do_not_make_the_sampling_error_vanish() -> None:
     """Two tumours, both detected, gave 100 of 100 with an error of 0, where the formulas detect 7 of 10 others."""
     rng, group = np.random.default_rng(2), np.zeros(2, dtype=int)
-    control = ControlVariate(np.array([0.97, 1.0]), rng.uniform(0.4, 1.0, MANY), np.zeros(MANY, dtype=int))
+    control = ControlSample(np.array([0.97, 1.0]), rng.uniform(0.4, 1.0, MANY), np.zeros(MANY, dtype=int))
     mean, error = estimate_statistic(np.ones(2), group, Objective(), control)
     assert abs(mean - 0.7) < 0.05
     assert error > 0.01

@@ -15,12 +15,12 @@ import pytest
 from benchmarks.populations.verification import compute_detection_rates
 from geometry.common.arrays import Floats
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import examine
+from probe_design.populations.examination import examine
 from probe_design.populations.noise import build_full_noise
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.resolved import Unknowns, compute_log_sds
+from probe_design.populations.resolved import Unknowns, compute_contrast_sd
 from probe_design.populations.scan_readings import compute_logarithms
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
@@ -63,8 +63,7 @@ class SimulatedScans:
         population = ScenePopulation.from_scene(design.scene, design.population)
         draw, middle = population.draw_tumours(SCANS, unseen=True, tissues=SCANS), _middle(population)
         known = Unknowns.from_draw(population, middle)
-        scan = ClosedFormScan.from_draw(middle, design.protocol)
-        readings = scan.compute_readings(design.scene, known.names)
+        readings = compute_closed_form_readings(middle, design.protocol, known.names)
         noise = build_full_noise(design.noise, design.protocol, design.scene, readings.blank[0], readings.mean_forces)
         offs = _readings(draw, design) - _readings(middle, design) + _errors(design, SCANS)
         contrast = np.log(draw.youngs_modulus / _tissues(draw)) - np.log(middle.youngs_modulus / _tissues(middle))
@@ -81,7 +80,7 @@ class SimulatedScans:
         known = replace(self.unknowns, deviations=deviations)
         variance = np.diag(self.noise.covariance)
         noise = self.noise if gains else LinearGaussian.from_shared_errors(np.zeros((len(variance), 0)), variance)
-        sd = float(compute_log_sds(known, self.J[None], noise)[0][0])
+        sd = float(compute_contrast_sd(known, self.J[None], noise)[0])
         nuisances, j = self.J[:, 1:].copy(), self.J[:, 0]
         nuisances[:, known.host[0] - 1] += j
         weights = np.linalg.solve(noise.covariance + (nuisances * deviations[1:]) @ (nuisances * deviations[1:]).T, j)
@@ -104,7 +103,7 @@ def _tissues(draw: TumourDraw) -> Floats:
 
 def _readings(draw: TumourDraw, design: Design) -> Floats:
     """Ln ratio and ln stiffness at all positions, then the blank's, of each tumour without errors."""
-    scan = ClosedFormScan.from_draw(draw, design.protocol).compute_readings(design.scene)
+    scan = compute_closed_form_readings(draw, design.protocol)
     blank = compute_logarithms(scan.blank[:, None], design.protocol.stiffness)[draw.tissue]
     return np.concatenate([scan.signal + np.repeat(blank, scan.positions, axis=1), blank], axis=1)
 
@@ -133,7 +132,7 @@ def test_as_many_simulated_scans_find_the_tumour_as_is_stated() -> None:
     noise = {"white": 0.03, "stiffness_white": 0.03}
     design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
     scan = examine(design.scene, design)
-    stated = scan.evaluate(design).detection
+    stated = scan.evaluate(design).means["detection"]
     shares = compute_detection_rates(scan, design, 10_000)
     assert 0.2 < stated < 0.9
     assert abs(shares[0] - stated) < 0.02

@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from geometry.common.arrays import Floats
-from probe_design.populations.closed_form_scan import ClosedFormScan
+from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import (
     Detector,
@@ -36,7 +36,7 @@ def simulated(noise: NoiseModel, protocol: Protocol, scans: int, seed: int) -> F
 
 def readings_of(design: Design, samples: int) -> ScanReadings:
     population = ScenePopulation.from_scene(design.scene, design.population)
-    return ClosedFormScan.from_draw(population.draw_tumours(samples), design.protocol).compute_readings(design.scene)
+    return compute_closed_form_readings(population.draw_tumours(samples), design.protocol)
 
 
 def probability_by_simulation(noise: NoiseModel, protocol: Protocol, known: Floats, tumours: Floats, scans: int) -> Floats:

@@ -8,12 +8,11 @@ from scipy.special import ndtr, ndtri
 
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations import inclusion_scan
-from probe_design.populations.examination import Examination
-from probe_design.populations.judge import examine, verify
+from probe_design.populations.examination import Examination, examine
 from probe_design.populations.noise import build_difference_noise
 from probe_design.populations.scan_errors import ERROR_CAUSES, GROOVE_SAFETY_FACTOR, bound_groove_change
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
-from tests.support.designs import SUPERFICIAL, THREE, example_design
+from tests.support.designs import SUPERFICIAL, THREE, example_design, verify
 
 NOISE = {"white": 0.02, "charge": "0 pC"}
 
@@ -64,9 +63,9 @@ def test_three_lines_are_those_of_a_known_tumour_in_closed_form() -> None:
     squares["both"] = sum(squares.values())
     for name, judgement in judgements.by_observable.items():
         assert judgement is not None
-        assert judgement.detection == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
-    assert judgements.detection == judgements.by_observable["ratio"].detection  # type: ignore[union-attr]
-    assert judgements.as_dict()["by_observable"]["both"]["detection"] > judgements.detection
+        assert judgement.means["detection"] == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
+    assert judgements.means["detection"] == judgements.by_observable["ratio"].means["detection"]  # type: ignore[union-attr]
+    assert judgements.as_dict()["by_observable"]["both"]["detection"] > judgements.means["detection"]
 
 
 def test_a_channel_without_noise_that_is_not_read_is_left_out_and_not_refused() -> None:

@@ -13,18 +13,20 @@ from geometry.scenes.scene_file import scene_from_dict
 from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import design_from_dict
-from probe_design.populations.judge import score, verify
+from probe_design.populations.examination import examine
 from probe_design.populations.tables import Objective
-from tests.support.designs import SUPERFICIAL, THREE, example_design
+from tests.support.designs import SUPERFICIAL, THREE, example_design, verify
 
 DESIGN = example_design(population={**SUPERFICIAL, "samples": 16}, protocol=THREE)
 
 
 def test_a_probe_is_judged_on_tumours_that_no_search_has_seen() -> None:
-    seen, unseen = score(DESIGN.scene, DESIGN), verify(DESIGN.scene, DESIGN, samples=4)
-    assert not set(seen.depth.tolist()) & set(unseen.depth.tolist())
+    seen, unseen = examine(DESIGN.scene, DESIGN).evaluate(DESIGN), verify(DESIGN.scene, DESIGN, samples=4)
+    assert not set(seen.draw.depth.tolist()) & set(unseen.draw.depth.tolist())
     assert unseen.evaluator == "equivalent-inclusion"
-    assert abs(unseen.detection - seen.detection) < 3 * np.hypot(unseen.detection_error, seen.detection_error)
+    assert abs(unseen.means["detection"] - seen.means["detection"]) < 3 * np.hypot(
+        unseen.errors["detection"].total, seen.errors["detection"].total
+    )
     stored = json.loads(json.dumps(unseen.as_dict()))
     assert {"detection", "detection_error", "resolved", "resolved_error", "information", "information_error"} <= stored.keys()
 
@@ -36,9 +38,9 @@ def test_more_readings_find_more() -> None:
     scores = []
     for protocol in (axis, {**THREE, "stiffness": False}, THREE):
         design = example_design(population=SUPERFICIAL, protocol=protocol, noise=noisy)
-        scores.append(score(design.scene, design))
-    assert scores[0].detection < scores[1].detection < scores[2].detection
-    assert np.all(np.diff([scored_design.information for scored_design in scores]) > 0)
+        scores.append(examine(design.scene, design).evaluate(design))
+    assert scores[0].means["detection"] < scores[1].means["detection"] < scores[2].means["detection"]
+    assert np.all(np.diff([scored_design.means["information"] for scored_design in scores]) > 0)
 
 
 @pytest.mark.slow
@@ -46,19 +48,19 @@ def test_differences_of_two_probes_are_paired() -> None:
     """The same tumours, the same draws: the error of the difference is far below those of both."""
     noise = {"white": 0.04, "stiffness_white": 0.04}
     design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
-    first = score(design.scene, design)
-    second = score(design.scene.replace({"probe.height": 3.3e-3}), design)
+    first = examine(design.scene, design).evaluate(design)
+    second = examine(design.scene.replace({"probe.height": 3.3e-3}), design).evaluate(design)
     gain, error = second.compute_gain(first, design.objective)
-    assert gain == pytest.approx(second.detection - first.detection)
-    assert error < 0.5 * first.detection_error
+    assert gain == pytest.approx(second.means["detection"] - first.means["detection"])
+    assert error < 0.5 * first.errors["detection"].total
     assert first.compute_gain(first, design.objective)[0] == 0.0
 
 
 def test_a_quantile_looks_at_the_hard_tumours() -> None:
     design = example_design(population=SUPERFICIAL, protocol=THREE, objective={"statistic": 0.1})
-    scored_design = score(design.scene, design)
-    assert scored_design.detection == pytest.approx(np.quantile(scored_design.probability, 0.1))
-    assert scored_design.detection < scored_design.probability.mean()
+    scored_design = examine(design.scene, design).evaluate(design)
+    assert scored_design.means["detection"] == pytest.approx(np.quantile(scored_design.values["detection"], 0.1))
+    assert scored_design.means["detection"] < scored_design.values["detection"].mean()
 
 
 def test_errors_of_means_are_those_of_repeated_samples() -> None:
