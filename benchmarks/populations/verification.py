@@ -60,9 +60,8 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--only", choices=sorted(CASES))
     given = parser.parse_args()
-    print(
-        "population | closed form, s | verified, s (processor) | P closed form | P verified | simulated | alarms | resolved | information"
-    )
+    headings = "population", "closed form, s", "verified, s (processor)", "P closed form", "P verified", "simulated", "alarms"
+    print(" | ".join((*headings, "resolved", "information")))
     for name in [given.only] if given.only else CASES:
         design = case(name)
         begin = perf_counter()

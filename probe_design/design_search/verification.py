@@ -86,7 +86,7 @@ class PopulationVerification(VerifiedDesign):
     def objective(self) -> tuple[float, float]:
         """The quantity that the design file maximises, and its error."""
         kind = self.aim.maximise
-        return getattr(self.performance, kind), getattr(self.performance, f"{kind}_error")
+        return self.performance.means[kind], self.performance.errors[kind].total
 
     @property
     def force(self) -> tuple[float, str]:
