@@ -20,8 +20,8 @@ from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
-from probe_design.design_search.design_objective import DesignObjective
 from probe_design.design_search.optimize import optimize
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.populations.design_file import Design, design_from_dict
 
@@ -47,7 +47,7 @@ def design(name: str) -> Design:
     return design_from_dict({"scene": scene, **tables})
 
 
-def find_evolved_objective(design_objective: DesignObjective, search_space: SearchSpace) -> float:
+def find_evolved_objective(design_objective: PopulationObjective, search_space: SearchSpace) -> float:
     """Return the best objective that differential evolution finds in ``EVALUATIONS``; designs beyond constraints are worth 0."""
     space = search_space.space
 
@@ -71,7 +71,7 @@ def closed_form() -> MeasuredTable:
     for name in POPULATIONS:
         population_design = design(name)
         search_space = build_search_space(population_design)
-        design_objective = DesignObjective.from_design(population_design, search_space.space.outer_radius)
+        design_objective = PopulationObjective.from_design(population_design, search_space.space.outer_radius)
         start = perf_counter()
         mine = search_combinations(design_objective, search_space, lambda done, total: None).choices[0].value
         middle = perf_counter()

@@ -8,12 +8,12 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.design_search.design_objective import DesignObjective
-from probe_design.design_search.variables import read_vector
+from probe_design.design_search.population_objective import Resolved
+from probe_design.design_search.variables import ProbeSizes, read_vector
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation, TumourDraw
 from probe_design.populations.ranges import Range
-from probe_design.populations.tables import Objective
+from solver.closed_form.bessel import Array
 
 GRID_LINES = 20  # depths, and diameters
 DETECTION_THRESHOLD = 0.9  # probability at which a tumour counts as detected on the map
@@ -55,12 +55,18 @@ def compute_depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
     for interface in design.scene.tissue.interfaces:
         fits &= np.abs(z - interface) >= d / 2
     probability, contrast_sd = np.full(len(z), np.nan), np.full(len(z), np.nan)
-    shape, probe = (len(depth), len(diameter)), scene.probe
-    arguments = read_vector(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force
     if fits.any():
-        draw = _build_draw(population, z[fits], d[fits])
-        probability[fits] = _build_search_objective(design, population, draw, scene, "detection").evaluate_tumours(*arguments)
-        contrast_sd[fits] = _build_search_objective(design, population, draw, scene, "resolved").compute_contrast_sd(*arguments)
+        draw, sizes = _build_draw(population, z[fits], d[fits]), ProbeSizes.from_vector(read_vector(scene)[:, None])
+        probes = sizes.build_parameters((scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio))
+        objective = Resolved.from_draw(design, population, draw, scene.probe.tube_radius)
+
+        def compute_force(totals: Array) -> Array:
+            return np.full(totals.shape[:2], force)
+
+        with np.errstate(all="ignore"):
+            probability[fits] = objective.compute_detection(probes, compute_force)[0]
+            contrast_sd[fits] = np.exp(objective.compute_log_sd(probes, compute_force)[0])
+    shape = len(depth), len(diameter)
     return DepthMap(depth, diameter, probability.reshape(shape), contrast_sd.reshape(shape))
 
 
@@ -73,10 +79,3 @@ def _build_draw(population: ScenePopulation, depth: Floats, diameter: Floats) ->
     poisson_ratio = population.scene.inclusion[0].poisson_ratio if population.scene.inclusion else scene.tissue.poisson_ratio
     modulus, x = (np.full(n, ranges[key].middle) for key in ("object", "x"))
     return TumourDraw(population.scene, depth, diameter, modulus, x, poisson_ratio, np.zeros(n, dtype=int), (scene,))
-
-
-def _build_search_objective(
-    design: Design, population: ScenePopulation, draw: TumourDraw, scene: Scene, maximise: str
-) -> DesignObjective:
-    changed = design.model_copy(update={"objective": Objective(maximise=maximise)})  # type: ignore[arg-type]
-    return DesignObjective.from_draw(changed, population, draw, scene.probe.tube_radius)

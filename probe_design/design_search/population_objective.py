@@ -1,4 +1,4 @@
-"""Compute the population objective that a search maximises: in closed form, smooth, on arrays of designs.
+"""Compute the objective of a population that a search maximises: by the closed form, smooth, on arrays of designs.
 
 Readings are linear in the unknowns: y = s + J c + N n + e. Here s is the signal of the tumour, c are deviations of the tumour's
 parameters and n nuisances common to a scan, with Gaussian priors of covariances Pi_c and Pi, J and N the readings' derivatives
@@ -21,7 +21,8 @@ modulus that of the population.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -29,195 +30,207 @@ import numpy as np
 from scipy.special import ndtr
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
+from probe_design.design_search.loads import PressingRule, minimum_by_real_part
+from probe_design.design_search.objective import SearchEffort, SearchObjective
+from probe_design.design_search.variables import ProbeSizes
 from probe_design.inference.linear_gaussian import LinearGaussian
+from probe_design.populations.design_file import Design
 from probe_design.populations.detection import compute_known_probabilities
+from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from solver.closed_form.bessel import Array
+from solver.closed_form.designs import build_parameters
+from solver.tumour_waves.population import TumourDraws
 from solver.tumour_waves.population_films import Films, ManyTumours
 
+MAX_SEARCH_TUMOURS = 64  # tumours in the objective
+SEARCH_EFFORT = SearchEffort(starts=4, screened=64, steps=25)
+LOG_DIFFERENCE_STEP = 0.02  # of ln diameter, depth and modulus: a smaller one would show the steps of tabulated Bessel functions
 RESOLVED_STEP_LOG_SD = 0.25  # width in ln sd of the step from not resolved to resolved
 MIN_VARIANCE = 1e-12  # of ln stiffness, and of a squared deflection, so that its root has a derivative at 0
 FLAT_PRIOR_SD = 1e6  # of ln contrast without prior knowledge: finite, so that a tumour without effect has a derivative
+ForceRule = Callable[[Array], Array]  # forces, N, shape (n, m), from the films' forces without tumours, shape (n, m, 2)
 
 
 @dataclass(frozen=True)
-class ScanErrors:
-    """Errors of one scan: relative standard deviations, except for the charge.
-
-    Attributes
-    ----------
-    white
-        Independent error of the ratio at a position, tilt included.
-    gain
-        Error common to the ratios of a scan.
-    stiffness_white, stiffness_gain
-        The same for the stiffness.
-    charge
-        Noise of each film's charge over the charge per force, N.
-    stiffness
-        Whether the stiffness is read.
-    blank
-        Whether there is a baseline reading.
-    false_alarm
-        Probability of a false alarm in a scan.
-    """
-
-    white: float
-    gain: float
-    stiffness_white: float
-    stiffness_gain: float
-    charge: float
-    stiffness: bool
-    blank: bool
-    false_alarm: float
-
-
-@dataclass(frozen=True)
-class PopulationObjective(ABC):
+class PopulationObjective(SearchObjective):
     """An objective over a population, prepared for any design.
 
     Attributes
     ----------
-    tumours
+    design
+        The design file: noise, protocol, limits and statistic.
+    rule
+        Rule for the forces.
+    draw
         The tumours.
+    tumours
+        The same, prepared for any probe.
     moved
-        Pairs of the same tumours, for each parameter in ``VARIED_PARAMETERS`` with it multiplied by e^-step and e^step; without a
-        baseline reading also for the modulus of the tissue, "tissue".
-    step
-        Step of the logarithms.
-    channels
-        Errors of the scan.
+        Pairs of the same tumours, for each parameter in ``VARIED_PARAMETERS`` with it multiplied by e^-step and e^step, the step
+        being ``LOG_DIFFERENCE_STEP``; without a baseline reading also for the modulus of the tissue, "tissue".
     priors
         Standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
-    statistic
-        ``mean`` or a quantile.
+    effort
+        Effort of a search.
     """
 
+    design: Design
+    rule: PressingRule
+    draw: TumourDraw
     tumours: ManyTumours
     moved: dict[str, tuple[ManyTumours, ManyTumours]]
-    step: float
-    channels: ScanErrors
     priors: dict[str, float]
-    statistic: Any
+    effort: SearchEffort = SEARCH_EFFORT
 
     VARIED_PARAMETERS: ClassVar[tuple[str, ...]] = ("diameter", "depth")
 
-    @abstractmethod
-    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
-        """Return the objective tumour by tumour, shape (n, m); see ``values``."""
-
-    def values(self, probes: Array, force: Any) -> Array:
-        """Return the objective of n designs, larger is better, shape (n,).
+    @staticmethod
+    def from_design(design: Design, widest: float, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationObjective:
+        """Draw the tumours and precompute all that does not depend on the probe.
 
         Parameters
         ----------
-        probes
-            See ``ManyTumours.compute_films``; floats or complex.
-        force
-            Function that returns the force, N, shape (n, m), from the films' forces without tumours, shape (n, m, 2).
+        design
+            The design file.
+        widest
+            Outer radius of the widest probe, m.
+        max_tumours
+            Maximum of tumours in the objective.
         """
-        of_each = self.evaluate_tumours(probes, force)
-        if self.statistic == "mean":
-            return of_each.mean(axis=1)
-        return _compute_quantile(of_each, float(self.statistic))
+        population = ScenePopulation.from_scene(design.scene, design.population)
+        draw = population.draw_tumours(min(max_tumours, population.samples))
+        return OBJECTIVES[design.objective.maximise].from_draw(design, population, draw, widest)
 
-    def compute_log_sd(self, probes: Array, force: Any) -> Array:
+    @classmethod
+    def from_draw(cls, design: Design, population: ScenePopulation, draw: TumourDraw, widest: float) -> PopulationObjective:
+        """Precompute the objective for tumours that are already drawn."""
+        draws, steps = _build_draws(draw), (-LOG_DIFFERENCE_STEP, LOG_DIFFERENCE_STEP)
+        names = cls.VARIED_PARAMETERS if design.protocol.blank else (*cls.VARIED_PARAMETERS, "tissue")
+        moved = {}
+        for name in names:
+            smaller, larger = (_prepare_tumours(design, draw, _step_parameter(draws, name, step), widest) for step in steps)
+            moved[name] = smaller, larger
+        priors = {name: population.ranges[name].deviation for name in ("diameter", "depth", "tissue")}
+        priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
+        rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
+        return cls(design, rule, draw, _prepare_tumours(design, draw, draws, widest), moved, priors)
+
+    @abstractmethod
+    def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
+        """Return the objective tumour by tumour, shape (n, m); see ``compute_statistic``."""
+
+    def compute_statistic(self, probes: Array, compute_force: ForceRule) -> Array:
+        """Return the objective of n designs, shape (n,); for probes see ``ManyTumours.compute_films``, floats or complex."""
+        tumour_values, statistic = self.compute_tumour_values(probes, compute_force), self.design.objective.statistic
+        return tumour_values.mean(axis=1) if statistic == "mean" else _compute_quantile(tumour_values, float(statistic))
+
+    def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
+        """See ``SearchObjective.values``."""
+        sizes = ProbeSizes.from_vector(x)
+        charges: list[Array] = []
+
+        def compute_force(totals: Array) -> Array:
+            forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
+            fractions = totals / totals.sum(axis=2, keepdims=True)
+            weaker = minimum_by_real_part(fractions[..., 0], fractions[..., 1]) * forces * self.rule.charge_per_force
+            charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
+            return forces
+
+        values = self.compute_statistic(sizes.build_parameters(poisson), compute_force)
+        min_charge = self.design.limits.charge[0] if self.design.limits.charge else 0.0
+        return values, np.log(charges[0] / min_charge) if min_charge > 0 else 0 * values
+
+    def compute_detection(self, probes: Array, compute_force: ForceRule) -> Array:
+        """Return the probability of detection of each tumour if it were known, from eq. DS.1, shape (n, m)."""
+        films, noise = self._compute_noise(probes, compute_force)
+        squared_deflection = noise.compute_chi_square(self._compute_signature(films))
+        return compute_known_probabilities(np.sqrt(squared_deflection + MIN_VARIANCE), self.design.protocol.false_alarm)
+
+    def compute_log_sd(self, probes: Array, compute_force: ForceRule, contrast_prior_sd: float = FLAT_PRIOR_SD) -> Array:
         """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
-        films, noise = self._compute_noise(probes, force)
-        prior_sd = np.array([self.priors[key] for key in ("object", "diameter", "depth")])
-        prior_sd[0] = self.contrast_prior_sd
-        return np.log(
-            noise.add_unknowns(self._compute_derivatives(probes, films), prior_sd).compute_posterior_sd(np.array([1.0]))
-        )
+        films, noise = self._compute_noise(probes, compute_force)
+        prior_sd = np.array([contrast_prior_sd, self.priors["diameter"], self.priors["depth"]])
+        posterior = noise.add_unknowns(self._compute_derivatives(probes, films), prior_sd)
+        return np.log(posterior.compute_posterior_sd(np.array([1.0])))
 
-    @property
-    def contrast_prior_sd(self) -> float:
-        """Prior standard deviation of ln contrast that the posterior starts from."""
-        return FLAT_PRIOR_SD
-
-    def _compute_noise(self, probes: Array, force: Any) -> tuple[Films, LinearGaussian]:
+    def _compute_noise(self, probes: Array, compute_force: ForceRule) -> tuple[Films, LinearGaussian]:
         """Return films and the readings' noise; NaN where a film is in tension (no logarithm)."""
         films = self.tumours.compute_films(probes)
         films = replace(films, without=_mask_non_positive(films.without))
-        variance = self._compute_variance(films, force(films.without))
+        variance = self._compute_variance(films, compute_force(films.without))
         return films, LinearGaussian.from_shared_errors(self._build_shared_errors(probes, films, variance), variance)
 
     def _stack_channels(self, ratio: Array, stiffness: Array) -> Array:
         """Join the readings of a scan along one axis: ratios, then stiffnesses if they are read."""
-        return np.concatenate([ratio, stiffness], axis=2) if self.channels.stiffness else ratio
+        return np.concatenate([ratio, stiffness], axis=2) if self.design.protocol.stiffness else ratio
 
     def _compute_signature(self, films: Films) -> Array:
         """Return the change of the log readings by each tumour, shape (n, m, readings)."""
-        whole, alone = films.without[:, :, None] + films.change, films.without[:, :, None]
-        ratio = np.log(_mask_non_positive(whole[..., 0] / alone[..., 0])) - np.log(
-            _mask_non_positive(whole[..., 1] / alone[..., 1])
-        )
-        return self._stack_channels(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
+        without = films.without[:, :, None]
+        totals = without + films.change
+        inner, outer = (np.log(_mask_non_positive(totals[..., film] / without[..., film])) for film in (0, 1))
+        return self._stack_channels(inner - outer, np.log(totals.sum(axis=3) / without.sum(axis=3)))
 
     def _compute_variance(self, films: Films, force: Array) -> Array:
         """Return the white variance of each reading, shape (n, m, readings)."""
-        share = films.without / films.without.sum(axis=2, keepdims=True)
-        charges = ((self.channels.charge / (share * force[..., None])) ** 2).sum(axis=2)
+        noise, fractions = self.design.noise, films.without / films.without.sum(axis=2, keepdims=True)
+        charges = fractions * force[..., None] * self.rule.charge_per_force
         ones = np.ones((1, 1, films.change.shape[2]))
-        ratio = (self.channels.white**2 + charges)[..., None] * ones
-        return self._stack_channels(ratio, self.channels.stiffness_white**2 + MIN_VARIANCE + 0 * ratio)
+        ratio = (noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=2))[..., None] * ones
+        return self._stack_channels(ratio, noise.stiffness_white**2 + MIN_VARIANCE + 0 * ratio)
 
     def _build_shared_errors(self, probes: Array, films: Films, variance: Array) -> Array:
         """Return the errors common to a scan, one standard deviation in each column, shape (n, m, readings, a)."""
-        readings, channels = variance.shape[2], 2 if self.channels.stiffness else 1
-        count = readings // channels
+        noise, channels = self.design.noise, 2 if self.design.protocol.stiffness else 1
+        count = variance.shape[2] // channels
         by_channel = np.repeat(np.eye(channels), count, axis=0)
-        if self.channels.blank:
+        if self.design.protocol.blank:
             return by_channel * np.sqrt(variance[:, :, None, ::count])
-        gains = np.array([self.channels.gain, self.channels.stiffness_gain])[:channels]
+        gains = np.array([math.sqrt(2) * noise.gain, noise.stiffness_gain])[:channels]
         common = np.broadcast_to(by_channel * gains, (*variance.shape, channels))
         tissue = self._difference("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))
         return np.concatenate([common, self.priors["tissue"] * tissue[..., None]], axis=3)
 
     def _compute_derivatives(self, probes: Array, films: Films) -> Array:
         """Return the signature's derivatives by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
-        whole = films.without[:, :, None] + films.change
-        share = films.by_log / whole
-        total = films.by_log.sum(axis=3) / whole.sum(axis=3)
-        slopes = [self._stack_channels(share[..., 0] - share[..., 1], total)]
-        slopes += [self._difference(key, probes, self._compute_signature) for key in ("diameter", "depth")]
+        totals = films.without[:, :, None] + films.change
+        inner, outer = np.moveaxis(films.by_log / totals, 3, 0)
+        slopes = [self._stack_channels(inner - outer, films.by_log.sum(axis=3) / totals.sum(axis=3))]
+        slopes += [self._difference(name, probes, self._compute_signature) for name in ("diameter", "depth")]
         return np.stack(slopes, axis=3)
 
-    def _difference(self, key: str, probes: Array, evaluate: Any) -> Array:
-        lower, upper = (evaluate(tumours.compute_films(probes)) for tumours in self.moved[key])
-        return (upper - lower) / (2 * self.step)
+    def _difference(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
+        """Return the derivative of readings by the logarithm of a parameter."""
+        lower, upper = (evaluate(tumours.compute_films(probes)) for tumours in self.moved[name])
+        return (upper - lower) / (2 * LOG_DIFFERENCE_STEP)
 
 
 class Detection(PopulationObjective):
-    """The probability of detection of each tumour, from the deflection of eq. DS.1."""
+    """The probability of detection of each tumour."""
 
     VARIED_PARAMETERS = ()
 
-    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+    def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
         """Return the probability of detection."""
-        films, noise = self._compute_noise(probes, force)
-        squared_deflection = noise.compute_chi_square(self._compute_signature(films))
-        return compute_known_probabilities(np.sqrt(squared_deflection + MIN_VARIANCE), self.channels.false_alarm)
+        return self.compute_detection(probes, compute_force)
 
 
 class Resolved(PopulationObjective):
     """Whether the stiffness of each tumour is resolved: a smooth step of the standard deviation of ln contrast."""
 
-    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+    def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
         """Return the step, from 0 to 1."""
-        return ndtr((math.log(MAX_RESOLVED_LOG_SD) - self.compute_log_sd(probes, force)) / RESOLVED_STEP_LOG_SD)
+        return ndtr((math.log(MAX_RESOLVED_LOG_SD) - self.compute_log_sd(probes, compute_force)) / RESOLVED_STEP_LOG_SD)
 
 
 class Information(PopulationObjective):
     """The information gained about ln contrast of each tumour, in nats."""
 
-    @property
-    def contrast_prior_sd(self) -> float:
-        """Prior standard deviation of ln contrast in the population."""
-        return self.priors["object"]
-
-    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
+    def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
         """Return the logarithm of the prior's standard deviation over the posterior's."""
-        return math.log(self.priors["object"]) - self.compute_log_sd(probes, force)
+        prior_sd = self.priors["object"]
+        return math.log(prior_sd) - self.compute_log_sd(probes, compute_force, prior_sd)
 
 
 OBJECTIVES: dict[str, type[PopulationObjective]] = {
@@ -226,6 +239,50 @@ OBJECTIVES: dict[str, type[PopulationObjective]] = {
     "information": Information,
 }
 """The objectives by their names in design files."""
+
+
+def _build_draws(draw: TumourDraw) -> TumourDraws:
+    """Return a draw of tumours as arrays, in the scene's coordinates."""
+    y_position = draw.scene.inclusion[0].y if draw.scene.inclusion else draw.scene.placement.y
+    tissues = np.array([_list_layers(scene.tissue) for scene in draw.tissues])  # (t, layers + 1, 3)
+    tissue, ones = np.moveaxis(tissues[draw.tissue], 0, 2), np.ones(len(draw))
+    bounded = draw.scene.tissue.shape != "half-space"
+    return TumourDraws(
+        draw.diameter / 2, draw.depth, draw.x, y_position * ones, draw.youngs_modulus, draw.poisson_ratio * ones, tissue, bounded
+    )
+
+
+def _list_layers(tissue: Any) -> list[list[float]]:
+    """Return thickness, Young's modulus and Poisson's ratio of each layer and of the tissue below."""
+    depth = getattr(tissue, "depth", 1.0)
+    layers = [[layer.thickness, layer.youngs_modulus, layer.poisson_ratio] for layer in tissue.layer]
+    return [*layers, [depth, tissue.youngs_modulus, tissue.poisson_ratio]]
+
+
+def _prepare_tumours(design: Design, draw: TumourDraw, draws: TumourDraws, widest: float) -> ManyTumours:
+    """Prepare tumours at all positions of the protocol, for probes up to an outer radius, m."""
+    scene, places = draw.tissues[0], design.protocol.places
+    shape, values = build_parameters(scene, merged=False)
+    return ManyTumours.from_draws(
+        draws,
+        np.stack([places, np.full(len(places), scene.placement.y)], axis=1),
+        widest,
+        bonded=scene.contact.interface in ("bonded", "unilateral"),
+        side=(float(values[10]), shape.side_nodes) if shape.bounded else (1.0, 0),
+        layer_nodes=shape.layer_nodes,
+    )
+
+
+def _step_parameter(draws: TumourDraws, name: str, step: float) -> TumourDraws:
+    """Return tumours with a step of the logarithm of their diameter or depth, or of the tissue's modulus."""
+    factor = math.exp(step)
+    if name == "diameter":
+        return replace(draws, radius=draws.radius * factor)
+    if name == "depth":
+        return replace(draws, depth=draws.depth * factor)
+    tissue = draws.tissue.copy()
+    tissue[-1, 1] *= factor
+    return replace(draws, tissue=tissue)
 
 
 def _mask_non_positive(values: Array) -> Array:
@@ -241,10 +298,10 @@ def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
     return ratio[..., None] * ones, stiffness[..., None] * ones
 
 
-def _compute_quantile(values: Array, share: float) -> Array:
+def _compute_quantile(values: Array, fraction: float) -> Array:
     """Return a quantile over the last axis, of complex numbers by their real parts; shape (n,)."""
     order = np.argsort(values.real, axis=1)
-    rank = share * (values.shape[1] - 1)
+    rank = fraction * (values.shape[1] - 1)
     low = min(int(rank), values.shape[1] - 1)
     ends = np.take_along_axis(values, order[:, [low, min(low + 1, values.shape[1] - 1)]], axis=1)
     return ends[:, 0] * (1 - (rank - low)) + ends[:, 1] * (rank - low)

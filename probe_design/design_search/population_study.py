@@ -10,8 +10,8 @@ from functools import partial
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
-from probe_design.design_search.design_objective import MAX_SEARCH_TUMOURS, DesignObjective
 from probe_design.design_search.loads import PressingRule
+from probe_design.design_search.population_objective import MAX_SEARCH_TUMOURS, PopulationObjective
 from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.refinement import refine_design
 from probe_design.design_search.search_space import SearchSpace, build_search_space
@@ -46,7 +46,7 @@ class PopulationStudy:
 
     design: Design
     search_space: SearchSpace
-    objective: DesignObjective
+    objective: PopulationObjective
 
     @classmethod
     def from_design(cls, design: Design, tell: Progress, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationStudy:
@@ -61,7 +61,7 @@ class PopulationStudy:
         """
         search_space = build_search_space(design)
         tell("drawing the population", 0, 1)
-        objective = DesignObjective.from_design(
+        objective = PopulationObjective.from_design(
             design, max(search_space.space.outer_radius, design.scene.probe.tube_radius), max_tumours
         )
         tell("drawing the population", 1, 1)
@@ -109,7 +109,7 @@ class PopulationStudy:
     def _select_finalists(self, search: ChoiceSearch, tell: Progress) -> list[tuple[Choice, Scene]]:
         """Select the best designs that differ, the first one refined, rounded for the workshop."""
         advance = partial(tell, "refining by equivalent-inclusion")
-        better = refine_design(self.objective, self.design, self.search_space, search.choices[0], advance)
+        better = refine_design(self.objective, self.search_space, search.choices[0], advance)
         order = [*([] if better is None else [better]), *search.choices][:MAX_TRIED]
         finalists: list[tuple[Choice, Scene]] = []
         for choice, scene in iterate_distinct(order, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):

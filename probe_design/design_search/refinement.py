@@ -1,6 +1,7 @@
 """Refine a design for the equivalent-inclusion evaluator, with the closed form corrected to its value and gradient at the design.
 
-With f the closed form's objective, g the evaluator's, u the logarithms of the free variables and u_0 those of the design,
+With f the closed form's objective, g that of the evaluator to first order, u the logarithms of the free variables and u_0 those
+of the design,
 
     f(u) + g(u_0) - f(u_0) + (g'(u_0) - f'(u_0)) . (u - u_0)                                          (DS.3)
 
@@ -12,63 +13,145 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import ProbeError
+from geometry.scenes.scene import Scene
 from probe_design.design_search.choices import Choice, Progress
 from probe_design.design_search.closed_search import refine_by_ipopt
-from probe_design.design_search.design_objective import DesignObjective
-from probe_design.design_search.inclusion_model import compute_inclusion_objective
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import SearchSpace
-from probe_design.populations.design_file import Design
+from probe_design.design_search.variables import ProbeSizes
+from solver.closed_form.designs import PROBE_PARAMETERS
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import compute_readings
+from solver.inclusions.tumours import Tumours
+from solver.planning.coarse_model import CoarseModel
+from solver.tumour_waves.population import TumourDraws
+from solver.tumour_waves.population_films import Films, ManyTumours
 
 LOG_DIFFERENCE_STEP, MAX_LOG_CHANGE = 0.03, 0.25  # of the logarithms
-MAX_IPOPT_STEPS = 20  # of IPOPT
+MAX_IPOPT_STEPS = 20
 
 
 @dataclass(frozen=True)
-class CorrectedDesigns:
+class CorrectedObjective:
     """The closed-form objective corrected to the finer model at one design (eq. DS.3), for IPOPT."""
 
-    design_objective: DesignObjective
+    objective: PopulationObjective
     start: Floats
     slopes: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
         """Return both values and their derivatives, see ``ExactGradients.gradient``."""
-        closed_values, slopes = self.design_objective.gradient(x, poisson, which)
+        closed_values, slopes = self.objective.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
         return closed_values + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])
 
 
-def refine_design(
-    design_objective: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, progress: Progress
-) -> Choice | None:
+@dataclass(frozen=True)
+class InclusionTumours:
+    """Readings over many tumours in place of ``ManyTumours``, for one probe that finite elements solve on each tissue.
+
+    Attributes
+    ----------
+    bases
+        The probe on each tissue.
+    draws
+        The tumours.
+    tissue
+        Number of each tumour's tissue, shape (m,).
+    places
+        x of the probe's axis, m, shape (P,).
+    y
+        y of the probe's axis, m.
+    """
+
+    bases: tuple[Undisturbed, ...]
+    draws: TumourDraws
+    tissue: Ints
+    places: Floats
+    y: float
+
+    def compute_films(self, probes: Any) -> Films:
+        """Return the film forces of the one probe; ``probes`` is ignored."""
+        m, count = len(self.tissue), len(self.places)
+        baseline, change, by_log = np.zeros((1, m, 2)), np.zeros((1, m, count, 2)), np.zeros((1, m, count, 2))
+        for number, base in enumerate(self.bases):
+            which = np.flatnonzero(self.tissue == number)
+            if not len(which):
+                continue
+            readings = compute_readings(base, self._list_relative_tumours(which), 0, reflect=False)
+            totals = base.films.forces.sum(axis=1)
+            baseline[0, which] = totals
+            change[0, which] = readings.totals.reshape(len(which), count, 2) - totals
+            by_log[0, which] = readings.derivatives["youngs_modulus"].sum(axis=2).reshape(len(which), count, 2)
+        return Films(baseline, change, by_log)
+
+    def _list_relative_tumours(self, which: Ints) -> Tumours:
+        """Return the tumours relative to the probe's axis at each of P positions, shape (k P, 1)."""
+        draws, count = self.draws, len(self.places)
+        columns = [(draws.x[which, None] - self.places).ravel(), np.repeat(draws.y[which] - self.y, count)]
+        numbers = draws.depth, 2 * draws.radius, draws.youngs_modulus, draws.poisson_ratio
+        columns += [np.repeat(values[which], count) for values in numbers]
+        return Tumours(*(column[:, None] for column in columns))
+
+
+def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) -> float:
+    """Return the objective of a scene's probe by equivalent-inclusion to first order; ``-inf`` where it is not finite.
+
+    Raises
+    ------
+    Refusal
+        The evaluator does not support the scene.
+    """
+    draw, sizes = objective.draw, ProbeSizes.from_scene(scene)
+    bases = tuple(CoarseModel.from_scene(tissue, details=False).base_states for tissue in draw.replace_probe(scene).tissues)
+
+    def replace_tumours(tumours: ManyTumours) -> Any:
+        return InclusionTumours(bases, tumours.draws, draw.tissue, objective.design.protocol.places, scene.placement.y)
+
+    moved = {name: (replace_tumours(smaller), replace_tumours(larger)) for name, (smaller, larger) in objective.moved.items()}
+    inclusion_objective = replace(objective, tumours=replace_tumours(objective.tumours), moved=moved)
+    no_probes = np.zeros((len(PROBE_PARAMETERS), 1))
+    with np.errstate(all="ignore"):
+        values = inclusion_objective.compute_statistic(
+            no_probes, lambda totals: objective.rule.compute_forces(sizes, totals, draw.tissue)
+        )
+    return float(values[0]) if np.isfinite(values[0]) else -np.inf
+
+
+def refine_design(objective: PopulationObjective, search_space: SearchSpace, start: Choice, progress: Progress) -> Choice | None:
     """Return a nearby design with a better objective by the equivalent-inclusion evaluator, or None."""
-    space = search_space.pin_combination(start.combination)
-    free = space.free
-    start_value = _evaluate_inclusion(design_objective, design, search_space, start, start.design)
+
+    def evaluate(vector: Floats) -> float:
+        with suppress(ProbeError):
+            scene = search_space.build_exact_scene(vector, start.combination)
+            return -np.inf if scene is None else compute_inclusion_objective(objective, scene)
+        return -np.inf
+
+    space, poisson = search_space.pin_combination(start.combination), start.combination.poisson
+    free, start_value = space.free, evaluate(start.design)
     if not free or not np.isfinite(start_value):
         return None
     slopes = np.zeros(len(free))
-    closed_gradient = design_objective.gradient(start.design, start.combination.poisson, free)[1][0]
+    closed_gradient = objective.gradient(start.design, poisson, free)[1][0]
     for position, k in enumerate(free):
         progress(position, len(free) + 1)
         moved, step = _move_variable(start.design, k, space.low, space.high)
-        moved_value = _evaluate_inclusion(design_objective, design, search_space, start, moved)
+        moved_value = evaluate(moved)
         slopes[position] = (moved_value - start_value) / step - closed_gradient[position] if np.isfinite(moved_value) else 0.0
     low = np.maximum(space.low, start.design * np.exp(-MAX_LOG_CHANGE))
     high = np.minimum(space.high, start.design * np.exp(MAX_LOG_CHANGE))
-    corrected = CorrectedDesigns(design_objective, start.design, slopes)
-    nearby_space = replace(space, low=low, high=high)
-    refined = refine_by_ipopt(corrected, nearby_space, start.design, poisson=start.combination.poisson, steps=MAX_IPOPT_STEPS)
+    corrected, nearby_space = CorrectedObjective(objective, start.design, slopes), replace(space, low=low, high=high)
+    refined = refine_by_ipopt(corrected, nearby_space, start.design, poisson=poisson, steps=MAX_IPOPT_STEPS)
     progress(len(free) + 1, len(free) + 1)
-    if not _evaluate_inclusion(design_objective, design, search_space, start, refined) > start_value:
+    if not evaluate(refined) > start_value:
         return None
-    value = float(design_objective.evaluate_designs(refined[:, None], start.combination.poisson)[0])
-    return Choice(start.combination, refined, value)
+    return Choice(start.combination, refined, float(objective.evaluate_designs(refined[:, None], poisson)[0]))
 
 
 def _move_variable(design: Floats, k: int, low: Floats, high: Floats) -> tuple[Floats, float]:
@@ -77,14 +160,3 @@ def _move_variable(design: Floats, k: int, low: Floats, high: Floats) -> tuple[F
     moved = design.copy()
     moved[k] = np.clip(design[k] * np.exp(LOG_DIFFERENCE_STEP if upwards else -LOG_DIFFERENCE_STEP), low[k], high[k])
     return moved, float(np.log(moved[k] / design[k]))
-
-
-def _evaluate_inclusion(
-    design_objective: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, vector: Floats
-) -> float:
-    scene = search_space.build_exact_scene(vector, start.combination)
-    if scene is None:
-        return -np.inf
-    with suppress(ProbeError):
-        return compute_inclusion_objective(design_objective, design, scene)
-    return -np.inf

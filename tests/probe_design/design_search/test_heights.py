@@ -13,7 +13,7 @@ from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
-from probe_design.design_search.design_objective import DesignObjective
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.variables import SEPARATE_HEIGHT_NAMES, ProbeSizes, read_vector
 from probe_design.design_search.workshop import draw_built_designs
@@ -39,8 +39,8 @@ def stepped() -> Scene:
     return set_heights(3e-3, 4.5e-3)
 
 
-def design_objective(**tables: Any) -> DesignObjective:
-    return DesignObjective.from_design(design(**{**FEW, **tables}), 8e-3)
+def design_objective(**tables: Any) -> PopulationObjective:
+    return PopulationObjective.from_design(design(**{**FEW, **tables}), 8e-3)
 
 
 def test_a_key_of_either_height_frees_both() -> None:
@@ -106,7 +106,7 @@ def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:
     held = dict.fromkeys(("inner_radius", "area_ratio", "gap", "inner_modulus", "outer_modulus"), "fixed")
     inner, outer = [2e-3, 3e-3, 5e-3], [1.5e-3, 3e-3, 6e-3]
     made = design(**FEW, variables=held | {"inner_height": {"choices": inner}, "outer_height": {"choices": outer}})
-    steered_designs, search_space = DesignObjective.from_design(made, 8e-3), build_search_space(made)
+    steered_designs, search_space = PopulationObjective.from_design(made, 8e-3), build_search_space(made)
     best = search_combinations(steered_designs, search_space, lambda done, total: None).choices[0]
     designs = [
         read_vector(set_heights(inner_height, outer_height), SEPARATE_HEIGHT_NAMES)
@@ -127,7 +127,7 @@ def test_a_search_of_two_heights_ends_no_lower_than_one_of_one() -> None:
     for heights in ({"height": [2e-3, 6e-3]}, {"inner_height": [2e-3, 6e-3], "outer_height": [2e-3, 6e-3]}):
         made = design(**FEW, variables=held | heights)
         worth.append(
-            search_combinations(DesignObjective.from_design(made, 8e-3), build_search_space(made), lambda done, total: None)
+            search_combinations(PopulationObjective.from_design(made, 8e-3), build_search_space(made), lambda done, total: None)
             .choices[0]
             .value
         )

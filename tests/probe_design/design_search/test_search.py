@@ -12,7 +12,7 @@ from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Load
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
-from probe_design.design_search.design_objective import DesignObjective
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.variables import ProbeSizes, read_vector
 from probe_design.populations.design_file import Design
@@ -27,9 +27,9 @@ def make_design(**tables: Any) -> Design:
     return design(**{"population": POPULATION, "protocol": PROTOCOL, **tables})
 
 
-def ready(made: Design) -> tuple[DesignObjective, SearchSpace]:
+def ready(made: Design) -> tuple[PopulationObjective, SearchSpace]:
     search_space = build_search_space(made)
-    return DesignObjective.from_design(made, max(search_space.space.outer_radius, 7.6e-3)), search_space
+    return PopulationObjective.from_design(made, max(search_space.space.outer_radius, 7.6e-3)), search_space
 
 
 def ignore_progress(done: int, total: int) -> None:
@@ -48,7 +48,8 @@ def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None
     direction = np.array([0.8, 0.6, 0.2, -0.4, 0.3, 0.5])
 
     def moved(step: complex) -> Any:
-        return design_objective.evaluate_tumours(start * np.exp(step * direction), search_space.start_poisson, 5e-4)
+        probes = ProbeSizes.from_vector((start * np.exp(step * direction))[:, None]).build_parameters(search_space.start_poisson)
+        return design_objective.compute_tumour_values(probes, lambda totals: np.full(totals.shape[:2], 5e-4))[0]
 
     slope = moved(1e-30j).imag / 1e-30  # of each tumour: of their mean a remainder may pass through zero
     left = [np.linalg.norm(moved(step) - moved(0.0) - step * slope) for step in (0.08, 0.04, 0.02)]

@@ -10,7 +10,7 @@ import pytest
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_dict
-from probe_design.design_search.design_objective import DesignObjective
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import design_from_dict
 from probe_design.populations.examination import examine
@@ -96,7 +96,7 @@ def test_a_film_that_is_pulled_on_is_refused_in_words_and_steers_no_search() -> 
     with pytest.raises(Refusal, match="the inner film is pulled on") as refused:
         verify(scene, design)
     assert "\n" not in str(refused.value)
-    design_objective = DesignObjective.from_design(design, 4e-3)
+    design_objective = PopulationObjective.from_design(design, 4e-3)
     with pytest.raises(Refusal, match="pulled"):
         design_objective.rule.compute_pressed_design(scene)
     assert design_objective.evaluate_designs(read_vector(scene)[:, None], (0.495, 0.495))[0] == -np.inf
