@@ -47,14 +47,14 @@ def design(name: str) -> Design:
     return design_from_dict({"scene": scene, **tables})
 
 
-def find_evolved_objective(design_objective: PopulationObjective, search_space: SearchSpace) -> float:
+def find_evolved_objective(objective: PopulationObjective, search_space: SearchSpace) -> float:
     """Return the best objective that differential evolution finds in ``EVALUATIONS``; designs beyond constraints are worth 0."""
     space = search_space.space
 
     def worth(x: Floats) -> float:
         design_column = np.exp(x)[:, None]
         return (
-            -float(design_objective.evaluate_designs(design_column, search_space.start_poisson)[0])
+            -float(objective.evaluate_designs(design_column, search_space.start_poisson)[0])
             if space.admits(design_column)[0]
             else 0.0
         )
@@ -71,11 +71,11 @@ def closed_form() -> MeasuredTable:
     for name in POPULATIONS:
         population_design = design(name)
         search_space = build_search_space(population_design)
-        design_objective = PopulationObjective.from_design(population_design, search_space.space.outer_radius)
+        objective = PopulationObjective.from_design(population_design, search_space.space.outer_radius)
         start = perf_counter()
-        mine = search_combinations(design_objective, search_space, lambda done, total: None).choices[0].value
+        mine = search_combinations(objective, search_space, lambda done, total: None).choices[0].value
         middle = perf_counter()
-        theirs = find_evolved_objective(design_objective, search_space)
+        theirs = find_evolved_objective(objective, search_space)
         end = perf_counter()
         table.add(name, round(mine, 5), middle - start, round(theirs, 5), end - middle, (end - middle) / (middle - start))
     return table

@@ -39,7 +39,7 @@ def stepped() -> Scene:
     return set_heights(3e-3, 4.5e-3)
 
 
-def design_objective(**tables: Any) -> PopulationObjective:
+def build_objective(**tables: Any) -> PopulationObjective:
     return PopulationObjective.from_design(design(**{**FEW, **tables}), 8e-3)
 
 
@@ -90,15 +90,15 @@ def test_the_formulas_are_asked_for_the_probe_that_the_scene_has() -> None:
 
 
 def test_equal_heights_are_worth_what_one_height_is_and_slopes_are_exact() -> None:
-    steered_designs, six = design_objective(), read_vector(SCENE)
+    objective, six = build_objective(), read_vector(SCENE)
     seven = np.append(six, six[3])
-    assert steered_designs.evaluate_designs(seven[:, None], POISSON)[0] == pytest.approx(
-        steered_designs.evaluate_designs(six[:, None], POISSON)[0], rel=1e-12
+    assert objective.evaluate_designs(seven[:, None], POISSON)[0] == pytest.approx(
+        objective.evaluate_designs(six[:, None], POISSON)[0], rel=1e-12
     )
-    slopes = steered_designs.gradient(seven, POISSON, [3, OUTER_HEIGHT_INDEX])[1][0]
-    assert slopes.sum() == pytest.approx(steered_designs.gradient(six, POISSON, [3])[1][0, 0], rel=1e-9)
+    slopes = objective.gradient(seven, POISSON, [3, OUTER_HEIGHT_INDEX])[1][0]
+    assert slopes.sum() == pytest.approx(objective.gradient(six, POISSON, [3])[1][0, 0], rel=1e-9)
     step = 1e-3 * (np.arange(7) == OUTER_HEIGHT_INDEX)[:, None] * np.array([1, -1])
-    upper, lower = steered_designs.evaluate_designs(seven[:, None] * np.exp(step), POISSON)
+    upper, lower = objective.evaluate_designs(seven[:, None] * np.exp(step), POISSON)
     assert slopes[1] == pytest.approx((upper - lower) / 2e-3, rel=1e-3)
 
 
@@ -106,14 +106,14 @@ def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:
     held = dict.fromkeys(("inner_radius", "area_ratio", "gap", "inner_modulus", "outer_modulus"), "fixed")
     inner, outer = [2e-3, 3e-3, 5e-3], [1.5e-3, 3e-3, 6e-3]
     made = design(**FEW, variables=held | {"inner_height": {"choices": inner}, "outer_height": {"choices": outer}})
-    steered_designs, search_space = PopulationObjective.from_design(made, 8e-3), build_search_space(made)
-    best = search_combinations(steered_designs, search_space, lambda done, total: None).choices[0]
+    objective, search_space = PopulationObjective.from_design(made, 8e-3), build_search_space(made)
+    best = search_combinations(objective, search_space, lambda done, total: None).choices[0]
     designs = [
         read_vector(set_heights(inner_height, outer_height), SEPARATE_HEIGHT_NAMES)
         for inner_height in inner
         for outer_height in outer
     ]
-    worth = steered_designs.evaluate_designs(np.array(designs).T, POISSON)
+    worth = objective.evaluate_designs(np.array(designs).T, POISSON)
     np.testing.assert_allclose(best.design, designs[int(worth.argmax())], rtol=1e-9)
     scene = search_space.build_scene(best.design, best.combination)
     assert scene is not None

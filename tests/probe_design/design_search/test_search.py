@@ -43,19 +43,19 @@ def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None
     made = make_design(
         objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise
     )
-    design_objective, search_space = ready(made)
+    objective, search_space = ready(made)
     start = read_vector(made.scene)
     direction = np.array([0.8, 0.6, 0.2, -0.4, 0.3, 0.5])
 
     def moved(step: complex) -> Any:
         probes = ProbeSizes.from_vector((start * np.exp(step * direction))[:, None]).build_parameters(search_space.start_poisson)
-        return design_objective.compute_tumour_values(probes, lambda totals: np.full(totals.shape[:2], 5e-4))[0]
+        return objective.compute_tumour_values(probes, lambda totals: np.full(totals.shape[:2], 5e-4))[0]
 
     slope = moved(1e-30j).imag / 1e-30  # of each tumour: of their mean a remainder may pass through zero
     left = [np.linalg.norm(moved(step) - moved(0.0) - step * slope) for step in (0.08, 0.04, 0.02)]
     assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.35)
     assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.2)
-    slopes = design_objective.gradient(start, search_space.start_poisson, list(range(6)))[1][0]
+    slopes = objective.gradient(start, search_space.start_poisson, list(range(6)))[1][0]
     assert slopes @ direction == pytest.approx(slope.mean(), rel=1e-9)
 
 
@@ -67,12 +67,12 @@ def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> Non
     made = make_design(
         variables={key: {"choices": values} for key, values in grids.items()}, limits={"outer_radius": 6e-3, "force": 5e-3}
     )
-    design_objective, search_space = ready(made)
-    chosen = search_combinations(design_objective, search_space, ignore_progress)
+    objective, search_space = ready(made)
+    chosen = search_combinations(objective, search_space, ignore_progress)
     assert chosen.exhaustive
     assert "all 48 combinations" in chosen.how
     designs = np.array(list(product(*grids.values()))).T
-    values = design_objective.evaluate_designs(designs, search_space.start_poisson)
+    values = objective.evaluate_designs(designs, search_space.start_poisson)
     values[ProbeSizes.from_vector(designs).outer_radius > 6e-3] = -np.inf
     values[ProbeSizes.from_vector(designs).wall < search_space.space.wall] = -np.inf
     assert chosen.choices[0].value == pytest.approx(values.max(), rel=1e-9)
@@ -118,8 +118,8 @@ def test_many_combinations_are_branched_and_it_is_said() -> None:
     made = make_design(
         variables={"inner_radius": {"step": 1e-4}, "gap": {"step": 5e-5}, "height": "fixed"}, limits={"force": 5e-3}
     )
-    design_objective, search_space = ready(made)
-    chosen = search_combinations(design_objective, search_space, ignore_progress)
+    objective, search_space = ready(made)
+    chosen = search_combinations(objective, search_space, ignore_progress)
     assert not chosen.exhaustive
     assert "not all tried" in chosen.how
     best = chosen.choices[0]
@@ -146,12 +146,12 @@ def test_the_same_question_has_the_same_answer_and_a_tighter_limit_no_better_one
 
 def test_a_force_is_the_least_that_is_allowed_and_the_judge_takes_it() -> None:
     made = make_design(limits={"force": 5e-3, "indentation": 1e-4, "charge": [0.0, 1e-12]})
-    design_objective, _ = ready(made)
-    pressed = design_objective.rule.compute_pressed_design(made.scene)
+    objective, _ = ready(made)
+    pressed = objective.rule.compute_pressed_design(made.scene)
     assert 0.99 * min(pressed.allowed.values()) <= pressed.force <= min(pressed.allowed.values())
     assert pressed.allowed[pressed.limited_by] == min(pressed.allowed.values())
     assert pressed.indentation <= 1e-4
-    for tissue in design_objective.draw.replace_probe(made.scene.model_copy(update={"load": Load(force=pressed.force)})).tissues:
+    for tissue in objective.draw.replace_probe(made.scene.model_copy(update={"load": Load(force=pressed.force)})).tissues:
         rule = build_load_rule(tissue)
         assert rule.is_known(pressed.force)
         assert rule.bound_ratio_change(pressed.force) <= 0.01
@@ -161,8 +161,8 @@ def test_a_tighter_limit_of_force_strain_or_charge_takes_from_every_design() -> 
     designs = read_vector(make_design().scene)[:, None] * np.linspace(0.8, 1.2, 5)
     wide, minima = make_design(limits={"force": 5e-3, "gap_closure": False}), []
     for limits in ({"force": 5e-3}, {"force": 2e-3}, {"indentation": 2e-5}, {"tissue_strain": 2e-3}, {"charge": [0.0, 3e-14]}):
-        design_objective, search_space = ready(make_design(limits={"force": 5e-3, **limits}))
-        minima.append(design_objective.evaluate_designs(designs, search_space.start_poisson))
-    design_objective, search_space = ready(wide)
-    assert np.all(np.array(minima) <= design_objective.evaluate_designs(designs, search_space.start_poisson) + 1e-12)
+        objective, search_space = ready(make_design(limits={"force": 5e-3, **limits}))
+        minima.append(objective.evaluate_designs(designs, search_space.start_poisson))
+    objective, search_space = ready(wide)
+    assert np.all(np.array(minima) <= objective.evaluate_designs(designs, search_space.start_poisson) + 1e-12)
     assert np.all(minima[1] < minima[0])

@@ -96,10 +96,10 @@ def test_a_film_that_is_pulled_on_is_refused_in_words_and_steers_no_search() -> 
     with pytest.raises(Refusal, match="the inner film is pulled on") as refused:
         verify(scene, design)
     assert "\n" not in str(refused.value)
-    design_objective = PopulationObjective.from_design(design, 4e-3)
+    objective = PopulationObjective.from_design(design, 4e-3)
     with pytest.raises(Refusal, match="pulled"):
-        design_objective.rule.compute_pressed_design(scene)
-    assert design_objective.evaluate_designs(read_vector(scene)[:, None], (0.495, 0.495))[0] == -np.inf
+        objective.rule.compute_pressed_design(scene)
+    assert objective.evaluate_designs(read_vector(scene)[:, None], (0.495, 0.495))[0] == -np.inf
 
 
 def test_loads_of_which_nothing_is_known_are_refused() -> None:
