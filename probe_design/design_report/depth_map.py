@@ -13,7 +13,6 @@ from probe_design.design_search.variables import ProbeSizes, read_vector
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation, TumourDraw
 from probe_design.populations.ranges import Range
-from solver.closed_form.bessel import Array
 
 GRID_LINES = 20  # depths, and diameters
 DETECTION_THRESHOLD = 0.9  # probability at which a tumour counts as detected on the map
@@ -60,7 +59,7 @@ def compute_depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
         probes = sizes.build_parameters((scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio))
         objective = Resolved.from_draw(design, population, draw, scene.probe.tube_radius)
 
-        def compute_force(totals: Array) -> Array:
+        def compute_force(totals: Floats) -> Floats:
             return np.full(totals.shape[:2], force)
 
         with np.errstate(all="ignore"):
