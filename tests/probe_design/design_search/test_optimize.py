@@ -9,6 +9,7 @@ import sys
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -17,6 +18,7 @@ from probe_design.design_search.design_source import read_builtin_design
 from probe_design.design_search.population_optimum import explain_low_detection
 from probe_design.design_search.template import build_design_template
 from probe_design.populations.design_file import Design, design_from_dict, read_design
+from probe_design.populations.performance import MeanError
 from probe_design.populations.population import ScenePopulation
 from tests.support.program import run
 
@@ -95,7 +97,8 @@ def test_careless_questions_are_one_line_and_exit_2(
 
 @pytest.mark.parametrize(("detection", "error", "said"), [(0.05, 0.01, True), (0.09, 0.03, True), (0.12, 0.03, False)])
 def test_a_population_that_no_design_sees_is_told_so(detection: float, error: float, said: bool) -> None:
-    message = explain_low_detection(SimpleNamespace(detection=detection, detection_error=error, false_alarm=0.05))  # type: ignore[arg-type]
+    performance: Any = SimpleNamespace(means={"detection": detection}, errors={"detection": MeanError(error)}, false_alarm=0.05)
+    message = explain_low_detection(performance)
     assert (message is not None) == said
     assert message is None or "false alarms" in message
 
