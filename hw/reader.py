@@ -24,7 +24,7 @@ from hw.recordings.replay import Replay
 from hw.serial_port.transport import SerialTransport
 from hw.simulation.virtual import VirtualProbe
 from hw.usb.transport import UsbTransport
-from hw.wire.decoder import Format, FrameDecoder
+from hw.wire.decoder import FrameDecoder
 
 CLOCKED_TRANSPORTS = ("usb", "serial")  # transports that deliver samples in real time, so that arrival times check the rate
 SOURCE_FORMS = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
@@ -198,7 +198,7 @@ def build_decoder(header: Header) -> Decoder:
         None does.
     """
     if header.kind == "frames":
-        return FrameDecoder(Format(header.rate, header.scale, header.size, header.stream), header.source)
+        return FrameDecoder(header)
     if header.kind == "waveforms":
         return WaveformDecoder(header)
     if header.kind == "volts":

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from hw.common.samples import Floats
-from hw.wire.frames import MAX_CODE, MIN_CODE, OVERRUN_FLAG, Codes, FrameLayout, encode_frames
+from hw.wire.frames import MAX_CODE, MIN_CODE, OVERRUN_FLAG, Codes, FrameLayout, encode_frame
 from hw.wire.protocol import GET_INFO, GET_STATUS, RATE_FORMAT, SET_RATE, START, STOP, Info, Status
 
 Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "reset", "unplug", "power"]
@@ -161,7 +161,17 @@ class Firmware:
         index = self.index + np.arange(count * rows)
         counts = np.rint(self._signals(index / self.rate) / self._scale)
         codes: Codes = np.clip(counts, MIN_CODE, MAX_CODE).astype(np.int16)
-        data = encode_frames(self.layout, stream=self.stream, sequence=self.sent, index=self.index, codes=codes, flags=flags)
+        data = b"".join(
+            encode_frame(
+                self.layout,
+                codes[k * rows : (k + 1) * rows],
+                stream=self.stream,
+                sequence=self.sent + k,
+                index=self.index + k * rows,
+                flags=flags,
+            )
+            for k in range(count)
+        )
         self.index += count * rows
         self.sent += count
         self._made += count

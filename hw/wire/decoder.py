@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hw.common.errors import ProtocolError
-from hw.common.samples import CHANNEL_NAMES, Gap, Ints, Samples
+from hw.common.samples import Gap, Ints, Samples
+from hw.common.transport import Header
 from hw.wire.frames import (
     CRC_FORMAT,
     FRAME_MAGIC,
@@ -26,28 +26,6 @@ OVERRUN_REASON = "the device's buffer ran over"
 LOSS_REASON = "frames were lost or damaged on the way"
 
 
-@dataclass(frozen=True)
-class Format:
-    """The parameters that turn frames into volts.
-
-    Attributes
-    ----------
-    rate
-        Hz.
-    scale
-        Volts per count of each channel.
-    size
-        Bytes in a frame.
-    stream
-        The number that frames carry.
-    """
-
-    rate: float
-    scale: tuple[float, ...]
-    size: int
-    stream: int
-
-
 class FrameDecoder:
     """A decoder that turns chunks of the byte stream into samples; invalid bytes become a gap.
 
@@ -55,15 +33,15 @@ class FrameDecoder:
     later one. Anything else is skipped, and the next frame is searched byte by byte.
     """
 
-    def __init__(self, form: Format, source: dict[str, object]) -> None:
-        self.form, self.source = form, source
-        self.layout = FrameLayout(form.size, len(form.scale))
+    def __init__(self, header: Header) -> None:
+        self.header = header
+        self.layout = FrameLayout(header.size, len(header.scale))
         self.skipped = 0  # bytes outside valid frames
         self.repeated = 0  # frames that came twice, or belong to another stream
         self._dtype = self.layout.dtype
-        self._scale = np.array(form.scale)
+        self._scale = np.array(header.scale)
         self._buffered = b""
-        self._stream, self._offset, self._next = form.stream, 0, 0
+        self._stream, self._offset, self._next = header.stream, 0, 0
         self._note = ""
         self._unknown: list[Gap] = []
         self._in_vain = 0
@@ -145,14 +123,14 @@ class FrameDecoder:
         flagged = (frames["flags"][:, None] & (SATURATED_FLAG << np.arange(self.layout.channels))) != 0
         index: Ints = (begin[:, None] + np.arange(self.layout.rows))[filled] + self._offset
         return Samples(
-            rate=self.form.rate,
-            channels=CHANNEL_NAMES[: self.layout.channels],
+            rate=self.header.rate,
+            channels=self.header.channels,
             index=index,
             volts=codes * self._scale,
             saturated=(codes == MIN_CODE) | (codes == MAX_CODE) | np.repeat(flagged, rows, axis=0),
             gaps=gaps,
             overruns=int(np.count_nonzero(frames["flags"] & OVERRUN_FLAG)),
-            source=self.source,
+            source=self.header.source,
         )
 
     def _select_in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:

@@ -13,7 +13,6 @@ VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to u
 VENDOR_CLASS = 0xFF
 REQUEST_IN, REQUEST_OUT = 0xC0, 0x40  # bmRequestType of vendor requests to the device
 GET_INFO, SET_RATE, START, STOP, GET_STATUS = 1, 2, 3, 4, 5
-MS_OS_20 = 0x20  # vendor code of the MS OS 2.0 descriptor set
 
 _INFO_FORMAT = struct.Struct("<BBHII4f16s")
 _STATUS_FORMAT = struct.Struct("<HHIQ")

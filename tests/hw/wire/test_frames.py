@@ -11,19 +11,23 @@ from hypothesis import strategies as st
 
 from hw.common.errors import ProtocolError
 from hw.common.samples import Samples, join_samples
-from hw.wire.decoder import Format, FrameDecoder
-from hw.wire.frames import MAX_CODE, MIN_CODE, OVERRUN_FLAG, SATURATED_FLAG, Frame, FrameLayout, encode_frames
-from tests.support.hw.frame_truth import SCALE, STREAM, codes_at, crc32
+from hw.wire.decoder import FrameDecoder
+from hw.wire.frames import MAX_CODE, MIN_CODE, OVERRUN_FLAG, SATURATED_FLAG, Codes, FrameLayout, encode_frame
+from tests.support.hw.frame_truth import SCALE, STREAM, codes_at, crc32, make_decoder
 
 
 def frames_of(layout: FrameLayout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:
     begins = index + layout.rows * np.arange(count)
     codes = [codes_at(begin + np.arange(layout.rows), layout.channels) for begin in begins]
-    return [Frame(sequence + k, int(begins[k]), stream, codes[k]).encode(layout) for k in range(count)]
+    return encoded(layout, codes, begins, sequence, stream)
+
+
+def encoded(layout: FrameLayout, codes: list[Codes], begins: np.ndarray, sequence: int, stream: int = STREAM) -> list[bytes]:
+    return [encode_frame(layout, codes[k], stream=stream, sequence=sequence + k, index=int(begins[k])) for k in range(len(codes))]
 
 
 def decoder(layout: FrameLayout) -> FrameDecoder:
-    return FrameDecoder(Format(1e5, (SCALE,) * layout.channels, layout.size, STREAM), {})
+    return make_decoder(layout, SCALE, STREAM)
 
 
 def fed(reader: FrameDecoder, data: bytes, step: int) -> Samples:
@@ -110,7 +114,8 @@ def test_no_flipped_byte_passes(position: int, mask: int) -> None:
 def test_million_samples_arrive_once_each() -> None:
     layout = FrameLayout(64, 2)
     codes = codes_at(np.arange(1_000_000))
-    data = encode_frames(layout, stream=STREAM, sequence=2**32 - 1000, index=0, codes=codes)
+    begins = np.arange(0, 1_000_000, layout.rows)
+    data = b"".join(encoded(layout, [codes[begin : begin + layout.rows] for begin in begins], begins, 2**32 - 1000))
     samples = fed(decoder(layout), data, 16_411)
     np.testing.assert_array_equal(samples.index, np.arange(1_000_000))
     np.testing.assert_array_equal(samples.volts, codes * SCALE)
@@ -139,7 +144,7 @@ def test_part_filled_frames() -> None:
     layout = FrameLayout(64, 2)
     data = b""
     for begin, rows in ((0, 10), (10, 1), (11, 7), (18, 10)):
-        data += Frame(0, begin, STREAM, codes_at(begin + np.arange(rows))).encode(layout)
+        data += encode_frame(layout, codes_at(begin + np.arange(rows)), stream=STREAM, sequence=0, index=begin)
     samples = decoder(layout).feed(data)
     check_truth(samples)
     assert len(samples) == 28
@@ -147,8 +152,9 @@ def test_part_filled_frames() -> None:
 
 def test_flags() -> None:
     layout = FrameLayout(64, 2)
-    first = Frame(0, 0, STREAM, np.array([[MAX_CODE, 0], [0, MIN_CODE], [1, 1]], np.int16)).encode(layout)
-    second = Frame(1, 5, STREAM, np.array([[1, 1]], np.int16), OVERRUN_FLAG | SATURATED_FLAG << 1).encode(layout)
+    ends, flags = np.array([[MAX_CODE, 0], [0, MIN_CODE], [1, 1]], np.int16), OVERRUN_FLAG | SATURATED_FLAG << 1
+    first = encode_frame(layout, ends, stream=STREAM, sequence=0, index=0)
+    second = encode_frame(layout, np.array([[1, 1]], np.int16), stream=STREAM, sequence=1, index=5, flags=flags)
     samples = decoder(layout).feed(first + second)
     np.testing.assert_array_equal(samples.saturated, [[True, False], [False, True], [False, False], [False, True]])
     assert samples.overruns == 1

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hw.wire.frames import Codes
+from hw.common.samples import CHANNEL_NAMES
+from hw.common.transport import Header
+from hw.wire.decoder import FrameDecoder
+from hw.wire.frames import Codes, FrameLayout
 
 SCALE, STREAM = 2.0**-10, 77
 MAGIC_CODE = int.from_bytes(b"PD", "little")  # as a sample's value it looks like the beginning of a frame
@@ -16,6 +19,11 @@ def codes_at(index: np.ndarray, channels: int = 2) -> Codes:
     codes = np.column_stack(columns)
     codes[index % 5 == 0, 0] = MAGIC_CODE
     return codes.astype(np.int16)
+
+
+def make_decoder(layout: FrameLayout, scale: float, stream: int) -> FrameDecoder:
+    channels = CHANNEL_NAMES[: layout.channels]
+    return FrameDecoder(Header("frames", 1e5, channels, (scale,) * layout.channels, layout.size, stream, {}))
 
 
 def crc32(data: bytes) -> int:
