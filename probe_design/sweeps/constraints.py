@@ -7,7 +7,6 @@ import operator
 import sys
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from geometry.common.errors import InputError
 from geometry.scenes.units import find_base_unit, parse_measured
 
+Measured = Any  # a quantity of pint, whose values are one number or an array over the designs
 ReadKey = Callable[[str], tuple[Any, str]]  # key -> its SI values in all designs, and their SI unit
 _ARITHMETIC_FUNCTIONS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: operator.pow,
@@ -86,16 +86,11 @@ def _parse_condition(text: str) -> ast.expr | None:
     return tree
 
 
-@dataclass(frozen=True)
-class _Number:
-    """Values and their SI base unit (pint); the unit is None for a bare 0, which fits every unit."""
-
-    value: Any
-    unit: Any
-
-
 class _Condition:
-    """Evaluate one condition node by node. Only the node types named here are evaluated, so that no other code can run."""
+    """Evaluate one condition node by node. Only the node types named here are evaluated, so that no other code can run.
+
+    All quantities are in SI base units. A number 0 without a unit fits every unit.
+    """
 
     def __init__(self, text: str, read: ReadKey) -> None:
         self._text, self._read = text, read
@@ -112,77 +107,77 @@ class _Condition:
             holds: Any = True
             for compare, left, right in zip(node.ops, sides, sides[1:], strict=False):
                 self._check_units(left, right)
-                holds = np.logical_and(holds, _COMPARISON_FUNCTIONS[type(compare)](left[1].value, right[1].value))
+                holds = np.logical_and(holds, _COMPARISON_FUNCTIONS[type(compare)](left[1].magnitude, right[1].magnitude))
             return holds
         raise self._build_refusal()
 
-    def evaluate_number(self, node: ast.expr) -> _Number:
+    def evaluate_number(self, node: ast.expr) -> Measured:
         """Evaluate an arithmetic expression in all designs; refuse values that are not finite."""
         result = self._evaluate_node(node)
-        if not np.all(np.isfinite(result.value)):
+        if not np.all(np.isfinite(result.magnitude)):
             raise InputError("constraints", self._text, "a condition whose sides are finite for every design")
         return result
 
-    def _evaluate_node(self, node: ast.expr) -> _Number:
+    def _evaluate_node(self, node: ast.expr) -> Measured:
         """Evaluate an arithmetic node: a number, a quoted quantity, a key or an operation."""
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
-            return self._read_number(node.value)
+            if abs(node.value) > sys.float_info.max:
+                raise InputError("constraints", self._text, "finite numbers")
+            return np.float64(node.value) * find_base_unit("")
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            return self._read_quantity(node.value)
+            try:
+                value, unit = parse_measured(node.value)
+            except ValueError as fault:
+                raise InputError("constraints", self._text, f"quantities such as '2 mm' ({fault})") from None
+            return np.float64(value) * unit
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            operand = self.evaluate_number(node.operand)
-            return _Number(-operand.value, operand.unit)
+            return -self.evaluate_number(node.operand)
         if isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC_FUNCTIONS:
             return self._evaluate_arithmetic(node)
         if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
-            values, unit = self._read(ast.unparse(node))
-            return _Number(np.asarray(values, dtype=float), find_base_unit(unit))
+            values, unit_name = self._read(ast.unparse(node))
+            return np.asarray(values, dtype=float) * find_base_unit(unit_name)
         raise self._build_refusal()
 
-    def _read_number(self, value: float) -> _Number:
-        """Return a number without unit; 0 fits every unit."""
-        if abs(value) > sys.float_info.max:
-            raise InputError("constraints", self._text, "finite numbers")
-        return _Number(np.float64(value), find_base_unit("") if value else None)
-
-    def _evaluate_arithmetic(self, node: ast.BinOp) -> _Number:
+    def _evaluate_arithmetic(self, node: ast.BinOp) -> Measured:
         """Evaluate an arithmetic operation with the unit of its result."""
         left, right = self.evaluate_number(node.left), self.evaluate_number(node.right)
-        value = _ARITHMETIC_FUNCTIONS[type(node.op)](left.value, right.value)
         if isinstance(node.op, ast.Add | ast.Sub):
             self._check_units((node.left, left), (node.right, right))
-            return _Number(value, left.unit if right.unit is None else right.unit)
-        left_unit, right_unit = (find_base_unit("") if side.unit is None else side.unit for side in (left, right))
-        if isinstance(node.op, ast.Mult):
-            return _Number(value, left_unit * right_unit)
-        if isinstance(node.op, ast.Div):
-            return _Number(value, left_unit / right_unit)
-        if right_unit != find_base_unit("") or (np.ndim(right.value) and left_unit != find_base_unit("")):
-            raise InputError("constraints", self._text, "exponents without a unit; plain numbers such as 2 if the base has one")
-        return _Number(value, left_unit if left_unit == find_base_unit("") else left_unit ** float(right.value))
+            unit = right.units if _is_bare_zero(left) else left.units
+            return _ARITHMETIC_FUNCTIONS[type(node.op)](left.magnitude, right.magnitude) * unit
+        if isinstance(node.op, ast.Pow):
+            if not _has_no_unit(right) or (np.ndim(right.magnitude) and not _has_no_unit(left)):
+                allowed = "exponents without a unit; plain numbers such as 2 if the base has one"
+                raise InputError("constraints", self._text, allowed)
+            unit = left.units if _has_no_unit(left) else left.units ** float(right.magnitude)
+            return left.magnitude**right.magnitude * unit
+        return _ARITHMETIC_FUNCTIONS[type(node.op)](left, right)
 
-    def _check_units(self, *sides: tuple[ast.expr, _Number]) -> None:
+    def _check_units(self, *sides: tuple[ast.expr, Measured]) -> None:
         """Refuse two sides that have different units (``InputError``)."""
-        units = [side.unit for _, side in sides if side.unit is not None]
+        units = [value.units for _, value in sides if not _is_bare_zero(value)]
         if len(units) < 2 or units[0] == units[1]:
             return
-        description = " and ".join(f"{ast.unparse(node)} ({_describe_unit(side.unit)})" for node, side in sides)
+        description = " and ".join(f"{ast.unparse(node)} ({_describe_unit(value)})" for node, value in sides)
         remedy = "; quantities are written with their unit, in quotes: '2 mm'" if find_base_unit("") in units else ""
         raise InputError("constraints", self._text, f"sides of one unit, not {description}{remedy}")
-
-    def _read_quantity(self, text: str) -> _Number:
-        """Read a quoted quantity such as '2 mm'."""
-        try:
-            return _Number(*parse_measured(text))
-        except ValueError as fault:
-            raise InputError("constraints", self._text, f"quantities such as '2 mm' ({fault})") from None
 
     def _build_refusal(self) -> InputError:
         return InputError("constraints", self._text, _ALLOWED_FORM)
 
 
-def _describe_unit(unit: Any) -> str:
-    """Describe a unit for a message."""
-    if unit is None or unit == find_base_unit(""):
+def _has_no_unit(value: Measured) -> bool:
+    return bool(value.units == find_base_unit(""))
+
+
+def _is_bare_zero(value: Measured) -> bool:
+    """Return whether a value is one number 0 without a unit, which fits every unit."""
+    return _has_no_unit(value) and not np.ndim(value.magnitude) and value.magnitude == 0.0
+
+
+def _describe_unit(value: Measured) -> str:
+    """Describe the unit of a value for a message."""
+    if _has_no_unit(value):
         return "without a unit"
-    return f"in {next((name for name in _PRINTED_UNITS if find_base_unit(name) == unit), str(unit))}"
+    return f"in {next((name for name in _PRINTED_UNITS if find_base_unit(name) == value.units), str(value.units))}"
