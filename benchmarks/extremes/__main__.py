@@ -16,46 +16,55 @@ from pathlib import Path
 
 from benchmarks.extremes.document import document
 from tests.support.extremes.cells import cells
-from tests.support.extremes.judge import Answer, answer, judged
+from tests.support.extremes.classification import Outcome, classify, evaluate_row
 from tests.support.extremes.rows import Row, rows
 
 
-def read_answers(path: Path) -> dict[tuple[str, str], Answer]:
+def read_outcomes(path: Path) -> dict[tuple[str, str], Outcome]:
     """Return the results that a file of JSON lines holds, by row and evaluator."""
     if not path.exists():
         return {}
-    replies = [Answer(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {(reply.row, reply.evaluator): reply for reply in replies}
+    outcomes = [Outcome(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(outcome.row, outcome.evaluator): outcome for outcome in outcomes}
 
 
 def run(path: Path, wanted: list[tuple[Row, str]]) -> None:
     """Append each result to the file as soon as it is known."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    for k, (row, level) in enumerate(wanted, 1):
-        reply = answer(row, level)
+    for k, (row, evaluator) in enumerate(wanted, 1):
+        outcome = evaluate_row(row, evaluator)
         with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(reply)) + "\n")
-        cell = judged(row, reply)
-        print(f"{k}/{len(wanted)} {row.key} {level}: {cell.mark} {cell.why}, {cell.seconds:.2g} s", file=sys.stderr, flush=True)
+            file.write(json.dumps(asdict(outcome)) + "\n")
+        cell = classify(row, outcome)
+        print(
+            f"{k}/{len(wanted)} {row.key} {evaluator}: {cell.mark} {cell.why}, {cell.seconds:.2g} s", file=sys.stderr, flush=True
+        )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of answers.jsonl")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of outcomes.jsonl")
     parser.add_argument("--document", type=Path, help="write the document to this file")
     parser.add_argument("--only", default="", help="run the cells whose name contains this")
     options = parser.parse_args()
-    path, cases = options.output / "answers.jsonl", rows()
-    wanted, done = list(cells(cases)), read_answers(path)
-    run(path, [(row, level) for row, level in wanted if options.only in f"{row.key} {level}" and (row.key, level) not in done])
-    done = read_answers(path)
-    judged_cells = [judged(row, done[row.key, level]) for row, level in wanted if (row.key, level) in done]
+    path, cases = options.output / "outcomes.jsonl", rows()
+    wanted, done = list(cells(cases)), read_outcomes(path)
+    run(
+        path,
+        [
+            (row, evaluator)
+            for row, evaluator in wanted
+            if options.only in f"{row.key} {evaluator}" and (row.key, evaluator) not in done
+        ],
+    )
+    done = read_outcomes(path)
+    classified = [classify(row, done[row.key, evaluator]) for row, evaluator in wanted if (row.key, evaluator) in done]
     if options.document is not None:
-        options.document.write_text(document(cases, judged_cells), encoding="utf-8")
-    for cell in judged_cells:
+        options.document.write_text(document(cases, classified), encoding="utf-8")
+    for cell in classified:
         if cell.mark == "wrong":
             print(f"wrong: {cell.row} by {cell.evaluator}: {cell.why}")
-    print(f"{len(judged_cells)} of {len(wanted)} cells, {sum(cell.mark == 'wrong' for cell in judged_cells)} wrong")
+    print(f"{len(classified)} of {len(wanted)} cells, {sum(cell.mark == 'wrong' for cell in classified)} wrong")
 
 
 if __name__ == "__main__":

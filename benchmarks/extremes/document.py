@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
-from tests.support.extremes.judge import ACCURACY, MARKS, Cell
+from tests.support.extremes.classification import ACCURACY, MARKS, Cell
 from tests.support.extremes.rows import FOLDERS, Row
 
 COMMAND = "python -m benchmarks.extremes -o out/extremes --document docs/evidence/extremes.md"

@@ -1,4 +1,4 @@
-"""The extremes: no cell of the matrix is silently wrong; docs/evidence/extremes.md tells all of them.
+"""The extremes: no cell of the matrix is silently wrong; docs/evidence/extremes.md lists all of them.
 
 True values are NGSolve's, or follow from them by laws of elasticity (tests/reference/README.md, tests/support/extremes/laws.py).
 """
@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.support.extremes.cells import cells
-from tests.support.extremes.judge import MARKS, answer, flaws, judged
+from tests.support.extremes.classification import MARKS, classify, evaluate_row, find_flaws
 from tests.support.extremes.rows import Truth, rows
 from tests.support.paths import ROOT
 from tests.support.program import run
@@ -26,22 +26,24 @@ FAST = (  # the most extreme of each kind that take a second or two
     "cover-10-um-diameter-0.1-mm", "area-ratio-50", "micro-probe", "large-probe-diameter-50-mm-cover-10-um",
     "flat-incompressible", "tall-inner-flat-outer", "stiff-inner-soft-outer", "inner-neither-pressed-nor-pulled",
 )  # fmt: skip
-EXTREMES = [(f"extremes/{name}", level) for name in FAST for level in ("closed-form", "equivalent-inclusion", "axisymmetric")]
+EXTREMES = [
+    (f"extremes/{name}", evaluator) for name in FAST for evaluator in ("closed-form", "equivalent-inclusion", "axisymmetric")
+]
 LAWFUL = ("middle, 0 N", "middle, 0.1 N", "8 mm, 10 um deep, off the axis, of tissue", "contrast-1000, moduli times 1e+06")
 LONG = [("extremes/inner-neither-pressed-nor-pulled", "axisymmetric"), ("extremes/gap-5-mm-micro-probe", "axisymmetric")]
-LAWS = [(f"laws/{name}", level) for name in LAWFUL for level in ("closed-form", "equivalent-inclusion")]
+LAWS = [(f"laws/{name}", evaluator) for name in LAWFUL for evaluator in ("closed-form", "equivalent-inclusion")]
 
-QUICK = [cell for cell in EXTREMES[::4] + LAWS[::3] if cell not in LONG]  # each level in turn
+QUICK = [cell for cell in EXTREMES[::4] + LAWS[::3] if cell not in LONG]  # each evaluator in turn
 
 
-@pytest.mark.parametrize(("key", "level"), slow_unless(QUICK.__contains__, EXTREMES + LAWS))
-def test_right_refused_or_null_with_a_reason(key: str, level: str) -> None:
-    cell = judged(ROWS[key], answer(ROWS[key], level))
+@pytest.mark.parametrize(("key", "evaluator"), slow_unless(QUICK.__contains__, EXTREMES + LAWS))
+def test_right_refused_or_null_with_a_reason(key: str, evaluator: str) -> None:
+    cell = classify(ROWS[key], evaluate_row(ROWS[key], evaluator))
     assert cell.mark != "wrong", cell.why
     assert cell.mark == "right" or cell.why
 
 
-def test_document_tells_every_cell_and_none_is_wrong() -> None:
+def test_document_lists_every_cell_and_none_is_wrong() -> None:
     all_cells = list(cells(list(ROWS.values())))
     totals = next(line for line in PAGE.splitlines() if line.startswith("| all |"))
     counts = dict(zip(MARKS, (int(number) for number in re.findall(r"\*\*(\d+)\*\*", totals)), strict=True))
@@ -52,7 +54,7 @@ def test_document_tells_every_cell_and_none_is_wrong() -> None:
         assert f"| {row.name} |" in PAGE
 
 
-def answered(**changes: Any) -> dict[str, Any]:
+def build_values(**changes: Any) -> dict[str, Any]:
     values = {"ratio": 1.0, "stress_inner": 1.0, "stress_outer": 1.0, "stiffness": 1.0, "log_sensitivity": 0.1}
     return values | {"error_estimate": 0.01, "warnings": ()} | changes
 
@@ -64,19 +66,19 @@ TRUTH = Truth(1.0, 1.0, 1.0, 1.0, 0.1)
     ("changes", "flaw"),
     [
         ({}, None),
-        ({"ratio": 1.02}, "ratio off by 0.02, stated 0.01"),
+        ({"ratio": 1.02}, "ratio in error by 0.02, stated 0.01"),
         ({"ratio": 1.02, "error_estimate": 0.03}, None),
-        ({"stress_outer": 1.1}, "stress_outer off by 0.1, stated 0.01"),
+        ({"stress_outer": 1.1}, "stress_outer in error by 0.1, stated 0.01"),
         ({"stress_outer": 1.1, "warnings": ("error bounds of 0.11 reached, accuracy 0.01 asked for",)}, None),
-        ({"stiffness": float("nan")}, "stiffness off by nan, stated 0.01"),
+        ({"stiffness": float("nan")}, "stiffness in error by nan, stated 0.01"),
         ({"log_sensitivity": 0.11}, "log_sensitivity 0.11, true 0.1 +- 0.005 stated"),
         ({"log_sensitivity": 0.11, "warnings": ("log_sensitivity is good to about 0.2 of itself only",)}, None),
         ({"log_sensitivity": None}, "log_sensitivity is null without a reason"),
         ({"ratio": None, "error_estimate": None}, "ratio is null without a reason"),
     ],
 )
-def test_judge(changes: dict[str, Any], flaw: str | None) -> None:
-    assert list(flaws(answered(**changes), TRUTH)) == ([] if flaw is None else [flaw])
+def test_flaws_are_found(changes: dict[str, Any], flaw: str | None) -> None:
+    assert list(find_flaws(build_values(**changes), TRUTH)) == ([] if flaw is None else [flaw])
 
 
 @pytest.mark.parametrize(
@@ -88,13 +90,13 @@ def test_judge(changes: dict[str, Any], flaw: str | None) -> None:
         ("cover-10-um", "closed-form", 2),
     ],
 )
-def test_command_line_prints_json_or_one_line(scene: str, level: str, code: int) -> None:
+def test_command_line_prints_json_or_one_line(scene: str, evaluator: str, code: int) -> None:
     path = ROOT / "tests" / "reference" / "extremes" / f"{scene}.toml"
-    ended = run("evaluate", path, "--evaluator", level, "--json")
+    ended = run("evaluate", path, "--evaluator", evaluator, "--json")
     assert ended.returncode == code
     assert len(ended.stderr.splitlines()) == (1 if code else 0)
     if code == 0:
         output = json.loads(ended.stdout, parse_constant=pytest.fail)  # called for NaN and Infinity
-        assert not list(flaws(output, ROWS[f"extremes/{scene}"].truth))
+        assert not list(find_flaws(output, ROWS[f"extremes/{scene}"].truth))
     else:
         assert ended.stdout == ""

@@ -1,4 +1,4 @@
-"""What a cell of the matrix of extremes is: right within its own bounds, refused or null with a reason, or wrong."""
+"""Classify a cell of the matrix of extremes: right within its own bounds, refused or null with a reason, or wrong."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from solver import evaluate
 from tests.support.extremes.rows import Row, Truth, lightened
 
 ACCURACY = 0.01
-PATIENCE = 300  # s of the processor: what takes longer is no answer
+PATIENCE = 300  # s of processor time; longer counts as no result
 MARKS = ("right", "refused", "null", "wrong")
 REACHED = re.compile(r"(?:error bounds?|95 % errors) of ([0-9.e+-]+)")
-TOLD = re.compile(r"log_sensitivity is good to about ([0-9.e+-]+) of itself only")
+STATED_SENSITIVITY = re.compile(r"log_sensitivity is good to about ([0-9.e+-]+) of itself only")
 NOTHING = ("log_sensitivity is smaller than its own error", "log_sensitivity is null")
 QUANTILE_MARGIN = 4  # an error stated as a 95 % quantile is wrong where the true one is so many times as large
 ROUNDED, ROUGHLY = 1.05, 1.5  # what rounding to two digits, or to one, may take off a bound in words
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What an evaluator said of a scene, before it is judged.
+class Outcome:
+    """What an evaluator returned for a scene.
 
     Attributes
     ----------
     row, evaluator
-        which.
+        The cell.
     values
         The JSON object of ``probe-design evaluate``, or None.
     refusal
-        The line that a refusal says, or None.
+        The line of a refusal, or None.
     fault
-        What else left the evaluator: a warning, another exception, a NaN; or None.
+        A warning, another exception or a NaN; or None.
     seconds
         Of the processor.
     """
@@ -55,12 +55,12 @@ class Answer:
 
 @dataclass(frozen=True)
 class Cell:
-    """A judged answer.
+    """A classified outcome.
 
     Attributes
     ----------
     row, evaluator, seconds
-        See ``Answer``.
+        See ``Outcome``.
     mark
         One of ``MARKS``.
     why
@@ -82,44 +82,44 @@ class Cell:
 
     @property
     def share(self) -> float:
-        """What the true value's own uncertainty cannot explain of the error, over the bound on it."""
+        """The part of the error that the true value's own uncertainty cannot explain, over the bound on it."""
         return max(0.0, (self.true or 0.0) - self.doubt) / (self.stated or 1.0)
 
 
-def answer(row: Row, evaluator: str) -> Answer:
+def evaluate_row(row: Row, evaluator: str) -> Outcome:
     """Evaluate a scene, with every warning an error."""
     row = _route_evaluator(row, evaluator)
     start = time.process_time()
 
-    def make_answer(**outcome: Any) -> Answer:
-        return Answer(row.key, evaluator, round(time.process_time() - start, 3), **outcome)
+    def make_outcome(**outcome: Any) -> Outcome:
+        return Outcome(row.key, evaluator, round(time.process_time() - start, 3), **outcome)
 
     try:
-        with warnings.catch_warnings(), patience(PATIENCE):
+        with warnings.catch_warnings(), limit_time(PATIENCE):
             warnings.simplefilter("error")
             values = evaluate(row.scene, evaluator, ACCURACY).as_dict()
         json.dumps(values, allow_nan=False)  # ValueError for NaN and infinity anywhere in it
     except InputError as refused:
-        return make_answer(refusal=str(refused))
+        return make_outcome(refusal=str(refused))
     except Exception as fault:  # whatever else leaves an evaluator
-        return make_answer(fault=f"{type(fault).__name__}: {fault}")
-    return make_answer(values=values)
+        return make_outcome(fault=f"{type(fault).__name__}: {fault}")
+    return make_outcome(values=values)
 
 
 def _route_evaluator(row: Row, evaluator: str) -> Row:
-    """What an evaluator is asked: ``auto``, which goes to ``contact`` under loads, lightly where linear values are true."""
+    """Return the row to evaluate: with a small load for ``auto`` where the true values are linear."""
     return lightened(row) if evaluator == "auto" and row.group != "loads" else row
 
 
-def judged(row: Row, answer: Answer) -> Cell:
-    """Compare an answer with the true values."""
-    row = _route_evaluator(row, answer.evaluator)
-    name = (answer.row, answer.evaluator, answer.seconds)
-    if answer.values is None:
-        return Cell(*name, "refused", answer.refusal) if answer.refusal else Cell(*name, "wrong", answer.fault or "no answer")
-    values = answer.values
-    errors = (relative(values["ratio"], row.truth.ratio), values["error_estimate"], row.truth.uncertainty)
-    faults = list(flaws(values, row.truth))
+def classify(row: Row, outcome: Outcome) -> Cell:
+    """Compare an outcome with the true values."""
+    row = _route_evaluator(row, outcome.evaluator)
+    name = (outcome.row, outcome.evaluator, outcome.seconds)
+    if outcome.values is None:
+        return Cell(*name, "refused", outcome.refusal) if outcome.refusal else Cell(*name, "wrong", outcome.fault or "no result")
+    values = outcome.values
+    errors = (compute_relative_error(values["ratio"], row.truth.ratio), values["error_estimate"], row.truth.uncertainty)
+    faults = list(find_flaws(values, row.truth))
     if faults:
         return Cell(*name, "wrong", "; ".join(faults), *errors)
     if values["ratio"] is None:
@@ -128,11 +128,11 @@ def judged(row: Row, answer: Answer) -> Cell:
 
 
 @contextmanager
-def patience(seconds: int) -> Iterator[None]:
-    """Raise ``TimeoutError`` after so many seconds of the processor."""
+def limit_time(seconds: int) -> Iterator[None]:
+    """Raise ``TimeoutError`` after some seconds of processor time."""
 
     def late(*_: Any) -> None:
-        raise TimeoutError(f"no answer in {seconds} s")
+        raise TimeoutError(f"no result in {seconds} s")
 
     previous = signal.signal(signal.SIGPROF, late)
     signal.setitimer(signal.ITIMER_PROF, seconds)
@@ -143,8 +143,8 @@ def patience(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGPROF, previous)
 
 
-def flaws(values: dict[str, Any], truth: Truth) -> Iterator[str]:
-    """Yield what is silently wrong in an answer."""
+def find_flaws(values: dict[str, Any], truth: Truth) -> Iterator[str]:
+    """Yield what is silently wrong in a result."""
     notes, ratio, stated = values["warnings"], values["ratio"], values["error_estimate"]
     if ratio is None or stated is None:
         if not any(text.startswith("ratio") and " null: " in text for text in notes):
@@ -152,26 +152,26 @@ def flaws(values: dict[str, Any], truth: Truth) -> Iterator[str]:
         return
     quantile = values.get("error_kind") == "95 %"
     stated = QUANTILE_MARGIN * stated if quantile else stated
-    deviation = relative(ratio, truth.ratio)
+    deviation = compute_relative_error(ratio, truth.ratio)
     if deviation is not None and not deviation <= stated + truth.uncertainty:
-        yield f"ratio off by {deviation:.2g}, stated {stated:.2g}"
-    bound = max(ACCURACY, stated, (QUANTILE_MARGIN if quantile else 1) * reached(notes))
+        yield f"ratio in error by {deviation:.2g}, stated {stated:.2g}"
+    bound = max(ACCURACY, stated, (QUANTILE_MARGIN if quantile else 1) * find_reached_bound(notes))
     for key in ("stress_inner", "stress_outer", "stiffness"):
-        deviation = relative(values[key], getattr(truth, key))
+        deviation = compute_relative_error(values[key], getattr(truth, key))
         if deviation is not None and not deviation <= bound + truth.uncertainty:
-            yield f"{key} off by {deviation:.2g}, stated {bound:.2g}"
-    yield from sensitivity_flaws(values["log_sensitivity"], truth, notes, QUANTILE_MARGIN if quantile else 1)
+            yield f"{key} in error by {deviation:.2g}, stated {bound:.2g}"
+    yield from find_sensitivity_flaws(values["log_sensitivity"], truth, notes, QUANTILE_MARGIN if quantile else 1)
 
 
-def reached(notes: Sequence[str]) -> float:
-    """The largest bound that a warning tells."""
+def find_reached_bound(notes: Sequence[str]) -> float:
+    """Return the largest bound that a warning states."""
     if any("no smaller than the values themselves" in text for text in notes):
         return math.inf
     return max((ROUNDED * float(match[1]) for text in notes if (match := REACHED.search(text))), default=0.0)
 
 
-def sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequence[str], margin: int) -> Iterator[str]:
-    """Yield what is wrong with a log-sensitivity: off by more than 5 times the accuracy, 1e-5, or what a warning says.
+def find_sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequence[str], margin: int) -> Iterator[str]:
+    """Yield what is wrong with a log-sensitivity: an error above 5 times the accuracy, 1e-5, and what a warning states.
 
     The larger of these is multiplied by ``margin``.
     """
@@ -180,15 +180,15 @@ def sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequen
     if log_sensitivity is None:
         yield "log_sensitivity is null without a reason"
     elif truth.log_sensitivity is not None:
-        words = [float(match[1]) for text in notes if (match := TOLD.search(text))]
-        floor = max(abs(log_sensitivity), 2e-6 / ACCURACY)  # small ones are judged by this size
-        bound = max(5 * ACCURACY * abs(truth.log_sensitivity), 1e-5, ROUGHLY * max(words, default=0.0) * floor)
+        stated_errors = [float(match[1]) for text in notes if (match := STATED_SENSITIVITY.search(text))]
+        reference_size = max(abs(log_sensitivity), 2e-6 / ACCURACY)  # small ones are compared with this size
+        bound = max(5 * ACCURACY * abs(truth.log_sensitivity), 1e-5, ROUGHLY * max(stated_errors, default=0.0) * reference_size)
         bound *= margin
         if not abs(log_sensitivity - truth.log_sensitivity) <= bound + truth.doubt:
             yield f"log_sensitivity {log_sensitivity:.3g}, true {truth.log_sensitivity:.3g} +- {bound:.1g} stated"
 
 
-def relative(value: float | None, true: float | None) -> float | None:
+def compute_relative_error(value: float | None, true: float | None) -> float | None:
     """Return the relative error, the absolute one where the true value is zero; None where either is unknown."""
     if value is None or true is None:
         return None
