@@ -82,7 +82,7 @@ def test_flaws_are_found(changes: dict[str, Any], flaw: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "level", "code"),
+    ("scene", "evaluator", "code"),
     [
         ("incompressible-contrast-1e-6", "auto", 0),
         ("gap-1-um-micro-probe", "axisymmetric", 0),
