@@ -77,6 +77,8 @@ class SineFit:
         (k,) variance of their re and im, relative to that of a sample's noise.
     mains
         Frequency of the mains, Hz, or None if not detected.
+    hum
+        (channels,) amplitude of the mains, V; 0 if not detected.
     seconds
         Time from the first to the last sample, summed over stretches between gaps of unknown length.
     rows
@@ -101,6 +103,7 @@ class SineFit:
     blocks: Complexes
     blocks_variance: Floats
     mains: float | None
+    hum: Floats
     seconds: float
     rows: int
     left_out: int = 0
@@ -264,6 +267,7 @@ def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> S
         np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)[:, 1:] @ coefficients[width + 1 :]
     )
     waves = coefficients[0 : 2 * lines.harmonics : 2] + 1j * coefficients[1 : 2 * lines.harmonics : 2]
+    hums = coefficients[2 * lines.harmonics : 2 * lines.harmonics + 2]  # cosine and sine of the mains
     block_amplitudes, variances = fit_blocks(lines, t, samples.volts)
     return SineFit(
         frequency=lines.load,
@@ -282,6 +286,7 @@ def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> S
         blocks=block_amplitudes,
         blocks_variance=variances,
         mains=lines.mains,
+        hum=np.zeros(samples.volts.shape[1]) if lines.mains is None else np.hypot(*hums),
         seconds=2 * lines.half,
         rows=len(t),
     )

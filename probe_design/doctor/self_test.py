@@ -10,12 +10,11 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
 from hw.common.samples import Floats, Samples
 from hw.signal.amplifier import TooSlow
-from hw.signal.sine_fit import NoSine, check_rate
+from hw.signal.sine_fit import NoSine, SineFit, check_rate, fit_stretch
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.reading import predict_scene
 from probe_design.built_probe.virtual_probe import compute_charge_per_force
 from probe_design.doctor.finding import Finding
-from probe_design.doctor.lock_in import LockIn, fit_lock_in
 
 BOLTZMANN_CONSTANT, ROOM_TEMPERATURE_K = 1.380649e-23, 295.0  # J/K, K
 MIN_NOISE_RATIO, MAX_NOISE_RATIO = 0.5, 20.0  # times the expected noise
@@ -43,7 +42,15 @@ def run_self_test(samples: Samples, scene: Scene, bench: Bench) -> list[Finding]
         text = f"{usable} samples that are not saturated, {span:.3g} cycles of {bench.load.frequency:g} Hz"
         remedy = f"at least {MIN_ROWS} samples and 3 cycles, of channels that all change"
         return findings if dead else [*findings, Finding("load", "fault", text, remedy)]
-    fit = fit_lock_in(samples, bench.load.frequency)
+    try:
+        check_rate(bench.load.frequency, samples.rate)
+    except NoSine as fault:
+        return [*findings, Finding("mains", "fault", str(fault), "another rate, or another frequency of the load")]
+    try:
+        fit = fit_stretch(samples, bench.load.frequency)
+    except NoSine as fault:
+        remedy = "is the load on, is the bench's frequency right?"
+        return [*findings, *(Finding(f"load, {name}", "fault", str(fault), remedy) for name in samples.channels)]
     findings += [*_check_noise(samples, fit, bench), *_check_load(samples, fit, scene, bench)]
     return [*findings, *_check_polarity(samples, fit, scene, bench), _check_mains(samples, fit)]
 
@@ -86,7 +93,7 @@ def _estimate_step(volts: Floats) -> float:
     return float(np.diff(values).min()) if len(values) > 1 else 0.0
 
 
-def _check_noise(samples: Samples, fit: LockIn, bench: Bench) -> list[Finding]:
+def _check_noise(samples: Samples, fit: SineFit, bench: Bench) -> list[Finding]:
     """Compare the noise with its minimum: kT/C noise of the feedback, and the converter's step over the root of 12."""
     findings = []
     for k, name in enumerate(samples.channels[:2]):
@@ -107,10 +114,11 @@ def _check_noise(samples: Samples, fit: LockIn, bench: Bench) -> list[Finding]:
     return findings
 
 
-def _check_load(samples: Samples, fit: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
+def _check_load(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
     findings = []
-    load_on = bool((fit.strength > CLEAR_STRENGTH).any())
-    for name, strength, amplitude in zip(samples.channels, fit.strength, np.abs(fit.load), strict=True):
+    strengths = _compute_strengths(fit)
+    load_on = bool((strengths > CLEAR_STRENGTH).any())
+    for name, strength, amplitude in zip(samples.channels, strengths, np.abs(fit.amplitudes), strict=True):
         text = f"{amplitude:.3g} V at {fit.frequency:.4g} Hz, {strength:.3g} times its standard deviation"
         if name == "force" and bench.force is not None:
             text += f": {amplitude / bench.force.sensitivity:.3g} N"
@@ -130,7 +138,7 @@ def _check_load(samples: Samples, fit: LockIn, scene: Scene, bench: Bench) -> li
     return findings
 
 
-def _is_load_expected(film: int, fit: LockIn, scene: Scene) -> bool:
+def _is_load_expected(film: int, fit: SineFit, scene: Scene) -> bool:
     """Whether one film, 0 inner or 1 outer, must show the load clearly, given the other film's amplitude."""
     try:
         result = predict_scene(scene, PREDICTION_ACCURACY, linear=True)
@@ -139,20 +147,31 @@ def _is_load_expected(film: int, fit: LockIn, scene: Scene) -> bool:
     if result.stress_inner is None or result.stress_outer is None:
         return True
     forces = np.abs([result.stress_inner * scene.probe.inner_area, result.stress_outer * scene.probe.outer_area])
-    amplitude = np.abs(fit.load[1 - film]) * forces[film] / max(forces[1 - film], np.finfo(float).tiny)
-    return bool(amplitude > CLEAR_STRENGTH * fit.noise[film] * np.sqrt(2 / fit.rows))
+    amplitude = np.abs(fit.amplitudes[1 - film]) * forces[film] / max(forces[1 - film], np.finfo(float).tiny)
+    return bool(amplitude > CLEAR_STRENGTH * _compute_deviations(fit)[film])
 
 
-def _check_polarity(samples: Samples, fit: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
+def _compute_deviations(fit: SineFit) -> Floats:
+    """Return the standard deviations of the load's amplitudes, V, (channels,)."""
+    return np.sqrt(np.diag(fit.covariance)[::2])
+
+
+def _compute_strengths(fit: SineFit) -> Floats:
+    """Return the load's amplitudes over their standard deviations, (channels,)."""
+    return np.asarray(np.abs(fit.amplitudes) / np.maximum(_compute_deviations(fit), np.finfo(float).tiny))
+
+
+def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
     """Compare signs and phases of the films with the force channel, or with each other without one."""
-    if (fit.strength[:2] < NOISE_STRENGTH).any():
+    strengths = _compute_strengths(fit)
+    if (strengths[:2] < NOISE_STRENGTH).any():
         return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]
-    known = "force" in samples.channels and bench.force is not None and fit.strength[2] > CLEAR_STRENGTH
+    known = "force" in samples.channels and bench.force is not None and strengths[2] > CLEAR_STRENGTH
     try:
-        charges = fit.load[:2] / [amplifier.response(fit.frequency) for amplifier in bench.amplifier.build_films()]
+        charges = fit.amplitudes[:2] / [amplifier.response(fit.frequency) for amplifier in bench.amplifier.build_films()]
     except TooSlow as fault:
         return [Finding("polarity", "fault", str(fault))]
-    films = charges / (fit.load[2] if known else charges[1]) * (np.sign(compute_charge_per_force(scene)) if known else 1.0)
+    films = charges / (fit.amplitudes[2] if known else charges[1]) * (np.sign(compute_charge_per_force(scene)) if known else 1.0)
     reference = "the force" if known else "the outer film"
     findings = []
     for name, film in zip(samples.channels[: 2 if known else 1], films, strict=False):
@@ -168,15 +187,13 @@ def _check_polarity(samples: Samples, fit: LockIn, scene: Scene, bench: Bench) -
     return findings
 
 
-def _check_mains(samples: Samples, fit: LockIn) -> Finding:
-    worst = int(np.argmax(fit.hum[:2]))
-    text = f"{fit.hum[worst]:.2g} V at {fit.mains:.4g} Hz on the {samples.channels[worst]} film"
-    try:
-        check_rate(fit.frequency, samples.rate)
-    except NoSine as fault:
-        return Finding("mains", "fault", str(fault), "another rate, or another frequency of the load")
+def _check_mains(samples: Samples, fit: SineFit) -> Finding:
     if samples.rate < 110:
         return Finding("mains", "doubtful", f"not detectable at {samples.rate:g} samples a second", "more than 120 Hz")
-    if fit.hum[worst] > MAX_HUM_RATIO * np.abs(fit.load[:2]).max():
+    if fit.mains is None:
+        return Finding("mains", "good", "none detected")
+    worst = int(np.argmax(fit.hum[:2]))
+    text = f"{fit.hum[worst]:.2g} V at {fit.mains:.4g} Hz on the {samples.channels[worst]} film"
+    if fit.hum[worst] > MAX_HUM_RATIO * np.abs(fit.amplitudes[:2]).max():
         return Finding("mains", "doubtful", text, "shield film and cable, keep them off mains leads")
     return Finding("mains", "good", text)

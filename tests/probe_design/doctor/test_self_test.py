@@ -10,8 +10,8 @@ import pytest
 
 from geometry.common.arrays import Floats
 from hw.common.samples import Gap, Samples
+from hw.signal.sine_fit import fit_stretch
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
-from probe_design.doctor.lock_in import fit_lock_in
 from probe_design.doctor.self_test import run_self_test
 from tests.support.hw.benches import BENCH, sampled, scene
 
@@ -39,7 +39,7 @@ def test_a_sound_probe_has_no_fault() -> None:
     assert set(states(volts()).values()) == {"good"}
 
 
-def test_lock_in_finds_what_was_put_in() -> None:
+def test_the_fit_finds_what_was_put_in() -> None:
     """Amplitudes written down here: 3 and 1 mV at 5.3 Hz, 0.2 mV of hum at 59.9 Hz, noise of 20 uV."""
     times = np.arange(8000) / 1000.0
     random = np.random.default_rng(2)
@@ -49,13 +49,13 @@ def test_lock_in_finds_what_was_put_in() -> None:
         volts(seconds=8.0), channels=("inner", "outer"), volts=np.column_stack([3e-3 * load + hum, -1e-3 * load + hum])
     )
     made = replace(made, saturated=np.zeros((8000, 2), bool), volts=made.volts + 2e-5 * random.standard_normal((8000, 2)) + 0.5)
-    locked = fit_lock_in(made, 5.0)
-    assert locked.frequency == pytest.approx(5.3, abs=1e-3)
-    assert locked.mains == pytest.approx(59.9, abs=5e-3)
-    np.testing.assert_allclose(np.abs(locked.load), [3e-3, 1e-3], rtol=2e-3)
-    np.testing.assert_allclose(locked.hum, 2e-4, rtol=0.02)
-    np.testing.assert_allclose(locked.noise, 2e-5, rtol=0.03)
-    assert np.angle(-locked.load[1] / locked.load[0]) == pytest.approx(0, abs=5e-3)
+    fit = fit_stretch(made, 5.0)
+    assert fit.frequency == pytest.approx(5.3, abs=1e-3)
+    assert fit.mains == pytest.approx(59.9, abs=5e-3)
+    np.testing.assert_allclose(np.abs(fit.amplitudes), [3e-3, 1e-3], rtol=2e-3)
+    np.testing.assert_allclose(fit.hum, 2e-4, rtol=0.02)
+    np.testing.assert_allclose(fit.noise, 2e-5, rtol=0.03)
+    assert np.angle(-fit.amplitudes[1] / fit.amplitudes[0]) == pytest.approx(0, abs=5e-3)
 
 
 FAULTS: dict[str, tuple[Callable[[], Samples], str, str]] = {
