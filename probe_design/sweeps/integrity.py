@@ -7,23 +7,20 @@ Proc. IRE 49 (1961) 228-235). Readers check each row that they return; a writer 
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter
-from pydantic_core import from_json
-
 from geometry.common.json_types import JsonObject
-from geometry.scenes.keys import Value
 from probe_design.sweeps.rows import COLUMN_UNITS, ROW_COLUMNS, Row
 
-STORE_FORMAT = 3  # version of the schema, in SQLite's user_version
+STORE_FORMAT = 4  # version of the schema, in SQLite's user_version
 TABLE_COLUMNS = {
-    "about": ("name TEXT PRIMARY KEY", "value TEXT"),
     "designs": ("number INTEGER PRIMARY KEY", "inputs TEXT", "key BLOB"),
+    "request": ("content TEXT PRIMARY KEY",),  # one row
     "results": (
         "key BLOB PRIMARY KEY",
         *(f"{column} {'REAL' if column in COLUMN_UNITS else 'TEXT'}" for column in ROW_COLUMNS),
@@ -34,37 +31,6 @@ _TABLE_STATEMENTS = [
 ]
 CREATE_STATEMENTS = f"BEGIN; {'; '.join(_TABLE_STATEMENTS)}; PRAGMA user_version = {STORE_FORMAT}; COMMIT;"
 StoredRow = tuple[Any, ...]
-
-
-class _VariableRecord(BaseModel):
-    """One variable of a sweep, as stored."""
-
-    model_config = ConfigDict(strict=True, extra="allow")
-
-    name: str
-    unit: str
-    shown: str
-    values: list[float | str | bool]
-    log: bool
-
-
-class _RequestRecord(BaseModel):
-    """The request of a sweep, as stored: the entries that readers need; more are allowed."""
-
-    model_config = ConfigDict(strict=True, extra="allow")
-
-    names: list[str]
-    variables: list[_VariableRecord]
-    sample: JsonObject
-    constraints: list[str]
-    evaluator: str
-    accuracy: float
-    version: str
-    designs: int
-    digest: str
-
-
-_INPUTS_ADAPTER: TypeAdapter[tuple[Value, ...]] = TypeAdapter(tuple[Value, ...])
 
 
 def build_insertion(table: str) -> str:
@@ -96,14 +62,11 @@ def open_row(row: StoredRow) -> StoredRow:
 
 
 def read_request(rows: Iterable[StoredRow]) -> JsonObject:
-    """Return the request of a sweep from the rows of table ``about``; empty without rows. Raises ``ValueError`` if damaged."""
-    entries = {name: from_json(value) for name, value in map(open_row, rows)}
-    return _RequestRecord.model_validate(entries).model_dump() if entries else {}
-
-
-def read_inputs(text: str) -> tuple[Value, ...]:
-    """Return the values of a design's variables from JSON. Raises ``ValueError`` if the text is damaged."""
-    return _INPUTS_ADAPTER.validate_json(text)
+    """Return the request of a sweep from the rows of table ``request``; empty without rows. Raises ``ValueError`` if damaged."""
+    request: JsonObject = {}
+    for (content,) in map(open_row, rows):
+        request = json.loads(content)
+    return request
 
 
 def find_schema_fault(connection: sqlite3.Connection, version: int) -> str:
@@ -125,7 +88,7 @@ def find_store_fault(connection: sqlite3.Connection) -> str:
     text = " ".join(connection.execute("PRAGMA integrity_check(1)").fetchone()[0].split())
     if text != "ok":
         return text.removeprefix("*** in database main *** ")
-    expected = read_request(connection.execute("SELECT * FROM about")).get("designs", 0)
+    expected = read_request(connection.execute("SELECT * FROM request")).get("designs", 0)
     (count,) = connection.execute("SELECT count(*) FROM designs").fetchone()
     return "" if count == expected else f"{count} of {expected} designs are there"
 

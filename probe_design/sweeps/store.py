@@ -52,18 +52,18 @@ class Store:
 
     def read_request(self) -> JsonObject:
         """Return the request of the sweep; empty before it began. Raises ``InputError`` if it is damaged."""
-        rows = self._fetch_all("SELECT * FROM about")
+        rows = self._fetch_all("SELECT * FROM request")
+        if not rows and self._fetch_all("SELECT 1 FROM designs LIMIT 1"):
+            raise _build_damage_error(self.folder, "its request is missing")
         with _refuse_damage(self.folder):
             return integrity.read_request(rows)
 
     def begin(self, request: Mapping[str, object], designs: Sequence[tuple[int, tuple[Value, ...], bytes]]) -> None:
         """Store the request and designs of a sweep, replacing those of an earlier sweep in this folder; result rows stay."""
         with self._open_transaction() as connection:
-            connection.execute("DELETE FROM about")
+            connection.execute("DELETE FROM request")
             connection.execute("DELETE FROM designs")
-            connection.executemany(
-                build_insertion("about"), [seal_row(name, json.dumps(value)) for name, value in request.items()]
-            )
+            connection.execute(build_insertion("request"), seal_row(json.dumps(request)))
             rows = (seal_row(number, json.dumps(values), key) for number, values, key in designs)
             connection.executemany(build_insertion("designs"), rows)
 
@@ -75,7 +75,7 @@ class Store:
         )
         records = self._fetch_all(query)
         with _refuse_damage(self.folder):
-            return [(count, integrity.read_inputs(text), key) for count, text, key in records]
+            return [(count, tuple(json.loads(text)), key) for count, text, key in records]
 
     def add(self, rows: Sequence[tuple[bytes, Row]]) -> int:
         """Commit rows and return how many were new; a row whose key exists already is not replaced."""
@@ -127,7 +127,7 @@ class Store:
         for record in self._connection.execute(query):
             with _refuse_damage(self.folder):
                 number, text, key = integrity.open_row(record[:width])
-                values = integrity.read_inputs(text)
+                values = tuple(json.loads(text))
                 answer = integrity.open_row(record[width:])[1:] if record[width] is not None else ()
             if answer:
                 yield number, values, key, dict(zip(ROW_COLUMNS, answer, strict=True))

@@ -44,11 +44,11 @@ def test_what_is_whole_is_read(store: Path) -> None:
 @pytest.mark.parametrize(
     "query",
     [
-        "UPDATE about SET value = '[' WHERE name = 'names'",
-        "UPDATE about SET value = '5' WHERE name = 'names'",
-        "DELETE FROM about WHERE name = 'variables'",
-        "UPDATE about SET value = '[[[' || value WHERE name = 'sample'",
-        "UPDATE about SET value = CAST(x'ff' AS TEXT) WHERE name = 'digest'",
+        "UPDATE request SET content = '['",
+        "UPDATE request SET content = '5'",
+        "DELETE FROM request",
+        "UPDATE request SET content = '[[[' || content",
+        "UPDATE request SET content = CAST(x'ff' AS TEXT)",
         "UPDATE designs SET inputs = '{}' WHERE number = 7",
         "UPDATE designs SET inputs = '[null]' WHERE number = 7",
         "UPDATE designs SET inputs = x'ff' WHERE number = 7",
@@ -99,7 +99,7 @@ def changed(folder: Path, *queries: str) -> None:
             "UPDATE designs SET inputs = '[0.0002, 0.0061]' WHERE number = 1",
             "UPDATE designs SET key = x'00' WHERE number = 1",
             "DELETE FROM designs WHERE number = 1",
-            "UPDATE about SET value = '0.02' WHERE name = 'accuracy'",
+            "UPDATE request SET content = replace(content, '0.01', '0.02')",
         ],
     ),
 )
