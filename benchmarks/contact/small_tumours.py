@@ -35,7 +35,7 @@ from solver import evaluate
 from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.path_points import PathPoint
+from solver.contact.states import PathPoint
 
 COVERS = (0.25, 0.5, 1.0, 1.5)  # diameters
 DIAMETERS, CONTRASTS = (4e-3, 8e-3), (5.0, 0.2)

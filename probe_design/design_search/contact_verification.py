@@ -38,9 +38,9 @@ from probe_design.design_search.tumour_verification import (
 )
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import CLOSED_GAP_RELATIVE, find_gap_closure_load, is_gap_closed
-from solver.contact.loaded_scene import LoadedScene
+from solver.contact.loaded_scene import LoadedForces, LoadedScene
 from solver.contact.path import Path
-from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
+from solver.contact.states import PathPoint, StoppedError
 from solver.results.load_limits import LargestLoad
 
 DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # indentations over the outer radius; ``contact`` is required to reach the last

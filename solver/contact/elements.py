@@ -29,7 +29,7 @@ class ElementValues:
 
 @dataclass(frozen=True)
 class Elimination:
-    """Elimination of pressures and interior values from the tangent of one state; it is also used for states near it.
+    """Elimination of pressures and interior values from the tangent of one state.
 
     Attributes
     ----------
@@ -133,12 +133,6 @@ class Elements:
         elimination = Elimination(by_edge, by_u, by_force, by_gap)
         balance = self._eliminate(self._compute_forces(stress, p), (w * (stress.change - dilation)) @ N, elimination)
         return balance, ee + ei @ by_edge, elimination
-
-    def compute_balance(self, state: ElementValues, elimination: Elimination) -> Balance:
-        """Return the forces in a state, with the elimination of a state near it."""
-        stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
-        gap = (self.square.weight * (stress.change - self.material.compute_dilation(p)[0])) @ self.shapes.pressure
-        return self._eliminate(self._compute_forces(stress, p), gap, elimination)
 
     def compute_modulus_derivative(self, state: ElementValues, elimination: Elimination, target: Floats) -> Floats:
         """Return the derivative of the forces on corners and edges, (n, 8 p), with respect to ln E of the target.

@@ -15,8 +15,8 @@ from geometry.common.resources import LimitReached
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Contact, Scene
 from solver.axisymmetric.evaluator import Axisymmetric
-from solver.contact.loaded_scene import LoadedScene, compute_modulus_curve, press_with_enough_points
-from solver.contact.path_points import LoadedForces, StoppedError
+from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
+from solver.contact.states import StoppedError
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from solver.contact.path import MAX_DEPTH_RELATIVE, Path
-from solver.contact.path_points import PathPoint
+from solver.contact.states import PathPoint
 from solver.results.load_limits import LargestLoad
 
 BRACKET_WIDTH_RELATIVE = 0.01  # width of the final bracket of a limit, relative to its indentation

@@ -19,9 +19,9 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import find_change_load, find_gap_closure_load, is_gap_closed
-from solver.contact.loaded_scene import LoadedScene, press_with_enough_points
+from solver.contact.loaded_scene import LoadedForces, LoadedScene, press_with_enough_points
 from solver.contact.path import Path
-from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
+from solver.contact.states import PathPoint, StoppedError
 from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_curve import LoadCurve, LoadRange

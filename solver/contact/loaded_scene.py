@@ -17,7 +17,7 @@ from solver.axisymmetric.converged_forces import Converged, compute_converged_fo
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.path_points import NO_DIFFERENCES, LoadedForces, MeshDifferences, PathPoint, StoppedError
+from solver.contact.states import PathPoint, StoppedError
 from solver.results.film_forces import Bound, FilmForces
 
 MESH_FINENESSES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
@@ -39,6 +39,39 @@ EDGE_PASSING_ERRORS = (
     0.05,
 )  # relative errors of ratio and log-sensitivity where faces open: points pass an edge one by one
 SCALING_TOLERANCE = 0.2  # relative: meshes nearer to the linear log-sensitivity are corrected by a factor
+
+
+@dataclass(frozen=True)
+class LoadedForces:
+    """Film forces under one load.
+
+    Attributes
+    ----------
+    point
+        Point of the load path on the finest mesh.
+    films
+        Film forces per indentation with bounds; their derivatives are taken at constant force.
+    """
+
+    point: PathPoint
+    films: FilmForces
+
+
+@dataclass(frozen=True)
+class MeshDifferences:
+    """Differences of two meshes: in ln of the film forces, shape (2,), in ln of their ratio, and in log-sensitivity, relative."""
+
+    films: Floats
+    log_ratio: float
+    sensitivity: float
+
+    def __or__(self, other: MeshDifferences) -> MeshDifferences:
+        """Return the larger of each difference."""
+        films = np.maximum(self.films, other.films)
+        return MeshDifferences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
+
+
+NO_DIFFERENCES = MeshDifferences(np.zeros(2), 0.0, 0.0)
 
 
 @dataclass(frozen=True)

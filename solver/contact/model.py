@@ -19,9 +19,9 @@ from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.contact.assembly import Assembly
 from solver.contact.contact_forces import FRICTION_SPRING_RELATIVE, Touch, compute_touch
-from solver.contact.elements import Balance, Elements, ElementValues
+from solver.contact.elements import Elements, ElementValues
 from solver.contact.pairs import Pair
-from solver.contact.states import Linearised, State, WorkingForces
+from solver.contact.states import Linearised, State
 from solver.contact.touching_lines import compute_contact_length, find_pairs
 from solver.elements.quadrilateral import compute_geometry
 from solver.elements.shape_functions import build_shapes
@@ -171,28 +171,22 @@ class ContactModel:
         else:
             balance, stiffness, elimination = known.balance, known.stiffness, known.elimination
         touches = self.compute_touches(state)
-        parts = [pair_touch.stiffness for pair_touch in touches if pair_touch.stiffness is not None]
-        contact = sum(parts[1:], parts[0]) if parts else None
-        forces = vars(self._sum_forces(state, balance, touches))
-        return Linearised(**forces, elimination=elimination, stiffness=stiffness, contact_stiffness=contact)
-
-    def update_forces(self, state: State, neighbour: Linearised) -> Linearised:
-        """Compute the forces in a state but keep the tangent of a state next to it; see ``linearise``."""
-        balance, touches = self.elements.compute_balance(state.elements, neighbour.elimination), self.compute_touches(state)
-        return replace(neighbour, **vars(self._sum_forces(state, balance, touches)))
-
-    def _sum_forces(self, state: State, balance: Balance, touches: tuple[Touch, ...]) -> WorkingForces:
-        """Add the forces of elements and contact."""
+        stiffnesses = [touch.stiffness for touch in touches if touch.stiffness is not None]
         gather, m = self.numbering.gather, self.elements.shapes.skeleton
-        contact = sum((pair_touch.forces for pair_touch in touches), np.zeros(gather.shape[0]))
+        contact_forces = sum((touch.forces for touch in touches), np.zeros(gather.shape[0]))
         internal = np.abs(balance.internal).reshape(len(balance.internal), 2, -1)[:, :, :m].reshape(-1)
-        residual = gather.T @ (balance.forces.ravel() + contact)
-        scale = float(np.linalg.norm(abs(gather).T @ (internal + np.abs(contact))))
         lengths = self.compute_contact_lengths(state.indentation)
-        deepest = max(
-            (pair_touch.max_violation / x for pair_touch, x in zip(touches, lengths, strict=True) if x > 0), default=0.0
+        return Linearised(
+            balance,
+            touches,
+            contact_forces,
+            residual=gather.T @ (balance.forces.ravel() + contact_forces),
+            scale=float(np.linalg.norm(abs(gather).T @ (internal + np.abs(contact_forces)))),
+            deepest=max((touch.max_violation / x for touch, x in zip(touches, lengths, strict=True) if x > 0), default=0.0),
+            elimination=elimination,
+            stiffness=stiffness,
+            contact_stiffness=sum(stiffnesses[1:], stiffnesses[0]) if stiffnesses else None,
         )
-        return WorkingForces(balance, touches, contact, residual, scale, deepest)
 
     def factorise_tangent(self, equations: Linearised) -> Linearised:
         """Return the equations with their tangent factorised."""
@@ -213,11 +207,6 @@ class ContactModel:
         displacements = self.numbering.gather @ change + deeper * self.numbering.lift.sum(axis=-1).ravel()
         elements = self.elements.move(state.elements, equations.elimination, displacements.reshape(self.lift.shape[:2]))
         return replace(state, indentation=indentation, v=state.v + change, elements=elements)
-
-    def compute_rates(self, state: State, equations: Linearised, change: Floats) -> State:
-        """Return the derivative of a state with respect to indentation; ``change`` is that of its unknowns."""
-        zero_state = replace(state, indentation=0.0, v=np.zeros_like(state.v), elements=self.elements.build_rest_values())
-        return self.shift(zero_state, equations, change, 1.0)
 
     def compute_contact_radius(self, equations: Linearised, state: State) -> float:
         """Return the outer radius of the contact with the tissue in the deformed state, m."""

@@ -8,7 +8,7 @@ penalty then has little effect.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,12 +16,9 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
 from solver.contact.model import ContactModel, check_volume
-from solver.contact.states import Linearised, State
+from solver.contact.states import Equilibrium, Linearised, State
 
 RESIDUAL_TOLERANCE = 1e-9  # residual over forces, in equilibrium
-LAST_STEP_RESIDUAL = (
-    1e-6  # likewise: the tangent there is that of equilibrium, so that one step reaches it, which the forces alone confirm
-)
 ROUNDING_RESIDUAL = 1e-7  # likewise, where rounding errors prevent a further decrease
 LIGHT_ROUNDING_RESIDUAL = 1e-11  # likewise, divided by the indentation in outer radii
 GUESS_RESIDUAL_TOLERANCE = 1e-5  # likewise, of a round that only gives the next one's multipliers
@@ -31,25 +28,6 @@ PENALTY_ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # fraction of the penalty,
 SHARP_ROUNDS = PENALTY_ROUNDS[1:]  # likewise, where multipliers are known from the loads before
 SLOW_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open, or those fail
 MAX_PENETRATION_RELATIVE = 1e-3  # contact lengths: deeper penetration requires another round
-
-
-@dataclass(frozen=True)
-class Equilibrium:
-    """A state in equilibrium.
-
-    Attributes
-    ----------
-    state
-        The state.
-    equations
-        The equations about it; their tangent may be that of a state within ``LAST_STEP_RESIDUAL`` of it.
-    residuals
-        Relative residual after each Newton step, of all rounds in order.
-    """
-
-    state: State
-    equations: Linearised
-    residuals: tuple[float, ...]
 
 
 def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibrium:
@@ -131,11 +109,6 @@ def _iterate_newton(
         step = -equations.factor.solve(np.ascontiguousarray(equations.residual[:, None]))[:, 0]
         if not np.all(np.isfinite(step)):
             raise SolveError("the equations cannot be solved")
-        if equations.relative_residual <= LAST_STEP_RESIDUAL and not model.may_open:
-            next_state = model.move(state, equations, step)
-            last = model.update_forces(next_state, equations)
-            if last.relative_residual <= RESIDUAL_TOLERANCE:
-                return next_state, last, [*residuals, last.relative_residual]
         state, equations = _take_step(model, state, equations, step)
         state = _store_sliding(state, equations)
         residuals.append(equations.relative_residual)

@@ -10,9 +10,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
-from solver.contact.newton import Equilibrium, solve
-from solver.contact.path_points import PathPoint, StoppedError
-from solver.contact.states import State, add_weighted, hermite_weights, lagrange_weights
+from solver.contact.newton import solve
+from solver.contact.states import Equilibrium, PathPoint, State, StoppedError, add_weighted, lagrange_weights
 
 FIRST_STEP_RELATIVE, MIN_STEP_RELATIVE, MAX_STEP_RELATIVE = (
     0.02,
@@ -205,15 +204,10 @@ class Path:
 
     def _extrapolate(self, indentation: float) -> State:
         """Extrapolate or interpolate the state at an indentation from the nearest points."""
-        nearest = self._find_nearest(indentation)
-        states = [point.equilibrium.state for point in nearest]
+        states = [point.equilibrium.state for point in self._find_nearest(indentation)]
         if len(states) < 2:
             return self._scale_light_state(indentation) if self.model.may_open else self._follow_tangent(states[0], indentation)
-        places = [state.indentation for state in states]
-        guess = add_weighted(lagrange_weights(places, indentation), states)
-        if not self.model.may_open and not any(state.contact_mask.any() for state in states):
-            # use rates only without contact: with contact they lead to another equilibrium of a folding corner
-            guess = add_weighted(hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])])
+        guess = add_weighted(lagrange_weights([state.indentation for state in states], indentation), states)
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)
         return replace(guess, indentation=indentation, grips=self._find_state_before(indentation).grips)
@@ -261,7 +255,7 @@ class Path:
         model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)
         model.check_laws(state)
-        changes, slopes = model.compute_responses(state, equations, self._target)
+        _, slopes = model.compute_responses(state, equations, self._target)
         films, slopes = self._scale * model.compute_film_forces(equations), self._scale[:, None] * slopes
         sensitivity = 0.0
         if self.sensitive:
@@ -277,5 +271,4 @@ class Path:
             strain=model.elements.compute_max_stretch(state.elements.u),
             residual=equations.relative_residual,
             equilibrium=replace(equilibrium, equations=replace(equations, factor=None)),  # factors are large
-            rates=model.compute_rates(state, equations, changes[:, 0]),
         )

@@ -1,4 +1,4 @@
-"""Define the state of a deformed section and the equations about it."""
+"""Define the state of a deformed section, the equations about it, and the results at one point of a load path."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import SolveError
 from solver.contact.contact_forces import Grip, Touch
 from solver.contact.elements import Balance, ElementValues, Elimination
 from solver.linalg.cholesky import Factor
@@ -51,8 +52,8 @@ class State:
 
 
 @dataclass(frozen=True)
-class WorkingForces:
-    """Forces in a state.
+class Linearised:
+    """The forces in a state, and the equations about it.
 
     Attributes
     ----------
@@ -68,6 +69,12 @@ class WorkingForces:
         Norm of the forces that balance, N.
     deepest
         Maximum penetration of lines, or separation where they are tied, in contact lengths.
+    elimination, stiffness
+        The elements' tangent.
+    contact_stiffness
+        The pairs' tangent, sparse; None where nothing touches.
+    factor
+        Factorisation of the tangent, or None.
     """
 
     balance: Balance
@@ -76,6 +83,10 @@ class WorkingForces:
     residual: Floats
     scale: float
     deepest: float
+    elimination: Elimination
+    stiffness: Floats
+    contact_stiffness: sp.csr_array | None
+    factor: Factor | None = None
 
     @property
     def has_contact(self) -> bool:
@@ -94,27 +105,84 @@ class WorkingForces:
 
 
 @dataclass(frozen=True)
-class Linearised(WorkingForces):
-    """The equations about a state.
+class Equilibrium:
+    """A state in equilibrium.
 
     Attributes
     ----------
-    elimination, stiffness
-        The elements' tangent, at this state or at the one before the last step.
-    contact_stiffness
-        The pairs' tangent, sparse; None where nothing touches.
-    factor
-        Factorisation of the tangent, or None.
+    state
+        The state.
+    equations
+        The equations about it.
+    residuals
+        Relative residual after each Newton step, of all rounds in order.
     """
 
-    elimination: Elimination
-    stiffness: Floats
-    contact_stiffness: sp.csr_array | None
-    factor: Factor | None = None
+    state: State
+    equations: Linearised
+    residuals: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """Results at one point of a load path.
+
+    Attributes
+    ----------
+    indentation
+        Indentation of the base, m.
+    films
+        Forces on both films, N, shape (2,).
+    tangent
+        Derivatives of the film forces with respect to indentation, N/m, shape (2,).
+    log_sensitivity
+        d ln(ratio of film forces) / d ln E of the target, at constant force; 0 without a target.
+    walls
+        Minimum distance of the gap's walls, m; 0 where they touch.
+    contact_radius
+        Outer radius of the contact with the tissue, m.
+    strain
+        Maximum |lambda - 1| of the principal stretches lambda.
+    residual
+        Relative residual of the equilibrium.
+    equilibrium
+        The state and its equations.
+    """
+
+    indentation: float
+    films: Floats
+    tangent: Floats
+    log_sensitivity: float
+    walls: float
+    contact_radius: float
+    strain: float
+    residual: float
+    equilibrium: Equilibrium
+
+    @property
+    def force(self) -> float:
+        """Force on the base, N."""
+        return float(self.films.sum())
+
+
+class StoppedError(SolveError):
+    """No further step converges.
+
+    Attributes
+    ----------
+    last
+        The deepest point computed.
+    reason
+        Why no further step converges.
+    """
+
+    def __init__(self, last: PathPoint, reason: str) -> None:
+        self.last, self.reason = last, reason
+        super().__init__(f"beyond {1e3 * last.indentation:.3g} mm, {last.force:.3g} N, {reason}")
 
 
 def add_weighted(weights: Sequence[float], states: Sequence[State]) -> State:
-    """Return the weighted sum of states, or of states and rates; everything else is copied from the first."""
+    """Return the weighted sum of states; everything else is copied from the first."""
     terms = list(zip(weights, states, strict=True))
     u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in terms)) for key in ("u", "p"))
     rows = zip(*(state.multipliers for state in states), strict=True)
@@ -129,11 +197,3 @@ def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
         float(np.prod([(wanted - other_place) / (place - other_place) for other_place in places if other_place != place]))
         for place in places
     ]
-
-
-def hermite_weights(places: Sequence[float], wanted: float) -> list[float]:
-    """Return the weights of values, then of derivatives, for the interpolating polynomial at ``wanted`` (Hermite)."""
-    squared = [w**2 for w in lagrange_weights(places, wanted)]
-    rises = [sum(1 / (place - other_place) for other_place in places if other_place != place) for place in places]
-    values = [w * (1 - 2 * rise * (wanted - place)) for place, w, rise in zip(places, squared, rises, strict=True)]
-    return [*values, *(w * (wanted - place) for place, w in zip(places, squared, strict=True))]

@@ -11,7 +11,7 @@ from solver import Result
 from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.path_points import PathPoint
+from solver.contact.states import PathPoint
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"

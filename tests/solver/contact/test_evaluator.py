@@ -16,11 +16,10 @@ from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact import path
 from solver.contact.evaluator import ContactEvaluator
-from solver.contact.loaded_scene import LoadedScene, press_with_enough_points, solve_neighbour
+from solver.contact.loaded_scene import LoadedForces, LoadedScene, press_with_enough_points, solve_neighbour
 from solver.contact.model import ContactModel
-from solver.contact.newton import Equilibrium, solve
-from solver.contact.path_points import LoadedForces, StoppedError
-from solver.contact.states import State
+from solver.contact.newton import solve
+from solver.contact.states import Equilibrium, State, StoppedError
 from solver.evaluation import curve, evaluate, plan
 from tests.support.paths import REFERENCE
 

@@ -14,7 +14,7 @@ from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.contact.contact_forces import compute_touch
 from solver.contact.model import ContactModel
-from solver.contact.path_points import StoppedError
+from solver.contact.states import StoppedError
 from tests.support.load_paths import COARSE, FINE, FOLDER, pressed, ratio, scene_of, work
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
