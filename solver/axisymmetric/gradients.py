@@ -15,7 +15,6 @@ from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
 from solver.axisymmetric.modulus_response import compute_tangent
 from solver.axisymmetric.sample import MeshSample
-from solver.axisymmetric.state_forms import StateForms
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 BODY_OF_MATERIAL = {
@@ -102,21 +101,16 @@ def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
     """
-    states, t = sample.states, sample.times[:, None, None]
-    spanned = sample.response
-    if spanned is None and Body.INCLUSION in states.model.materials:
-        spanned = compute_tangent(states)
-    edge, size = (states.edge, np.ones(2)) if spanned is None else (spanned.edges, spanned.sizes)
-    u, du = (np.eye(2)[None], np.zeros((1, 2, 2))) if spanned is None else spanned.compute_states(sample.times)
-    forms = StateForms.choose_pairs(u, du, size)
-    pairs = edge.reshape(-1, len(size)) @ forms.states.reshape(len(size), -1)
-    whole = states.model.recover_values(pairs.reshape(*edge.shape[:2], -1))
-    outside, inside = differentiate_totals(states.model, whole.reshape(*whole.shape[:2], *forms.states.shape[1:]), Body.INCLUSION)
-    (outside, outside_changes), (inside, inside_changes) = forms.sum_forms(outside), forms.sum_forms(inside)
+    model, t, response = sample.states.model, sample.times[:, None, None], sample.response
+    if response is None and Body.INCLUSION in model.materials:
+        response = compute_tangent(sample.states)
+    edge = sample.states.edge if response is None else response.edges
+    u, du = (np.eye(2)[None], np.zeros((1, 2, 2))) if response is None else response.compute_states(sample.times)
+    outside, inside = differentiate_totals(model, model.recover_values(edge), u, du, Body.INCLUSION)
     totals = sample.totals[:, None]
-    logs = (outside + t * inside) / totals
-    slope = outside_changes + t * (inside_changes + inside)
-    change = slope / totals - sample.modulus_derivative.sum(axis=-1)[:, None] / totals * logs
+    logs = (outside.totals + t * inside.totals) / totals
+    modulus_change = outside.changes + t * (inside.changes + inside.totals)
+    change = modulus_change / totals - sample.modulus_derivative.sum(axis=-1)[:, None] / totals * logs
     return SectionDerivatives(logs, change[..., 0] - change[..., 1])
 
 

@@ -67,11 +67,6 @@ class ModulusResponse:
         """The elements' values of u_1, u_2, v_1 ... v_m on corners and edges, shape (n, 8 p, 2 + m)."""
         return np.concatenate([self.states.edge, self.edge], axis=-1)
 
-    @property
-    def sizes(self) -> Floats:
-        """Roots of the energies of u_1, u_2, v_1 ... v_m, shape (2 + m,)."""
-        return np.concatenate([np.sqrt(np.abs(np.diag(self.states.forces))), np.ones(self.edge.shape[-1])])
-
 
 def compute_response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
     """Return film forces for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.

@@ -29,7 +29,6 @@ from solver.axisymmetric.base_states import build_model as solved_model
 from solver.axisymmetric.energy_derivatives import COMPLEX_STEP, differentiate_totals, list_variables
 from solver.axisymmetric.gradients import OUTPUT_NAMES, Gradients, differentiate_areas, differentiate_by_scene
 from solver.axisymmetric.sections import Sections
-from solver.axisymmetric.state_forms import StateForms
 from solver.equivalent_inclusion.gradient_points import STRAIN_METRIC, QuadraturePoints
 from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES
 from solver.inclusions.eshelby import compute_strengths
@@ -187,20 +186,14 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
 
 def _differentiate_by_section(solution: FirstOrder) -> Floats:
     """Return derivatives of the films' totals and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2)."""
-    m, element_values = solution.states.model, solution.states.values
-    whole = np.concatenate([element_values, *(solution.solve_adjoint(k) for k in solution.compute_strengths())], axis=-1)
+    model, element_values = solution.states.model, solution.states.values
+    basis = np.concatenate([element_values, *(solution.solve_adjoint(k) for k in solution.compute_strengths())], axis=-1)
     unit_states = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
-    forms = StateForms.choose_pairs(unit_states[[0, 0]], unit_states[1:], np.sqrt(np.einsum("esm,esm->m", whole, whole)))
-    pairs = whole @ forms.states.reshape(6, -1)
-    energy_derivatives = differentiate_totals(
-        m, pairs.reshape(*element_values.shape[:2], *forms.states.shape[1:]), Body.INCLUSION
-    )[0]
-    dK, by_adjoint = forms.sum_forms(energy_derivatives)
-    out: Floats = np.array([_differentiate_explicit(solution, name) for name in list_variables(m)]).sum(
-        axis=3
-    ) - by_adjoint.transpose(1, 0, 2)
-    out[:, 0] += dK[0]
-    return out
+    energy = differentiate_totals(model, basis, unit_states[:1], unit_states[1:], Body.INCLUSION)[0]
+    explicit: Floats = np.array([_differentiate_explicit(solution, name) for name in list_variables(model)]).sum(axis=3)
+    derivatives = explicit - energy.changes.transpose(1, 0, 2)
+    derivatives[:, 0] += energy.totals[0]
+    return derivatives
 
 
 def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:

@@ -111,6 +111,14 @@ def test_gradient_of_a_curve_is_that_of_its_points() -> None:
             assert curve.derivatives[output][k] == pytest.approx(alone.derivatives[output][0], rel=2e-3, abs=1e-7 * scale)
 
 
+def test_few_pairs_of_states_stand_for_a_long_curve() -> None:
+    scene = named("axisymmetric", "nearly-incompressible").scene
+    few, many = (compute_gradients(scene, solved(scene, COARSE, np.geomspace(1e3, 1e7, count))) for count in (4, 40))
+    for output in OUTPUT_NAMES:
+        scale = np.abs(few.derivatives[output]).max()
+        np.testing.assert_allclose(many.derivatives[output][::13], few.derivatives[output], atol=1e-6 * scale)
+
+
 def test_sums_that_physics_fixes() -> None:
     """Stresses at a given indentation scale with all moduli as the first power, with all lengths as the power -1."""
     scene = named("axisymmetric", "equal-areas-small").scene
