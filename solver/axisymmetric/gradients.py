@@ -13,7 +13,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import compute_length_derivatives, list_values
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
-from solver.axisymmetric.modulus_response import compute_tangent
+from solver.axisymmetric.modulus_response import StateCurve, compute_tangent
 from solver.axisymmetric.sample import MeshSample
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
@@ -101,12 +101,11 @@ def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
     """
-    model, t, response = sample.states.model, sample.times[:, None, None], sample.response
-    if response is None and Body.INCLUSION in model.materials:
-        response = compute_tangent(sample.states)
-    edge = sample.states.edge if response is None else response.edges
-    u, du = (np.eye(2)[None], np.zeros((1, 2, 2))) if response is None else response.compute_states(sample.times)
-    outside, inside = differentiate_totals(model, model.recover_values(edge), u, du, Body.INCLUSION)
+    model, t, curve = sample.states.model, sample.times[:, None, None], sample.curve
+    if curve is None:
+        curve = compute_tangent(sample.states) if Body.INCLUSION in model.materials else StateCurve(sample.states.edge)
+    u, du = curve.compute_states(sample.times)
+    outside, inside = differentiate_totals(model, model.recover_values(curve.edges), u, du, Body.INCLUSION)
     totals = sample.totals[:, None]
     logs = (outside.totals + t * inside.totals) / totals
     modulus_change = outside.changes + t * (inside.changes + inside.totals)

@@ -47,6 +47,7 @@ from solver.axisymmetric.base_states import (
     scale_inclusion,
     sum_products,
 )
+from solver.axisymmetric.modulus_response import StateCurve
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 from solver.linalg.rational_response import RationalResponse
@@ -72,30 +73,6 @@ def is_graded_everywhere(section: Section) -> bool:
 
 
 @dataclass(frozen=True)
-class _Curve:
-    """Both base states as functions of the inclusion's modulus.
-
-    Attributes
-    ----------
-    values
-        The elements', of both at the modulus that was solved for and of the vectors of eq. AX.9, shape (n, 8 p, 2 + m).
-    rational
-        Coefficients of the states on these vectors; None where there is one modulus, and so no vectors.
-    """
-
-    values: Floats
-    rational: RationalResponse | None
-
-    def compute_coefficients(self, times: Floats) -> Floats:
-        """Return the coefficients of both states on the vectors at some moduli, shape (k, 2 + m, 2)."""
-        out = np.zeros((len(times), self.values.shape[2], 2))
-        out[:, :2] = np.eye(2)
-        if self.rational is not None:
-            out[:, 2:] = self.rational.compute_amplitudes(times)[0]
-        return out
-
-
-@dataclass(frozen=True)
 class _Change:
     """The difference between the states of a smaller space and those of the whole, at every modulus.
 
@@ -111,21 +88,21 @@ class _Change:
 
     values: Floats
     loads: Floats
-    low: _Curve
-    whole: _Curve
+    low: StateCurve
+    whole: StateCurve
 
     @classmethod
-    def from_curves(cls, model: MeridianModel, low: _Curve, whole: _Curve) -> _Change:
+    def from_curves(cls, model: MeridianModel, low: StateCurve, whole: StateCurve) -> _Change:
         """Build the difference of two curves; with several moduli their vectors differ, so that both sets are used."""
-        values = low.values - whole.values if whole.rational is None else np.concatenate([low.values, whole.values], axis=2)
+        values = low.edges - whole.edges if whole.rational is None else np.concatenate([low.edges, whole.edges], axis=2)
         return cls(values, model.system.stiffness @ values, low, whole)
 
     def compute_coefficients(self, times: Floats) -> Floats:
         """Return the coefficients of both states' difference on the vectors at some moduli, shape (k, m, 2)."""
         return (
-            self.low.compute_coefficients(times)
+            self.low.compute_states(times)[0]
             if self.whole.rational is None
-            else np.hstack([self.low.compute_coefficients(times), -self.whole.compute_coefficients(times)])
+            else np.hstack([self.low.compute_states(times)[0], -self.whole.compute_states(times)[0]])
         )
 
     def compute_energies(self, times: Floats) -> Floats:
@@ -136,7 +113,7 @@ class _Change:
 
 def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
     """Bound the errors of a sample by its projection to the next lower order, one in ``ERROR_FACTOR_OF_ORDER``."""
-    whole, order = _build_curve(sample), sample.states.model.shapes.order
+    whole, order = sample.curve or StateCurve(sample.states.edge), sample.states.model.shapes.order
     low = _project_curve(sample, whole, order - 1)
     return _build_errors(
         sample,
@@ -151,11 +128,11 @@ def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
 
     None for several moduli, or where Poisson's ratio is above 0.48.
     """
-    whole, order, law = _build_curve(sample), sample.states.model.shapes.order, sample.states.model.law
+    whole, order, law = sample.curve or StateCurve(sample.states.edge), sample.states.model.shapes.order, sample.states.model.law
     if whole.rational is not None or np.any(law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * law.two_mu):
         return None
     values, loads = approximate_lower_order(sample.states, order - 1)
-    change = _Change(values - whole.values, loads, _Curve(values, None), whole)
+    change = _Change(values - whole.edges, loads, StateCurve(values), whole)
     return _build_errors(sample, change, ERROR_FACTOR_OF_ORDER[order], RATE_FACTOR_OF_ORDER.get(order))
 
 
@@ -164,12 +141,12 @@ def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
 
     None where the order is not in ``OWN_DEGREE_FACTOR_OF_ORDER``.
     """
-    whole, order = _build_curve(sample), sample.states.model.shapes.order
+    whole, order = sample.curve or StateCurve(sample.states.edge), sample.states.model.shapes.order
     if order not in OWN_DEGREE_FACTOR_OF_ORDER:
         return None
-    values = whole.values.copy()
+    values = whole.edges.copy()
     values[:, find_values_of_degree(sample.states.model, order)] = 0.0
-    low = _Curve(values, whole.rational)
+    low = StateCurve(values, whole.rational)
     return _build_errors(sample, _Change.from_curves(sample.states.model, low, whole), OWN_DEGREE_FACTOR_OF_ORDER[order])
 
 
@@ -185,7 +162,7 @@ def _build_errors(sample: MeshSample, change: _Change, factor: float, rate: floa
     bound = _compute_shares(sample, change, factor, rate) * _bound_products(energies)
     totals, slope = sample.totals, sample.modulus_derivative.sum(axis=2)
     share = _divide(slope, totals)
-    lower_slope = times[:, None] * _compute_inclusion_energies(sample, low.values, low.compute_coefficients(times)).sum(axis=2)
+    lower_slope = times[:, None] * _compute_inclusion_energies(sample, low.edges, low.compute_states(times)[0]).sum(axis=2)
     moved = np.abs(_divide(lower_slope, totals + energies.sum(axis=2)) - share)
     part = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # relative to the smallest force within the error
     films = SENSITIVITY_FACTOR * moved + np.multiply(
@@ -194,20 +171,12 @@ def _build_errors(sample: MeshSample, change: _Change, factor: float, rate: floa
     return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(films.sum(axis=1)))
 
 
-def _build_curve(sample: MeshSample) -> _Curve:
-    """Return the sample's own states."""
-    states, response = sample.states, sample.response
-    if response is None:
-        return _Curve(states.edge, None)
-    return _Curve(response.edges, response.rational)
-
-
-def _project_curve(sample: MeshSample, whole: _Curve, degree: int) -> _Curve:
+def _project_curve(sample: MeshSample, whole: StateCurve, degree: int) -> StateCurve:
     """Project the vectors of a curve to a lower degree, and return the best states on them."""
     model = sample.states.model
-    values = project_to_lower_order(sample.states, whole.values[..., 2:], degree, float(sample.times.max()))
+    values = project_to_lower_order(sample.states, whole.edges[..., 2:], degree, float(sample.times.max()))
     if whole.rational is None:
-        return _Curve(values, None)
+        return StateCurve(values)
     states, vectors = values[..., :2], values[..., 2:]
     size, turn = np.linalg.eigh(sum_products(vectors, model.system.stiffness @ vectors))
     independent = size > DEPENDENT_RELATIVE * size[-1]
@@ -218,7 +187,7 @@ def _project_curve(sample: MeshSample, whole: _Curve, degree: int) -> _Curve:
     rational = RationalResponse.from_energies(
         sum_products(vectors[inside], part), sum_products(part, states[inside]), start=nothing, inside=nothing
     )
-    return _Curve(np.concatenate([states, vectors @ rational.turn], axis=2), rational)
+    return StateCurve(np.concatenate([states, vectors @ rational.turn], axis=2), rational)
 
 
 def _compute_inclusion_energies(sample: MeshSample, values: Floats, coefficients: Floats) -> Floats:
@@ -242,7 +211,7 @@ def _compute_energies(sample: MeshSample, change: _Change) -> Floats:
 def _compute_shares(sample: MeshSample, change: _Change, factor: float, rate: float | None = None) -> Floats:
     """Return the first factor of eq. AX.12, which changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
-    times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED_MODULI)
+    times = np.ones(1) if sample.curve is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED_MODULI)
     stiffness = np.stack([scale_inclusion(model, time) for time in times])
     energies = stiffness * change.compute_energies(times)
     last = _compute_sizes(energies)
@@ -256,10 +225,10 @@ def _compute_shares(sample: MeshSample, change: _Change, factor: float, rate: fl
     return np.asarray(np.maximum(shares[upper], shares[np.maximum(upper - 1, 0)]))
 
 
-def _compute_degree_energies(model: MeridianModel, states: _Curve, degree: int, times: Floats) -> Floats:
+def _compute_degree_energies(model: MeridianModel, states: StateCurve, degree: int, times: Floats) -> Floats:
     """Return energies a_e of both states' parts of one degree, (k, n, 2, 2): states at ``times``, a_e with the model's moduli."""
     chosen = find_values_of_degree(model, degree)
-    part = _combine_vectors(states.values[:, chosen], states.compute_coefficients(times))
+    part = _combine_vectors(states.edges[:, chosen], states.compute_states(times)[0])
     return _multiply_pairs(part, model.system.stiffness[:, chosen[:, None], chosen] @ part)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.meridian.section import Body
-from solver.axisymmetric.base_states import BaseStates, sum_products
-from solver.linalg.rational_response import KrylovBasis, RationalResponse
+from solver.axisymmetric.base_states import BaseStates
+from solver.linalg.rational_response import BodySpace, RationalResponse
 
 FORCE_TOLERANCE_RELATIVE = 1e-10  # at both ends of the range; states are accurate to its root
 MAX_STEPS = 60
@@ -24,8 +24,8 @@ MIN_NEW_ENERGY_SHARE = 1e-20  # outside the basis: vectors with less are dropped
 
 
 @dataclass(frozen=True)
-class ModulusResponse:
-    """Film forces for every modulus of a body.
+class StateCurve:
+    """Both base states as functions of a body's modulus, t = E / E_0.
 
     With G = u_i^T K_b u_j of the states at t = 1 and c_ki = v_k^T K_b u_i of the basis, K_b v_k = l_k K v_k in it:
 
@@ -33,43 +33,32 @@ class ModulusResponse:
 
     Attributes
     ----------
-    body
-        The body whose modulus varies.
-    states
-        Both base states u_1, u_2 at t = 1.
-    edge
-        The elements' values of the basis v_k on corners and edges, without rigid shifts, shape (n, 8 p, m).
+    edges
+        The elements' values of u_1, u_2 and of the basis v_1 ... v_m on corners and edges, without rigid shifts, shape
+        (n, 8 p, 2 + m).
     rational
-        eq. AX.8, l_k, G and c.
+        eq. AX.8, l_k, G and c; None for one modulus, t = 1, and no basis.
     """
 
-    body: Body
-    states: BaseStates
-    edge: Floats
-    rational: RationalResponse
-
-    def compute_forces(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return F and dF / d ln E for t = E / E_0 > 0, shape (n,): two arrays of shape (n, 2, 2)."""
-        return self.rational.evaluate(t)
+    edges: Floats
+    rational: RationalResponse | None = None
 
     def compute_states(self, t: Floats) -> tuple[Floats, Floats]:
         """Return coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
 
         On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
         """
-        coefficients = np.zeros((2, len(t), 2 + len(self.rational.share), 2))
+        coefficients = np.zeros((2, len(t), self.edges.shape[2], 2))
         coefficients[0, :, :2] = np.eye(2)
-        coefficients[0, :, 2:], coefficients[1, :, 2:] = self.rational.compute_amplitudes(t)
+        if self.rational is not None:
+            coefficients[0, :, 2:], coefficients[1, :, 2:] = self.rational.compute_amplitudes(t)
         return coefficients[0], coefficients[1]
 
-    @property
-    def edges(self) -> Floats:
-        """The elements' values of u_1, u_2, v_1 ... v_m on corners and edges, shape (n, 8 p, 2 + m)."""
-        return np.concatenate([self.states.edge, self.edge], axis=-1)
 
-
-def compute_response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
-    """Return film forces for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
+def compute_response(
+    states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION
+) -> tuple[RationalResponse, StateCurve]:
+    """Return film forces and states for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
 
     Raises
     ------
@@ -79,67 +68,42 @@ def compute_response(states: BaseStates, low: float, high: float, body: Body = B
     inside = np.flatnonzero(states.model.mesh.body == body)
     if not inside.size:
         raise SolveError(f"the section has no {body.name.lower()}")
-    space, ends = _BodyEnergy(states, inside), np.array([low, high])
+    space, ends = _build_space(states, inside), np.array([low, high])
     tolerance = max(FORCE_TOLERANCE_RELATIVE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
-    forces = space.compute_forces(ends)
+    inside_energy = states.compute_modulus_derivative(body)
+    forces = space.build_response(states.forces, inside_energy).evaluate(ends)[0]
     for _ in range(MAX_STEPS):
         grown = space.grow()
-        previous, forces = forces, space.compute_forces(ends)
+        response = space.build_response(states.forces, inside_energy)
+        previous, forces = forces, response.evaluate(ends)[0]
         change = np.abs(forces - previous).max(axis=(1, 2)) / np.abs(forces).max(axis=(1, 2))
         if not grown or np.all(change < tolerance):
-            return space.build_response(body)
+            return response, _build_curve(states, space, response)
     raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {tolerance:.0e}")
 
 
-def compute_tangent(states: BaseStates) -> ModulusResponse:
-    """Return a response that is exact at t = 1 only: states and derivatives by ln E of the inclusion, from one solve."""
-    space = _BodyEnergy(states, np.flatnonzero(states.model.mesh.body == Body.INCLUSION))
+def compute_tangent(states: BaseStates) -> StateCurve:
+    """Return a curve that is exact at t = 1 only: states and derivatives by ln E of the inclusion, from one solve."""
+    space = _build_space(states, np.flatnonzero(states.model.mesh.body == Body.INCLUSION))
     space.grow()
-    return space.build_response(Body.INCLUSION)
+    return _build_curve(states, space, space.build_response(states.forces, states.compute_modulus_derivative()))
 
 
-class _BodyEnergy:
-    """The energies of a body on a growing basis, summed over the body's elements."""
+def _build_space(states: BaseStates, inside: Ints) -> BodySpace:
+    """Return the space of K^-1 K_b with the elements ``inside`` of a body, before its first step."""
+    system = states.model.system
+    size, stiffness = system.stiffness.shape[1], system.stiffness[inside]
+    gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
 
-    def __init__(self, states: BaseStates, inside: Ints) -> None:
-        system = states.model.system
-        size = system.stiffness.shape[1]
-        self.states, self.stiffness = states, system.stiffness[inside]
-        self.gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
-        self.local = states.edge[inside]  # u_1, u_2, v_1 ... in the body
-        self.newest_loads = self.stiffness @ self.local  # K_b of the newest of them
-        self.energy = sum_products(self.local, self.newest_loads)
-        self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), MIN_NEW_ENERGY_SHARE)
+    def assemble_loads(local: Floats) -> Floats:
+        return np.asarray(gather.T @ (stiffness @ local).reshape(-1, local.shape[2]))
 
-    def grow(self) -> bool:
-        """Extend the basis by one block Krylov step, K^-1 K_b times its newest vectors, and the energies with it.
+    def multiply_body(v: Floats) -> Floats:
+        return assemble_loads(system.remove_shift((gather @ v).reshape(len(inside), size, -1))[0])
 
-        Returns
-        -------
-        bool
-            Whether any of the new vectors was independent of the basis; otherwise nothing changes.
-        """
-        new = self.basis.grow(np.asarray(self.gather.T @ self.newest_loads.reshape(-1, self.newest_loads.shape[2])))
-        if not new.shape[1]:
-            return False
-        local = self.states.model.system.remove_shift((self.gather @ new).reshape(*self.local.shape[:2], -1))[0]
-        self.newest_loads = self.stiffness @ local
-        across, corner = sum_products(self.local, self.newest_loads), sum_products(local, self.newest_loads)
-        self.local = np.concatenate([self.local, local], axis=2)
-        self.energy = np.concatenate([np.hstack([self.energy, across]), np.hstack([across.T, corner])])
-        return True
+    return BodySpace(system.matrix, system.factor.solve, multiply_body, assemble_loads(states.edge[inside]), MIN_NEW_ENERGY_SHARE)
 
-    def compute_forces(self, t: Floats) -> Floats:
-        """Return film forces on the present basis, taken as orthonormal, shape (n, 2, 2)."""
-        x, energy = np.asarray(t)[:, None, None] - 1, self.energy
-        share, coupling = energy[2:, 2:], energy[2:, :2]
-        across = coupling.T @ np.linalg.solve(
-            np.eye(len(share)) + x * share, np.broadcast_to(coupling, (len(x), *coupling.shape))
-        )
-        return np.asarray(self.states.forces + x * energy[:2, :2] - x**2 * across)
 
-    def build_response(self, body: Body) -> ModulusResponse:
-        """Return the response on the present basis."""
-        energy, edge = self.energy, self.states.model.system.compute_values(self.basis.vectors)
-        rational = RationalResponse.from_energies(energy[2:, 2:], energy[2:, :2], start=self.states.forces, inside=energy[:2, :2])
-        return ModulusResponse(body, self.states, edge @ rational.turn, rational)
+def _build_curve(states: BaseStates, space: BodySpace, response: RationalResponse) -> StateCurve:
+    basis = states.model.system.compute_values(space.vectors) @ response.turn
+    return StateCurve(np.concatenate([states.edge, basis], axis=2), response)

@@ -13,7 +13,7 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.base_states import BaseStates, build_model, solve_base_states
-from solver.axisymmetric.modulus_response import ModulusResponse, compute_response
+from solver.axisymmetric.modulus_response import StateCurve, compute_response
 from solver.axisymmetric.sections import Sections
 
 
@@ -29,7 +29,7 @@ class MeshSample:
         The base states from which they are computed.
     times
         The moduli as multiples of that of ``states``, shape (k,).
-    response
+    curve
         The states as functions of the modulus; None where there is one modulus.
     """
 
@@ -37,7 +37,7 @@ class MeshSample:
     modulus_derivative: Floats
     states: BaseStates
     times: Floats
-    response: ModulusResponse | None = None
+    curve: StateCurve | None = None
 
     @property
     def rounding(self) -> Floats:
@@ -87,8 +87,8 @@ def solve_on_mesh(
         slope = states.compute_modulus_derivative() if scene.inclusion else np.zeros((2, 2))
         return MeshSample(states.forces[None], slope[None], states, np.ones(1))
     times = moduli / shift
-    spanned = compute_response(states, times.min(), times.max())
-    return MeshSample(*spanned.compute_forces(times), states, times, spanned)
+    response, states_by_modulus = compute_response(states, times.min(), times.max())
+    return MeshSample(*response.evaluate(times), states, times, states_by_modulus)
 
 
 def _choose_middle_modulus(moduli: Floats, tissue: float) -> float:

@@ -15,8 +15,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 
 
-class KrylovBasis:
-    """A growing basis, orthonormal in K.
+class BodySpace:
+    """A growing basis, orthonormal in K, of the block Krylov space of K^-1 B begun with B u(1), and B on it.
 
     Parameters
     ----------
@@ -24,8 +24,10 @@ class KrylovBasis:
         K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
     solve
         Returns K^-1 loads, shape (n, k) both.
-    unknowns
-        n.
+    multiply_body
+        Returns B times vectors, shape (n, k) both.
+    state_loads
+        B u_i of the solutions at t = 1, shape (n, k).
     negligible
         Fraction of its energy that a new vector must have outside the basis; otherwise it is dropped.
 
@@ -33,33 +35,45 @@ class KrylovBasis:
     ----------
     vectors
         v_k, shape (n, m).
-    images
-        K v_k, shape (n, m).
     """
 
-    def __init__(self, matrix: Any, solve: Callable[[Floats], Floats], unknowns: int, negligible: float) -> None:
-        self._matrix, self._solve, self._negligible = matrix, solve, negligible
-        self.vectors, self.images = np.zeros((unknowns, 0)), np.zeros((unknowns, 0))
+    def __init__(
+        self,
+        matrix: Any,
+        solve: Callable[[Floats], Floats],
+        multiply_body: Callable[[Floats], Floats],
+        state_loads: Floats,
+        negligible: float,
+    ) -> None:
+        self._matrix, self._solve, self._multiply_body, self._negligible = matrix, solve, multiply_body, negligible
+        self._state_loads = self._newest_loads = state_loads
+        self.vectors = self._images = self._body_loads = np.zeros((len(state_loads), 0))  # v_k, K v_k and B v_k
 
-    def grow(self, loads: Floats) -> Floats:
-        """Add K^-1 loads, shape (n, k), to the basis and return the new basis vectors, shape (n, 0) to (n, k)."""
-        new, images = self._orthonormalise(self._solve(loads), loads)
-        self.vectors, self.images = np.hstack([self.vectors, new]), np.hstack([self.images, images])
-        return new
+    def grow(self) -> bool:
+        """Extend the basis by K^-1 B times its newest vectors; return whether any was independent of the basis.
 
-    def _orthonormalise(self, new: Floats, loads: Floats) -> tuple[Floats, Floats]:
-        """Return vectors made orthonormal in K to the basis and each other, and K times them; dependent vectors are dropped.
-
-        K times them is computed again: near incompressibility it differs from the loads that they were solved for.
+        K times the new vectors is computed again: near incompressibility it differs from the loads that they were solved for.
         """
-        new = new / np.sqrt(np.maximum(np.abs(np.einsum("ik,ik->k", new, loads)), 1e-300))
+        new = self._solve(self._newest_loads)
+        new = new / np.sqrt(np.maximum(np.abs(np.einsum("ik,ik->k", new, self._newest_loads)), 1e-300))
         for _ in range(2):
-            new = new - self.vectors @ (self.images.T @ new)
+            new = new - self.vectors @ (self._images.T @ new)
         images = self._matrix @ new
         gram = new.T @ images
         values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-        turn = vectors[:, values > self._negligible] / np.sqrt(values[values > self._negligible])
-        return new @ turn, images @ turn
+        independent = values > self._negligible
+        if not independent.any():
+            return False
+        turn = vectors[:, independent] / np.sqrt(values[independent])
+        self._newest_loads = self._multiply_body(new @ turn)
+        self.vectors, self._images = np.hstack([self.vectors, new @ turn]), np.hstack([self._images, images @ turn])
+        self._body_loads = np.hstack([self._body_loads, self._newest_loads])
+        return True
+
+    def build_response(self, start: Floats, inside: Floats, weight: float = 1.0) -> RationalResponse:
+        """Return the products F(t) on the present basis; for the parameters see ``RationalResponse``."""
+        energy, coupling = (self.vectors.T @ loads for loads in (self._body_loads, self._state_loads))
+        return RationalResponse.from_energies((energy + energy.T) / 2, coupling, start=start, inside=inside, weight=weight)
 
 
 @dataclass(frozen=True)

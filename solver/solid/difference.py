@@ -20,11 +20,10 @@ from geometry.tetra.mesh_check import find_max_file_error
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.materials.linear import Elastic, Isotropic
-from solver.solid.base_states import FactorisedStates, SolidStates
+from solver.solid.base_states import FactorisedStates, SolidStates, compute_solid_response
 from solver.solid.cached_mesh import find_cached_mesh
 from solver.solid.domain import Domain
 from solver.solid.domain_mesh import build_domain_layout
-from solver.solid.modulus_response import compute_solid_response
 from solver.solid.problem import Solid
 from solver.solid.regions import Region, find_base_material, find_material_at_depth, find_reference_material, find_scene_material
 
@@ -157,7 +156,7 @@ def _compute_reactions(
     if moduli is None:
         return states.reactions[None], states.compute_modulus_derivative(bodies)[None]
     times = moduli / scene.inclusion[target].youngs_modulus
-    return compute_solid_response(states, bodies, float(times.min()), float(times.max())).compute_reactions(times)
+    return compute_solid_response(states, bodies, float(times.min()), float(times.max())).evaluate(times)
 
 
 def _find_laws(scene: Scene, solid: Solid, find_material: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Isotropic]:

@@ -196,15 +196,12 @@ class Problem:
     def loads(self) -> Floats:
         """Right-hand sides of the three states, -K_tissue lift, shape (unknowns, 3)."""
         lift = self.supports.lift.reshape(-1, len(STATE_NAMES))
-        forces = sum(
-            (
-                self.solid.parts[b].compute_forces(m, lift)
-                for b, m in self.laws.items()
-                if b in self.solid.parts and b not in BLOCK_BODIES
-            ),
-            start=np.zeros_like(lift),
-        )
-        return self.restrict(-forces)
+        tissue = [body for body in self.laws if body in self.solid.parts and body not in BLOCK_BODIES]
+        return self.restrict(-sum((self.compute_body_forces(body, lift) for body in tissue), start=np.zeros_like(lift)))
+
+    def compute_body_forces(self, body: int, displacements: Floats) -> Floats:
+        """Return a body's nodal forces, N, for displacements of all nodes, m, shape (3 n, k) both."""
+        return self.solid.parts[body].compute_forces(self.laws[body], displacements)
 
     def expand(self, v: Floats) -> Floats:
         """Expand unknowns (unknowns, k) to all displacements (3 n, k), zero where they are fixed."""
@@ -221,4 +218,4 @@ class Problem:
     def compute_energy(self, body: int, v: Floats) -> Floats:
         """Return v_i^T K_b v_j, twice the elastic energy of pairs of states in one body of the whole solid, shape (k, k)."""
         u = self.compute_displacements(v, body)
-        return np.asarray(self.symmetry_factor * (u.T @ self.solid.parts[body].compute_forces(self.laws[body], u)))
+        return np.asarray(self.symmetry_factor * (u.T @ self.compute_body_forces(body, u)))
