@@ -51,7 +51,7 @@ class SceneDifference:
     reference
         The reference's film forces on this mesh, shape (2, 2).
     edges
-        Film forces of the reference's blocks on the whole tissue, without inclusions, (2, 2), if eq. SO.10 holds; or None.
+        Film forces of the reference's blocks on the whole tissue, without inclusions, (2, 2), if eq. SO.9 holds; or None.
     unknowns
         Number of unknowns of the scene.
     residual
@@ -110,7 +110,7 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
 
 
 def _has_edges(domain: Domain) -> bool:
-    """Return whether eq. SO.10 holds: the tissue's edges are meshed, and the blocks' rims are those of the reference."""
+    """Return whether eq. SO.9 holds: the tissue's edges are meshed, and the blocks' rims are those of the reference."""
     return domain.radius is not None and domain.scene.probe.groove is None
 
 
