@@ -1,4 +1,4 @@
-"""Evaluate batches on a Dask cluster, whose workers may die; a sweep that lost its scheduler is started again and goes on."""
+"""Evaluate batches on a Dask cluster. Workers may die, and the scheduler may restart."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 from queue import Empty, SimpleQueue
 from typing import Any, Generic
@@ -17,7 +16,9 @@ from geometry.common.errors import InputError, import_extra
 from geometry.common.resources import Limits
 from geometry.processes.dask_task import evaluate_batch
 from geometry.processes.executor import ExecutorError, Item, Job, Outcome, Row
+from geometry.processes.silence import SilenceMonitor
 
+MAX_SCHEDULER_ABSENCE_S = 600.0  # seconds to wait for a lost scheduler to return
 CONNECTION_TIMEOUT_S = 5.0  # seconds for a connection, and for each request before there is a client
 CLIENT_TIMEOUT_S = 20.0  # seconds in all to create a client, whatever runs at the address
 POLL_INTERVAL_S = 0.05  # seconds between looks at the futures
@@ -25,17 +26,18 @@ FETCH_TIMEOUT_S = 5.0  # seconds to fetch rows from a worker, which may hang
 COUNT_TIMEOUT_S = 2.0  # seconds for the scheduler to return the number of workers
 BATCHES_PER_WORKER = 2  # batches queued for each worker, so that none waits for the next
 MAX_DASK_FAULTS = 4  # errors of Dask with one batch, other than the death of a worker, before the sweep ends
-SILENCE_INTERVAL_S = 60.0  # seconds without a finished batch between reports of it
+SLOW_BATCH_FACTOR, MIN_SLOW_BATCH_S = 5.0, 5.0  # times the usual duration, and seconds: slower batches are duplicated
 _NOISY_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that report lost connections
-_DASK_ERRORS = (OSError, RuntimeError, ValueError, TimeoutError)  # raised by a client whose scheduler is gone or hangs
 
 
 @dataclass
 class _SubmittedBatch(Generic[Item]):
-    """A batch that the cluster works on, its future, and how often Dask failed with it."""
+    """A batch that the cluster works on, as one or more futures."""
 
+    number: int
     items: Sequence[Item]
-    future: Any
+    submit_time: float
+    futures: list[Any] = field(default_factory=list)
     faults: int = 0
 
 
@@ -54,7 +56,7 @@ class DaskExecutor(Generic[Item, Row]):
         limits : Limits
             Time and memory of each item.
         log : callable
-            Called with a line when the cluster does not respond.
+            Called with a line when the scheduler is lost and when it returns.
 
         Raises
         ------
@@ -68,9 +70,10 @@ class DaskExecutor(Generic[Item, Row]):
         self._log_levels = {name: logging.getLogger(name).level for name in _NOISY_LOGGERS}
         self._set_log_levels(dict.fromkeys(_NOISY_LOGGERS, logging.CRITICAL + 1))  # lost connections are handled here
         self._numbers = count()
-        self._submitted: dict[int, _SubmittedBatch[Item]] = {}
+        self._submitted: list[_SubmittedBatch[Item]] = []
+        self._usual_seconds: float | None = None
         self._count_time, self._worker_count = -1.0, 1
-        self._last_time, self._reports = time.monotonic(), 0  # of the last finished batch, and how often silence was reported
+        self._scheduler_silence, self._answer_silence = SilenceMonitor(log), SilenceMonitor(log)
         try:
             _check_address(address)
             self._client: Any = self._connect_client()
@@ -82,9 +85,16 @@ class DaskExecutor(Generic[Item, Row]):
     def count_workers(self) -> int:
         """Return how many batches the cluster can evaluate at once now; asked at most once a second."""
         if time.monotonic() - self._count_time > 1.0:
-            with suppress(*_DASK_ERRORS):
+            try:
                 threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_TIMEOUT_S)
+            except (OSError, RuntimeError, ValueError, TimeoutError):
+                self._report_scheduler("has not answered", "start it again")
+            else:
                 self._worker_count = max(1, sum(threads.values()))
+                if threads:
+                    self._scheduler_silence.reset()
+                else:
+                    self._report_scheduler("has had no worker", "start one")
             self._count_time = time.monotonic()
         return self._worker_count
 
@@ -94,69 +104,75 @@ class DaskExecutor(Generic[Item, Row]):
 
     def submit(self, items: Sequence[Item]) -> int:
         """Submit a batch to the scheduler."""
-        number = next(self._numbers)
-        self._submitted[number] = _SubmittedBatch(items, self._start(items))
-        return number
+        submitted = _SubmittedBatch(next(self._numbers), items, time.monotonic())
+        self._submitted.append(submitted)
+        self._start_attempt(submitted)
+        return submitted.number
 
     def collect(self, seconds: float) -> list[tuple[int, Outcome[Row]]]:
-        """Wait at most ``seconds`` for finished batches.
-
-        Raises
-        ------
-        ExecutorError
-            The scheduler is lost.
-        """
+        """Wait at most ``seconds`` for finished batches; reconnect to a lost scheduler."""
         deadline = time.monotonic() + seconds
         while True:
             if self._client.status != "running":
-                raise self._build_loss_error()
-            outcomes = {number: self._find_outcome(submitted) for number, submitted in self._submitted.items()}
-            finished = [(number, outcome) for number, outcome in outcomes.items() if outcome is not None]
-            for number, _ in finished:
-                self._submitted.pop(number).future.release()
-            self._report_silence(has_news=bool(finished) or not self._submitted)
+                self._reconnect()
+            self.count_workers()  # reports a scheduler that hangs
+            finished = [answer for submitted in list(self._submitted) if (answer := self._poll_batch(submitted)) is not None]
+            if finished or not self._submitted:
+                self._answer_silence.reset()
+            self._report_workers()
             if finished or time.monotonic() >= deadline:
                 return finished
+            self._duplicate_slow_batches()
             time.sleep(POLL_INTERVAL_S)
+
+    def _report_scheduler(self, text: str, remedy: str) -> None:
+        """Report a problem of the scheduler; silent workers are then not reported as well."""
+        self._scheduler_silence.report(f"the Dask scheduler {self._address} {text}", remedy)
+        self._answer_silence.reset()
+
+    def _report_workers(self) -> None:
+        """Report that no batch has finished for longer than expected."""
+        max_silence = self._limits.seconds if self._usual_seconds is None else SLOW_BATCH_FACTOR * self._usual_seconds
+        self._answer_silence.report("no Dask worker has answered", "see to them", min_silence=max_silence)
 
     def close(self) -> None:
         """Disconnect from the cluster; running batches are cancelled."""
-        for submitted in self._submitted.values():
-            submitted.future.release()
-        with suppress(*_DASK_ERRORS):
-            self._client.close(timeout=5)
+        self._disconnect()
         self._set_log_levels(self._log_levels)
 
-    def _start(self, items: Sequence[Item]) -> Any:
-        """Return the future of a batch. Raises ``ExecutorError``."""
+    def _start_attempt(self, submitted: _SubmittedBatch[Item]) -> None:
+        """Start one more attempt at a batch; a lost scheduler is noticed later, in ``collect``."""
         try:
-            return self._client.submit(evaluate_batch, self._job, self._limits, items, pure=False)
-        except _DASK_ERRORS:
-            raise self._build_loss_error() from None
+            future = self._client.submit(evaluate_batch, self._job, self._limits, submitted.items, pure=False)
+            submitted.futures.append(future)
+        except (OSError, RuntimeError, ValueError):
+            return
 
-    def _build_loss_error(self) -> ExecutorError:
-        return ExecutorError(f"{self._address}: the Dask scheduler is gone; all rows are kept, start again")
-
-    def _find_outcome(self, submitted: _SubmittedBatch[Item]) -> Outcome[Row] | None:
-        """Return the outcome of a batch, or None if it is not finished; start it again if its worker or Dask failed."""
-        status = submitted.future.status
-        if status == "finished":
-            with suppress(Exception):  # whatever goes wrong on the way: the batch is computed again
-                outcome: Outcome[Row] = submitted.future.result(timeout=FETCH_TIMEOUT_S)
-                return outcome
-        elif status == "error":
-            if (failed := self._read_failure(submitted)) is not None:
-                return failed
-        elif status not in ("cancelled", "lost"):
-            return None
-        submitted.future = self._start(submitted.items)
+    def _poll_batch(self, submitted: _SubmittedBatch[Item]) -> tuple[int, Outcome[Row]] | None:
+        """Return a batch if one of its futures is finished; start it again if they were lost."""
+        for future in list(submitted.futures):
+            if future.status == "finished":
+                outcome = self._fetch_outcome(future)
+            elif future.status in ("error", "cancelled", "lost"):
+                outcome = self._read_failure(submitted, future)
+            else:
+                continue
+            if outcome is not None:
+                self._finish_batch(submitted)
+                return submitted.number, outcome
+            submitted.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
+            if not submitted.futures:
+                submitted.submit_time = time.monotonic()
+                self._start_attempt(submitted)
+        if not submitted.futures:
+            self._start_attempt(submitted)
         return None
 
-    def _read_failure(self, submitted: _SubmittedBatch[Item]) -> Outcome[Row] | None:
-        """Return the outcome of a batch whose future failed, or None if it is to be tried again."""
-        fault = None
-        with suppress(Exception):  # of fetching the exception
-            fault = submitted.future.exception(timeout=FETCH_TIMEOUT_S)
+    def _read_failure(self, submitted: _SubmittedBatch[Item], future: Any) -> Outcome[Row] | None:
+        """Return the outcome of a failed future, or None if the batch is to be tried again."""
+        if future.status != "error":  # cancelled or lost together with the scheduler
+            return None
+        fault = self._fetch_exception(future)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
             return Outcome(unfinished=len(submitted.items), failure="the Dask workers that held it died")
         submitted.faults += fault is not None
@@ -165,15 +181,61 @@ class DaskExecutor(Generic[Item, Row]):
         reason = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
         return Outcome(refusal=f"Dask workers cannot run this program, of this version ({reason})")
 
-    def _report_silence(self, has_news: bool) -> None:
-        """Report once a minute that no batch has finished."""
-        now = time.monotonic()
-        if has_news:
-            self._last_time, self._reports = now, 0
-        elif now - self._last_time >= (self._reports + 1) * SILENCE_INTERVAL_S:
-            self._reports = int((now - self._last_time) // SILENCE_INTERVAL_S)
-            silence = f"nothing has come from the Dask cluster {self._address} for {now - self._last_time:.0f} s"
-            self._log(f"{silence}; see to its scheduler and workers, or wait")
+    def _fetch_outcome(self, future: Any) -> Outcome[Row] | None:
+        """Fetch the outcome of a finished future, or return None."""
+        try:
+            outcome: Outcome[Row] = future.result(timeout=FETCH_TIMEOUT_S)
+            return outcome
+        except Exception:  # whatever went wrong on the way: the batch is computed again
+            return None
+
+    def _fetch_exception(self, future: Any) -> BaseException | None:
+        """Fetch the exception of a failed future, or return None."""
+        try:
+            fault: BaseException | None = future.exception(timeout=5)
+            return fault
+        except Exception:
+            return None
+
+    def _finish_batch(self, submitted: _SubmittedBatch[Item]) -> None:
+        """Release the futures of a batch and update the usual duration."""
+        self._submitted.remove(submitted)
+        seconds = time.monotonic() - submitted.submit_time
+        self._usual_seconds = seconds if self._usual_seconds is None else 0.8 * self._usual_seconds + 0.2 * seconds
+        for future in submitted.futures:
+            future.release()  # Dask stops futures without references
+
+    def _duplicate_slow_batches(self) -> None:
+        """Give batches that take far too long to a second worker, when workers are idle."""
+        if self._usual_seconds is None or self.count_free() <= 0:
+            return
+        for submitted in self._submitted:
+            if len(submitted.futures) == 1 and time.monotonic() - submitted.submit_time > max(
+                SLOW_BATCH_FACTOR * self._usual_seconds, MIN_SLOW_BATCH_S
+            ):
+                self._log(f"a batch of {len(submitted.items)} designs takes long and is given to another worker too")
+                self._start_attempt(submitted)
+
+    def _reconnect(self) -> None:
+        """Reconnect to the scheduler and submit all unfinished batches again."""
+        self._log("the Dask scheduler is gone")
+        self._disconnect()
+        deadline = time.monotonic() + MAX_SCHEDULER_ABSENCE_S
+        while True:
+            try:
+                self._client = self._connect_client()
+                break
+            except Exception:  # any, as in __init__
+                if time.monotonic() > deadline:
+                    reason = f"{self._address}: no scheduler for {MAX_SCHEDULER_ABSENCE_S:g} s; all rows are kept, start again"
+                    raise ExecutorError(reason) from None
+                self._report_scheduler("has been gone", "start it again")
+                time.sleep(1.0)
+        self._log("a Dask scheduler is there again")
+        self._scheduler_silence.reset()
+        for submitted in self._submitted:
+            submitted.futures, submitted.submit_time = [], time.monotonic()
+            self._start_attempt(submitted)
 
     def _set_log_levels(self, levels: dict[str, int]) -> None:
         for name, level in levels.items():
@@ -198,6 +260,16 @@ class DaskExecutor(Generic[Item, Row]):
         if isinstance(client_or_fault, Exception):
             raise client_or_fault
         return client_or_fault
+
+    def _disconnect(self) -> None:
+        """Release all futures and close the client."""
+        for submitted in self._submitted:
+            for future in submitted.futures:
+                future.release()
+        try:
+            self._client.close(timeout=5)
+        except (OSError, RuntimeError, ValueError, TimeoutError):
+            return
 
 
 def _check_address(address: str) -> None:

@@ -21,7 +21,7 @@ import pytest
 
 from geometry import InputError
 from geometry.common.resources import Limits
-from geometry.processes import dask_executor
+from geometry.processes import dask_executor, silence
 from geometry.processes import dask_task as sweep_remote
 from geometry.processes.child import Child
 from geometry.processes.dask_executor import DaskExecutor
@@ -32,7 +32,7 @@ from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job
 from tests.support.paths import ROOT
-from tests.support.sweeps import grid, run, stored, toml
+from tests.support.sweeps import command, grid, run, stored, toml, wait_for_rows
 
 CLUSTER = """
 import os, signal, sys
@@ -43,14 +43,15 @@ from probe_design.sweeps import run as sweep_run
 
 def main(path, out):
     dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
-    batches.BATCH_TIME_S, sweep_dask.FETCH_TIMEOUT_S = 0.05, 0.5
+    batches.BATCH_TIME_S, sweep_dask.MIN_SLOW_BATCH_S, sweep_dask.FETCH_TIMEOUT_S = 0.05, 0.3, 0.5
     with distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
         pids = [worker.process.pid for worker in cluster.workers.values()]
-        signals = [signal.SIGKILL, signal.SIGKILL]
+        signals = [signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL]
         def act(state):
             while signals and state.done >= 20:
                 os.kill(pids[len(signals)], signals.pop())
         found = sweep_run.sweep(path, out, scheduler=cluster.scheduler_address, progress=act)
+        os.kill(pids[1], signal.SIGCONT)
         print(found.ok + found.refused, found.failed, len(signals))
 
 if __name__ == "__main__":
@@ -59,7 +60,8 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
-def test_two_of_four_workers_die(whole: Path, tmp_path: Path) -> None:
+def test_two_of_four_workers_die_and_one_stands_still(whole: Path, tmp_path: Path) -> None:
+    """The one that stands still keeps its batches, which others are given too."""
     script = tmp_path / "program.py"
     script.write_text(CLUSTER)
     arguments = [sys.executable, script, toml(tmp_path), tmp_path / "out"]
@@ -68,18 +70,49 @@ def test_two_of_four_workers_die(whole: Path, tmp_path: Path) -> None:
     )
     assert done.stdout.split() == ["300", "0", "0"], done.stderr[-2000:]
     assert stored(tmp_path / "out") == stored(whole)
+    assert "takes long" in (tmp_path / "out" / "sweep.log").read_text()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("which", "stop"), [(0, signal.SIGSTOP), (1, signal.SIGSTOP), (1, signal.SIGKILL)])
+def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
+    address = unused()
+    path = tmp_path / "sweep.toml"
+    path.write_text(toml(tmp_path, n=12).read_text().replace('"closed-form"', '"axisymmetric"'))
+    cluster = begun(address)
+    process = subprocess.Popen(
+        command(path, "-o", tmp_path / "out", "--scheduler", address), cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_for_rows(tmp_path / "out", 3, process)
+        cluster[0].kill()
+        cluster += begun(address)
+        _, errors = process.communicate(timeout=100)
+    finally:
+        end([*cluster, process])
+    assert process.returncode == 0, errors
+    assert [line for line in errors.splitlines() if not line.startswith("probe-design: ")] == []
+    assert "scheduler is there again" in (tmp_path / "out" / "sweep.log").read_text()
+    sweep(path, tmp_path / "alone")
+    assert stored(tmp_path / "out") == stored(tmp_path / "alone")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("which", "stop", "message"),
+    [
+        (0, signal.SIGSTOP, "the Dask scheduler {} has not answered for"),
+        (1, signal.SIGSTOP, "no Dask worker has answered for"),
+        (1, signal.SIGKILL, "the Dask scheduler {} has had no worker for"),
+    ],
+)
 def test_what_stops_is_told_of_and_may_go_on(
-    which: int, stop: signal.Signals, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    which: int, stop: signal.Signals, message: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes on as soon as that is said, or another one is started."""
-    monkeypatch.setattr(dask_executor, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
     monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
-    cluster, message = begun(address), f"nothing has come from the Dask cluster {address} for"
+    cluster = begun(address)
 
     def act(state: progress.Progress) -> None:
         if state.done >= 20 and not lines:
@@ -90,7 +123,7 @@ def test_what_stops_is_told_of_and_may_go_on(
         lines.append(line)
         if stop == signal.SIGKILL and len(cluster) == 2:
             cluster.append(dask("worker", address, "--no-nanny", "--nthreads", "1"))
-        elif stop == signal.SIGSTOP and line.startswith(message):
+        elif stop == signal.SIGSTOP and line.startswith(message.format(address)):
             cluster[which].send_signal(signal.SIGCONT)
 
     try:
@@ -98,17 +131,18 @@ def test_what_stops_is_told_of_and_may_go_on(
         sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=notice)
     finally:
         end(cluster)
-    assert any(line.startswith(message) for line in lines)
+    assert any(line.startswith(message.format(address)) for line in lines)
     assert lines[-1] in (tmp_path / "out" / "sweep.log").read_text()
     assert stored(tmp_path / "out") == stored(whole)
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_lost_ends_the_sweep_which_goes_on_when_started_again(
-    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(dask_executor, "MAX_SCHEDULER_ABSENCE_S", 6.0)
     monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 0.02)
-    address = unused()
+    address, lines = unused(), list[str]()
     cluster = begun(address)
 
     def act(state: progress.Progress) -> None:
@@ -117,15 +151,13 @@ def test_a_scheduler_that_is_lost_ends_the_sweep_which_goes_on_when_started_agai
 
     try:
         wait_for_scheduler(address)
-        with pytest.raises(ExecutorError, match=r"the Dask scheduler is gone; all rows are kept, start again"):
-            sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act)
-        assert len(list(iterate_rows(tmp_path / "out"))) >= 20
-        cluster += begun(address)
-        wait_for_scheduler(address)
-        sweep(toml(tmp_path), tmp_path / "out", scheduler=address)
+        with pytest.raises(ExecutorError, match=r"no scheduler for 6 s; all rows are kept, start again"):
+            sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=lines.append)
     finally:
         end(cluster)
-    assert stored(tmp_path / "out") == stored(whole)
+    assert lines[0] == "the Dask scheduler is gone"
+    assert lines[1].startswith(f"the Dask scheduler {address} has been gone for")
+    assert len(list(iterate_rows(tmp_path / "out"))) >= 20
 
 
 def unused() -> str:
@@ -183,10 +215,10 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
     job, designs = Job.from_sweep(made_sweep), [values for _, values in made_sweep.list_designs()]
     assert [len(sweep_remote.evaluate_batch(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
     assert len(started) == 1
-    (kept,) = sweep_remote._IDLE_WORKERS
+    (_, _, kept), *_ = sweep_remote._IDLE_PROCESSES._idle
     assert kept._child is not None
     assert kept._child._process.wait(60) != 0  # ended by the pool
-    assert sweep_remote._IDLE_WORKERS == {}
+    assert sweep_remote._IDLE_PROCESSES._idle == []
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
@@ -333,14 +365,11 @@ def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pyt
     messages: list[str] = []
     now = [0.0]
     monkeypatch.setattr(dask_executor.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(silence, "monotonic", lambda: now[0])
     monkeypatch.setattr(DaskExecutor, "_connect_client", lambda crew: Still(10))
     crew = DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), messages.append)
-    crew._submitted[0] = SimpleNamespace(future=SimpleNamespace(status="pending", release=lambda: None))  # type: ignore[assignment]
     for now[0] in range(20, 240, 20):
-        assert crew.count_free() >= 1
         crew.collect(0.0)
-    assert [line.partition(" for ")[2] for line in messages] == [
-        f"{s} s; see to its scheduler and workers, or wait" for s in (60, 120, 180)
-    ]
+    assert [line.partition(" for ")[2] for line in messages] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]
     assert (now[0], crew.count_workers()) == (220, 3)
     crew._set_log_levels(crew._log_levels)
