@@ -1,20 +1,24 @@
-"""Read HDF5 files of unknown origin within limits of memory and time.
+"""Read HDF5 files of unknown origin in a child process with limits of memory and time: see `hdf5_program`.
 
 A file is a recording of this project, or a table of another program: a 1-D dataset is a column, a matrix gives one for each of
-its columns. Links and creation properties are inspected before any data are read: a file with data elsewhere (external links,
-external storage, virtual datasets) is refused, and so is one that claims more values than the memory can hold.
+its columns.
 """
 
 from __future__ import annotations
 
 import math
+import os
+import pickle
+import subprocess
+import sys
+import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +32,10 @@ from hw.files.hdf5_recorder import FILE_FORMAT, FORMAT_VERSION
 from hw.files.table import ColumnTable
 from hw.files.volts import VoltsTransport, build_volts_header
 
-if TYPE_CHECKING:
-    import h5py
-
+READER_PROGRAM = Path(__file__).with_name("hdf5_program.py")
 RATE_ATTRIBUTES = ("rate", "sample_rate", "sampling_rate", "SampleRate", "fs")
-UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
 MAX_MATRIX_COLUMNS = 16  # a wider matrix is a picture, not channels
-MAX_DATASETS = 1000  # a file with more datasets is not a recording
 RATE_TOLERANCE = 1e-4  # relative difference of stated rate and times: rounding of the times over a second causes less
-_STORED_ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
 
 
 @dataclass(frozen=True)
@@ -65,14 +64,14 @@ class Dataset:
 
 
 class Hdf5File:
-    """An open HDF5 file; a context manager that closes it.
+    """An HDF5 file, read by a child process; a context manager that ends the process.
 
     Parameters
     ----------
     path
         Of the file.
     limits
-        Memory and time for all that is read.
+        Memory and time for all requests together.
 
     Attributes
     ----------
@@ -90,28 +89,26 @@ class Hdf5File:
     """
 
     def __init__(self, path: Path, limits: ReadLimits) -> None:
-        import h5py
-
         self.path, self._limits, self._end = path, limits, time.monotonic() + limits.seconds
+        arguments = [str(READER_PROGRAM), os.path.abspath(path), str(int(limits.memory)), str(math.ceil(limits.seconds))]
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=_build_environment(),
+        )
+        self._timer = threading.Timer(limits.seconds, self._process.kill)  # its pipe then ends
+        self._timer.daemon = True
+        self._timer.start()
         try:
-            self._file = h5py.File(path, "r")
-        except (OSError, RuntimeError, ValueError):
-            raise InvalidSource(f"{path} is no HDF5 file that can be read: is it whole, is it HDF5?") from None
-        self.datasets: dict[str, Dataset] = {}
-        try:
-            with self._convert_faults():
-                # a visit ends at the first step that returns a reason
-                reason = self._file.visititems_links(self._find_data_elsewhere) or self._file.visititems(self._add_dataset)
-                if reason:
-                    raise InvalidSource(f"{path} is refused: {reason}")
-                entries = self._file.attrs.items()
-                self.attributes: dict[str, Any] = {
-                    key: value for key, entry in entries if (value := _convert_attribute(entry)) is not None
-                }
-                self.gaps = _read_gaps(self._file)
+            description = self._receive()
         except BaseException:
             self.close()
             raise
+        self.attributes: dict[str, Any] = description["attributes"]
+        self.datasets = {entry["path"]: Dataset(**entry) for entry in description["datasets"]}
+        self.gaps = tuple(Gap(*gap) for gap in description["gaps"])
 
     @property
     def is_recording(self) -> bool:
@@ -126,10 +123,11 @@ class Hdf5File:
         InvalidSource
             They cannot be read within the limits.
         """
-        arrays = []
-        for path, column in columns:
-            with self._convert_faults():
-                arrays.append(_read_column(self._file[path], path, column))
+        with suppress(OSError):  # that the process has ended shows in _receive
+            stdin: IO[bytes] = self._process.stdin  # type: ignore[assignment] # a pipe was asked for
+            pickle.dump(list(columns), stdin)
+            stdin.flush()
+        arrays: list[NDArray[Any]] = self._receive()
         return arrays
 
     def build_table(self) -> ColumnTable:
@@ -215,54 +213,12 @@ class Hdf5File:
             return describe_rate_difference(rows / seconds, rate)
         return ""
 
-    def _find_data_elsewhere(self, name: str, link: object) -> str | None:
-        """Return a reason if an entry refers to data outside the file. Later steps follow only hard and soft links."""
-        import h5py
-
-        if isinstance(link, h5py.ExternalLink):
-            return f"{name!r} {_STORED_ELSEWHERE}"
-        node = self._file[name] if isinstance(link, h5py.HardLink) else None
-        if isinstance(node, h5py.Dataset) and (node.is_virtual or node.external):
-            return f"the data of {name!r} {_STORED_ELSEWHERE}"
-        return None
-
-    def _add_dataset(self, path: str, node: h5py.Group | h5py.Dataset) -> str | None:
-        """Add a description if an entry is a dataset of numbers; return a reason if it cannot be read within the limits."""
-        if not getattr(node, "shape", None) or len(node.shape) > 2 or node.dtype.kind not in "iuf":
-            return None
-        chunk_bytes = math.prod(node.chunks or (0,)) * node.dtype.itemsize
-        if 2 * chunk_bytes > self._limits.memory:  # HDF5 holds a whole chunk, compressed and uncompressed, for any of its values
-            return f"{path!r} is stored in chunks of {chunk_bytes / 1e9:.3g} GB: --memory raises the limit"
-        units = [_decode_text(node.attrs[key]) for key in UNIT_ATTRIBUTES if key in node.attrs]
-        stored_bytes = node.id.get_storage_size()
-        is_complete = stored_bytes >= math.prod(node.shape) * node.dtype.itemsize
-        self.datasets[path] = Dataset(path, node.shape, units[0] if units else "", is_complete, stored_bytes > 0)
-        if len(self.datasets) > MAX_DATASETS:
-            return f"more than {MAX_DATASETS} datasets of numbers: allowed: the recording's columns alone"
-        return None
-
-    @contextmanager
-    def _convert_faults(self) -> Iterator[None]:
-        """Turn whatever the HDF5 library raises on a damaged file into ``InvalidSource``, and check the time."""
-        try:
-            yield
-        except InvalidSource:
-            raise
-        except MemoryError:
-            limit = f"{self._limits.memory / 1e9:g} GB"
-            raise InvalidSource(
-                f"{self.path} needs more than the {limit} allowed to read it: --memory raises the limit"
-            ) from None
-        except Exception:
-            raise InvalidSource(f"{self.path} is damaged: parts of it are missing or cannot be read") from None
-        if time.monotonic() >= self._end:
-            limit = f"{self._limits.seconds:g} s"
-            raise InvalidSource(f"{self.path} takes longer than {limit} to read: --time raises the limit")
-
     def close(self) -> None:
-        """Close the file."""
-        with suppress(Exception):  # of a damaged file, which is refused already
-            self._file.close()
+        """End the process."""
+        self._timer.cancel()
+        self._process.kill()
+        with self._process:  # closes its pipes and waits for its end
+            pass
 
     def __enter__(self) -> Self:
         return self
@@ -270,45 +226,23 @@ class Hdf5File:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-
-def _read_gaps(file: h5py.File) -> tuple[Gap, ...]:
-    """Return the gaps of a recording of this project; empty for other files."""
-    if "gaps" not in file or getattr(file["gaps"].dtype, "names", None) != ("first", "count", "reason"):
-        return ()
-    return tuple(Gap(int(row["first"]), int(row["count"]), _decode_text(row["reason"])) for row in file["gaps"][:])
-
-
-def _read_column(dataset: h5py.Dataset, path: str, column: int | None) -> NDArray[Any]:
-    """Return a dataset, or one column of a matrix; floats, and integers that may exceed 64 bits with a sign, as doubles."""
-    from h5py import h5z
-
-    properties = dataset.id.get_create_plist()
-    for number, _, _, name in (properties.get_filter(k) for k in range(properties.get_nfilters())):
-        if not h5z.filter_avail(number):
-            filter_name = f"{number} ({_decode_text(name)})" if name else str(number)
-            allowed = "gzip, szip, lzf, shuffle, fletcher32 (h5repack -f GZIP=4 writes such a file)"
-            refused = f"{dataset.file.filename} is refused: {path!r} is packed by filter {filter_name}"
-            raise InvalidSource(f"{refused}, which is not installed: allowed: {allowed}")
-    values: NDArray[Any] = dataset[:] if column is None else dataset[:, column]
-    if values.dtype.kind != "f" and values.dtype != np.uint64:
-        return values
-    with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite; they are refused later
-        return values.astype(float, copy=False)
+    def _receive(self) -> Any:
+        """Return the next reply of the process; a text is the reason of a refusal. Raises ``InvalidSource``."""
+        stdout: IO[bytes] = self._process.stdout  # type: ignore[assignment] # a pipe was asked for
+        try:
+            reply = pickle.load(stdout)
+        except (EOFError, pickle.UnpicklingError):  # the process has ended
+            self._process.wait()
+            reply = "is damaged: the HDF5 library fails on it"
+            if time.monotonic() >= self._end:
+                reply = f"takes longer than {self._limits.seconds:g} s to read: --time raises the limit"
+        if isinstance(reply, str):
+            raise InvalidSource(f"{self.path} {reply}")
+        return reply
 
 
-def _convert_attribute(value: object) -> object:
-    """Convert an attribute to a text, a number, or the first number of an array; None for anything else."""
-    value = value.item() if isinstance(value, np.generic) else value
-    if isinstance(value, bytes | str):
-        return _decode_text(value)
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, np.ndarray) and value.size and value.dtype.kind in "iuf":
-        return _convert_attribute(value.reshape(-1)[0])
-    return value if isinstance(value, int | float) else None
-
-
-def _decode_text(value: object) -> str:
-    """Decode a text, with invalid UTF-8 replaced."""
-    decoded = value if isinstance(value, bytes) else str(value).encode("utf-8", "replace")
-    return decoded.decode("utf-8", "replace")
+def _build_environment() -> dict[str, str]:
+    """Return the child's environment: one thread, this process's modules, and no HDF5 plugins that a file could load."""
+    path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
+    settings = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_PLUGIN_PRELOAD": "::"}
+    return {**os.environ, **settings, "PYTHONWARNINGS": "ignore"}
