@@ -34,13 +34,13 @@ from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import (
     BlockPredictions,
-    compute_inner_shares,
+    compute_inner_fractions,
     express_by_outer_radius,
     predict_blocks,
 )
 from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.film_forces import measure_strict_reading
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, BuiltProperties, build_signals
 
 SCENE = "examples/scene.toml"
@@ -174,7 +174,7 @@ class DrawnBench:
         logs = shares.log_ratios + moduli * random.standard_normal(len(moduli))
         logs = logs + shares.slopes @ (shares.compute_tolerances(bench.workshop) * random.standard_normal(len(shares.variables)))
         leaks = {"inner": fault.pin, "outer": fault.ring}
-        parts_of_load = compute_inner_shares(logs, bench.reference)
+        parts_of_load = compute_inner_fractions(logs, bench.reference)
         for k, block in enumerate(bench.reference):
             drawn, leak = block.leak_sd * abs(random.standard_normal()), leaks.get(block.on)
             parts_of_load[k] += {"inner": -1.0, "outer": 1.0}.get(block.on, 0.0) * (drawn if leak is None else leak)

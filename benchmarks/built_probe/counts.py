@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import binomtest, kstest
 
 from geometry.common.arrays import Floats
-from probe_design.built_probe.gain_matrix import ENTRY_NAMES
+from probe_design.built_probe.gains import ENTRY_NAMES
 from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL
 
 MIN_LIKELY_POWER = 0.9  # power from which a probe counts as one that the check should find

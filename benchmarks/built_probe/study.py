@@ -28,13 +28,13 @@ from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Bench, Reference, read_bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import (
     BlockPredictions,
-    compute_inner_shares,
+    compute_inner_fractions,
     express_by_outer_radius,
     predict_blocks,
     predict_log_ratios,
 )
-from probe_design.built_probe.gain_matrix import PER_KELVIN, Gains, Observation
-from probe_design.built_probe.trusted_gains import estimate_trusted_gains
+from probe_design.built_probe.gain_checks import estimate_consistent_gains
+from probe_design.built_probe.gains import GAIN_CHANGE_PER_KELVIN, Gains, Observation
 from probe_design.built_probe.virtual_probe import draw_delivered
 from probe_design.probe_check.check import Comparison
 from probe_design.probe_check.deviation import Deviation, compute_power
@@ -76,7 +76,7 @@ class Drawn:
 
     def readings(self, logs: Floats) -> tuple[Floats, Floats]:
         """Return both films' readings on all references, N, shape (references, 2), at the calibration and at the check."""
-        shares = compute_inner_shares(logs, self.blocks)
+        shares = compute_inner_fractions(logs, self.blocks)
         forces = LOAD * np.stack([shares, 1 - shares], axis=1)
         return forces @ self.matrix.T + self.noise[0], forces @ self.warm.T + self.noise[1]
 
@@ -115,7 +115,7 @@ class Study:
         blocks = tuple(draw_delivered(block, random) for block in self.bench.reference)
         sensor = LOAD * (1 + (self.bench.force.tolerance if self.bench.force else 0.0) * random.standard_normal())
         noise = NOISE * random.standard_normal((2, len(blocks), 2))
-        drift = 1 + PER_KELVIN * self.bench.channels.warming * random.standard_normal((2, 1))
+        drift = 1 + GAIN_CHANGE_PER_KELVIN * self.bench.channels.warming * random.standard_normal((2, 1))
         return Drawn(probe, off, turn, blocks, matrix, drift * matrix, sensor, noise)
 
     def _draw_probe(self, random: np.random.Generator, off: str | None) -> tuple[Scene, float]:
@@ -147,7 +147,7 @@ class Study:
     def _gains(self, films: Floats, sensor: float) -> Gains:
         pressed = zip(self.bench.reference, films, strict=True)
         observed = [Observation(block, read, NOISE**2 * np.eye(2), sensor, 1e-3 * LOAD) for block, read in pressed]
-        return estimate_trusted_gains(observed, self.shares, self.bench)[0]
+        return estimate_consistent_gains(observed, self.shares, self.bench)[0]
 
     def _deviation(self, gains: Gains, films: Floats) -> Deviation:
         on_tissue = [read for block, read in zip(self.bench.reference, films, strict=True) if block.on == "tissue"]

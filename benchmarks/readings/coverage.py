@@ -19,7 +19,9 @@ import numpy as np
 from benchmarks.readings.faults import AMPLIFIER, FAULTS, FREQUENCY, SENSITIVITY, TRUTH, good
 from hw.common.errors import HardwareError
 from hw.common.samples import Samples
-from hw.signal.measure import measure, propagate_covariance
+from hw.signal.covariance import propagate_covariance
+from hw.signal.measurement import measure
+from hw.signal.reading_fit import ReadingFit
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class FaultOutcome:
 
 def measure_charge_ratio(samples: Samples) -> tuple[float, float]:
     """Return the ratio of the charges' parts in phase and its standard deviation. Raises ``HardwareError``."""
-    measured = measure(samples, AMPLIFIER, round(FREQUENCY), SENSITIVITY)
+    measured = measure(ReadingFit.from_samples(samples, round(FREQUENCY), force=True), (AMPLIFIER, AMPLIFIER), SENSITIVITY)
     spread = propagate_covariance(lambda x: x[:1] / x[1:], measured.in_phase, measured.in_phase_covariance)
     return float(measured.in_phase[0] / measured.in_phase[1]), float(np.sqrt(spread[0, 0]))
 

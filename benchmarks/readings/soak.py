@@ -24,8 +24,8 @@ from benchmarks.readings.faults import AMPLIFIER, AMPLITUDES, FREQUENCY, NOISE, 
 from hw.common.samples import Floats
 from hw.reader import Reader
 from hw.recordings.recording import Recording
-from hw.signal.measure import build_measurement
-from hw.signal.running_fit import RunningFit
+from hw.signal.measurement import measure
+from hw.signal.reading_fit import ReadingFit
 from hw.simulation.virtual import make_virtual_probe
 
 REPORT_INTERVAL_S = 300.0  # s between two lines
@@ -50,7 +50,7 @@ def memory() -> float:
 
 def soak(seconds: float, rate: float, path: Path) -> None:
     """Read, record and fit for so long, and print what came of it."""
-    begun, start_memory, running, shown = time.monotonic(), memory(), RunningFit(round(FREQUENCY), force=True), 0.0
+    begun, start_memory, running, shown = time.monotonic(), memory(), ReadingFit(round(FREQUENCY), force=True), 0.0
     print(f"{start_memory:.0f} MB before the first sample")
     rows, last, gaps = 0, 0, 0
     notes: tuple[str, ...] = ()
@@ -61,7 +61,7 @@ def soak(seconds: float, rate: float, path: Path) -> None:
             if last / rate >= shown + REPORT_INTERVAL_S:
                 shown = last / rate
                 print(f"{shown:6.0f} s of samples after {time.monotonic() - begun:4.0f} s: {memory():.0f} MB", flush=True)
-    measurement = build_measurement(running.fit(), running.losses, AMPLIFIER, SENSITIVITY)
+    measurement = measure(running, (AMPLIFIER, AMPLIFIER), SENSITIVITY)
     gain_error = abs(measurement.charges * AMPLIFIER.response(measurement.fit.frequency)) / np.abs(AMPLITUDES[:2]) - 1
     spread = np.sqrt(np.diag(measurement.covariance)[::2]) / abs(measurement.charges)
     print(f"{rows} rows of {last + 1}, {gaps} gaps; the process held {memory():.0f} MB at most")

@@ -14,7 +14,9 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-CHANNEL_NAMES = ("inner", "outer", "force")
+FILM_NAMES = ("inner", "outer")
+FORCE_CHANNEL = "force"
+CHANNEL_NAMES = (*FILM_NAMES, FORCE_CHANNEL)
 NOTE_KEYS = ("cut", "damaged", "clock", "unrecorded")  # keys of a source's remarks, texts
 
 

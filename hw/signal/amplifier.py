@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +9,10 @@ from scipy.linalg import block_diag
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Complexes, Floats
+from hw.signal.covariance import build_multiplication_matrix
 
-QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j, as a matrix on (re, im)
-MIN_FREQUENCY_RATIO = (
-    0.5  # of the corner frequency: below it under 45 % of the charge is read, and the corner's error counts fully
-)
+# of the corner frequency: below it under 45 % of the charge is read, and the corner's error counts fully
+MIN_FREQUENCY_RATIO = 0.5
 
 
 class TooSlow(HardwareError):  # noqa: N818 - says what is wrong with the load
@@ -91,16 +89,13 @@ class ChargeAmplifier:
         return np.asarray(columns @ columns.T)
 
 
+FilmAmplifiers = tuple[ChargeAmplifier, ChargeAmplifier]  # of the inner and the outer film
+
+
 def compute_parts_covariance(
-    charges: Complexes, amplifiers: Sequence[ChargeAmplifier], frequency: float, calibrated_at: float | None = None
+    charges: Complexes, amplifiers: FilmAmplifiers, frequency: float, calibrated_at: float | None = None
 ) -> Floats:
     """Return the covariance of charges (n,), as (re, im) of each in turn, from eq. SI.2, C^2, shape (2 n, 2 n)."""
-    turn = multiplication_matrix(charges)
-    return np.asarray(
-        turn @ block_diag(*(amplifier.compute_tolerance(frequency, calibrated_at) for amplifier in amplifiers)) @ turn.T
-    )
-
-
-def multiplication_matrix(factors: Complexes) -> Floats:
-    """Return the real matrix of a multiplication by complex factors (n,), on (re, im) of each in turn, shape (2 n, 2 n)."""
-    return np.asarray(np.kron(np.diag(factors.real), np.eye(2)) + np.kron(np.diag(factors.imag), QUARTER_TURN))
+    relative = block_diag(*(amplifier.compute_tolerance(frequency, calibrated_at) for amplifier in amplifiers))
+    multiplication = build_multiplication_matrix(charges)
+    return np.asarray(multiplication @ relative @ multiplication.T)

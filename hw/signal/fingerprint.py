@@ -17,8 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.common.samples import Floats, Samples
-from hw.signal.measure import FILM_NAMES
+from hw.common.samples import FILM_NAMES, Floats, Samples
 
 FINGERPRINT_ROWS = 1 << 13  # samples of each film that are used: 0.8 s at 10 kS/s
 BEGINNING_LENGTHS = tuple(1 << k for k in range(6, 14))  # samples in a beginning: from the minimum of a fit to all that are used
@@ -58,9 +57,8 @@ class Fingerprint:
             noise = tuple(contents["noise"])
             volts = tuple((float(inner), float(outer)) for inner, outer in contents["volts"])
             sizes = {len(bytes.fromhex(signs)) for signs in noise}
-            return (
-                cls(noise, volts) if len(noise) == len(volts) <= len(BEGINNING_LENGTHS) and sizes <= {0, HASH_BITS // 8} else None
-            )
+            is_valid = len(noise) == len(volts) <= len(BEGINNING_LENGTHS) and sizes <= {0, HASH_BITS // 8}
+            return cls(noise, volts) if is_valid else None
         except (KeyError, TypeError, ValueError, OverflowError):
             return None
 

@@ -8,6 +8,7 @@ amplitudes are uncorrelated with these frequencies to first order.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -25,7 +26,6 @@ MIN_SAMPLE_SHARE = 0.1  # of a record's samples that must be there and not satur
 MAX_CONDITION = 1e10  # of the normal matrix: 1e6 with three cycles, beyond 1e10 where most of each cycle is cut off
 MIN_SWING_V = 1e-18  # no converter resolves less: a channel that changes by less shows nothing, and its squares underflow
 SEARCH_RANGE_HZ = 1.0  # Hz about the nominal frequency in which the load is searched
-MIN_SEARCH_FREQUENCY_HZ = 0.05  # Hz, lower end of a search without nominal frequency
 MAX_NEWTON_STEPS = 8  # of Gauss-Newton; two or three are enough from a good start
 STEP_TOLERANCE_SD = 0.02  # of a frequency's standard deviation: smaller corrections end the iteration
 
@@ -113,13 +113,8 @@ class SineFit:
         """Number of periods of the load in the record."""
         return self.seconds * self.frequency
 
-    @property
-    def colour(self) -> Floats:
-        """Ratio of the noise's power at f to that of white noise of the same variance, (channels,)."""
-        return np.asarray(np.diag(self.density) / np.maximum(self.noise, np.finfo(float).tiny) ** 2)
 
-
-def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
+def fit_stretch(samples: Samples, frequency: float) -> SineFit:
     """Fit a sinusoidal load to all channels of a stretch without a gap of unknown length.
 
     Rows that are saturated in any channel are left out. Neither these nor gaps are filled in.
@@ -129,7 +124,7 @@ def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
     samples
         Of one stretch.
     frequency
-        Of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
+        Of the load, Hz, within a tenth and 1 Hz.
 
     Raises
     ------
@@ -141,9 +136,7 @@ def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
     span = (end - begin) / clean.rate
     _check_samples(clean, end - begin + 1)
     load = _find_load_frequency(clean, span, frequency)
-    t = np.asarray(
-        (clean.index - begin - (end - begin) / 2) / clean.rate, dtype=float
-    )  # of large indices the difference is exact
+    t = np.asarray((clean.index - begin - (end - begin) / 2) / clean.rate, dtype=float)  # exact for large indices, too
     lines = Lines(load, _count_below_nyquist(load, clean.rate, MAX_HARMONICS), None, 0, span / 2)
     lines, solved = _fit_frequencies(lines, t, clean.volts)
     lines = _add_mains(lines, clean, t, solved)
@@ -164,12 +157,11 @@ def _check_samples(samples: Samples, requested: int) -> None:
         raise NoSine(f"channels {samples.channels[0]} and {samples.channels[1]} hold the same numbers: two films never do")
 
 
-def _find_load_frequency(samples: Samples, span: float, nominal: float | None) -> float:
+def _find_load_frequency(samples: Samples, span: float, nominal: float) -> float:
     """Return a first estimate of the load's frequency, Hz."""
-    frequency = _find_strongest_frequency(samples, span) if nominal is None else nominal
-    _check_frequency(frequency, span, samples.rate)
-    search_range = min(0.1 * frequency, SEARCH_RANGE_HZ)
-    frequency = find_strongest(samples, frequency - search_range, frequency + search_range) or frequency
+    _check_frequency(nominal, span, samples.rate)
+    search_range = min(0.1 * nominal, SEARCH_RANGE_HZ)
+    frequency = find_strongest(samples, nominal - search_range, nominal + search_range) or nominal
     _check_frequency(frequency, span, samples.rate)
     return frequency
 
@@ -181,29 +173,16 @@ def _drop_saturated(samples: Samples) -> Samples:
     return replace(samples, index=samples.index[good], volts=samples.volts[good], saturated=samples.saturated[good])
 
 
-def _find_strongest_frequency(samples: Samples, span: float) -> float:
-    low, high = max(MIN_SEARCH_FREQUENCY_HZ, MIN_CYCLES / span), 0.4 * samples.rate
-    frequency = find_strongest(samples, low, high)
-    if frequency is None:
-        raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be determined in {span:.3g} s: read longer")
-    return frequency
-
-
 def check_rate(frequency: float, rate: float) -> None:
     """Raise ``NoSine`` if a mains line, or its alias at this sampling rate, is at the load's frequency (both in Hz)."""
-    hum = [
-        k * nominal
-        for nominal in MAINS_HZ
-        for k in range(1, MAX_MAINS_HARMONICS + 1)
-        if abs(frequency - k * nominal) < k * MAINS_TOLERANCE_HZ
-    ]
-    if hum:
-        raise NoSine(f"a load of {frequency:.4g} Hz is too close to the mains at {hum[0]:g} Hz: load at another frequency")
-    for mains_line in (k * nominal for nominal in MAINS_HZ for k in range(1, MAX_MAINS_HARMONICS + 1)):
-        alias = abs(mains_line - rate * round(mains_line / rate))
-        if mains_line > 0.5 * rate and abs(frequency - alias) < MAINS_TOLERANCE_HZ * max(1.0, mains_line / MAINS_HZ[0]):
+    for nominal, k in product(MAINS_HZ, range(1, MAX_MAINS_HARMONICS + 1)):
+        line = k * nominal
+        if abs(frequency - line) < k * MAINS_TOLERANCE_HZ:
+            raise NoSine(f"a load of {frequency:.4g} Hz is too close to the mains at {line:g} Hz: load at another frequency")
+        alias = abs(line - rate * round(line / rate))
+        if line > 0.5 * rate and abs(frequency - alias) < MAINS_TOLERANCE_HZ * max(1.0, line / MAINS_HZ[0]):
             raise NoSine(
-                f"at {rate:.6g} samples a second the mains at {mains_line:g} Hz look like {alias:.4g} Hz, the load's "
+                f"at {rate:.6g} samples a second the mains at {line:g} Hz look like {alias:.4g} Hz, the load's "
                 f"{frequency:.4g} Hz: read at another rate, above {2 * MAINS_HZ[1] * MAX_MAINS_HARMONICS:g} samples a second"
             )
 
@@ -262,29 +241,27 @@ def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> L
 def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> SineFit:
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
     residuals = compute_residual(lines, t, samples.volts, coefficients)
-    noise = estimate_density(samples, residuals, lines.load, lines.frequencies, solved.noise)
-    drifting = (
-        np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)[:, 1:] @ coefficients[width + 1 :]
-    )
+    density = estimate_density(samples, residuals, lines.load, lines.frequencies, solved.noise)
+    drift_columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)
     waves = coefficients[0 : 2 * lines.harmonics : 2] + 1j * coefficients[1 : 2 * lines.harmonics : 2]
     hums = coefficients[2 * lines.harmonics : 2 * lines.harmonics + 2]  # cosine and sine of the mains
-    block_amplitudes, variances = fit_blocks(lines, t, samples.volts)
+    block_amplitudes, block_variances = fit_blocks(lines, t, samples.volts)
     return SineFit(
         frequency=lines.load,
         frequency_sd=float(solved.step_sd[0]),
         amplitudes=waves[0],
-        covariance=np.asarray(np.kron(noise, solved.inverse[:2, :2]), dtype=float),
+        covariance=np.asarray(np.kron(density, solved.inverse[:2, :2]), dtype=float),
         offsets=coefficients[width],
-        offsets_sd=np.sqrt(np.diag(noise) * solved.inverse[width, width]),
-        drift=np.ptp(drifting, axis=0),
+        offsets_sd=np.sqrt(np.diag(density) * solved.inverse[width, width]),
+        drift=np.ptp(drift_columns @ coefficients[width:], axis=0),
         noise=np.sqrt(np.diag(solved.noise)),
-        density=noise,
+        density=density,
         variance=float(max(solved.inverse[0, 0], solved.inverse[1, 1])),
         harmonics=waves[1:],
         spikes=estimate_spike_error(residuals, samples.rate / lines.load),
         bending=estimate_bending_error(lines, t, samples.volts - residuals, residuals),
         blocks=block_amplitudes,
-        blocks_variance=variances,
+        blocks_variance=block_variances,
         mains=lines.mains,
         hum=np.zeros(samples.volts.shape[1]) if lines.mains is None else np.hypot(*hums),
         seconds=2 * lines.half,

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hw.common.samples import Floats, Samples
+from hw.common.samples import Complexes, Floats, Samples
 
 REDUCED_RATE_HZ = 500.0  # Hz: faster samples are summed down to about this rate; load and mains are well below
 PADDING_FACTOR = 4  # zero padding, times the record's length: bins are 1/4 of a line's width apart
@@ -31,34 +29,34 @@ class Spectrum:
     ----------
     frequencies
         (k,), Hz.
-    power
-        (k, channels), V^2; or the complex sums, V.
+    sums
+        (k, channels), complex, V; their squares are the spectrum's power.
     width
         Of a line, 1 / length of the record, Hz.
     """
 
     frequencies: Floats
-    power: NDArray[Any]
+    sums: Complexes
     width: float
+
+    @property
+    def power(self) -> Floats:
+        """Power, V^2, shape (k, channels)."""
+        return np.abs(self.sums) ** 2
 
     def exclude_lines(self, lines: Floats, widths: float = 1.5) -> Spectrum:
         """Return the part that is more than ``widths`` line widths away from given frequencies (Hz)."""
         far = np.min(np.abs(self.frequencies[:, None] - lines), axis=1) > widths * self.width
-        return Spectrum(self.frequencies[far], self.power[far], self.width)
+        return Spectrum(self.frequencies[far], self.sums[far], self.width)
 
     def select_band(self, low: float, high: float) -> Spectrum:
         """Return the part from ``low`` to ``high``, Hz."""
         inside = (self.frequencies >= low) & (self.frequencies <= high)
-        return Spectrum(self.frequencies[inside], self.power[inside], self.width)
+        return Spectrum(self.frequencies[inside], self.sums[inside], self.width)
 
 
-def compute_spectrum(
-    samples: Samples, values: Floats, padding: int = PADDING_FACTOR, hann: bool = True, power: bool = True
-) -> Spectrum:
-    """Compute the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed.
-
-    If ``power`` is false, the result's ``power`` holds the complex sums, not their squares.
-    """
+def compute_spectrum(samples: Samples, values: Floats, padding: int = PADDING_FACTOR, hann: bool = True) -> Spectrum:
+    """Compute the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed."""
     samples_per_bin = max(1, int(samples.rate // REDUCED_RATE_HZ))
     bins = (samples.index - samples.index[0]) // samples_per_bin
     sums = np.stack([np.bincount(bins, weights=column) for column in values.T], axis=1)
@@ -66,7 +64,7 @@ def compute_spectrum(
     waves = np.fft.rfft(window * sums, n=padding * len(sums), axis=0)
     rate = samples.rate / samples_per_bin
     frequencies = np.asarray(np.fft.rfftfreq(padding * len(sums), 1 / rate), dtype=float)
-    return Spectrum(frequencies, np.abs(waves) ** 2 if power else waves, rate / len(sums))
+    return Spectrum(frequencies, waves, rate / len(sums))
 
 
 def find_strongest(samples: Samples, low: float, high: float) -> float | None:
@@ -124,13 +122,13 @@ def estimate_density(samples: Samples, residual: Floats, frequency: float, fitte
     white
         Covariance of the residual's samples, V^2.
     """
-    waves = compute_spectrum(samples, residual, padding=DENSITY_PADDING, hann=False, power=False)
+    waves = compute_spectrum(samples, residual, padding=DENSITY_PADDING, hann=False)
     reach = NEIGHBOUR_LINES * waves.width
     lines = waves.exclude_lines(fitted).select_band(max(2 * waves.width, frequency - reach), frequency + reach)
     total, count = (residual**2).sum(axis=0), len(lines.frequencies) // DENSITY_PADDING
     if count < MIN_LINES or not np.all(total > 0):
         return white
-    nearby = (lines.power.T @ lines.power.conj()).real / len(lines.frequencies)
+    nearby = (lines.sums.T @ lines.sums.conj()).real / len(lines.frequencies)
     excess = np.diag(nearby) / total
     if np.all(np.abs(excess - 1) < 3 / np.sqrt(count)):
         return white

@@ -5,7 +5,6 @@ A bench file (TOML) looks like ``probe_design/data/bench.toml``, the built-in be
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -19,7 +18,7 @@ from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.probe import Frozen, Length, Modulus
 from geometry.scenes.units import PERCENTAGE, Quantity
 from geometry.scenes.validation_messages import convert_error
-from hw.signal.amplifier import ChargeAmplifier
+from hw.signal.amplifier import ChargeAmplifier, FilmAmplifiers
 
 Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]
 Resistance = Annotated[float, Quantity("resistance", "ohm", "ohm", 1e3, 1e15)]
@@ -33,9 +32,8 @@ KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 ReferenceKind = Literal["tissue", "inner", "outer"]
 SIGNIFICANT_SD = 3.0  # standard deviations from which a charge, a lag or a difference is significant
 CONTRADICTION_SD = 5.0  # standard deviations from which two statements contradict each other
-DEFAULT_LEAK_SD = (
-    0.007  # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
-)
+# fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
+DEFAULT_LEAK_SD = 0.007
 
 
 class Shaker(Frozen):
@@ -78,15 +76,11 @@ class Amplifier(Frozen):
     inner: OwnAmplifier | None = None
     outer: OwnAmplifier | None = None
 
-    def build_common(self) -> ChargeAmplifier:
-        """Build the amplifier that both films have in common, as ``hw`` uses it."""
-        return ChargeAmplifier(**self.model_dump(exclude={"inner", "outer"}))
-
-    def build_films(self) -> tuple[ChargeAmplifier, ChargeAmplifier]:
+    def build_films(self) -> FilmAmplifiers:
         """Build the inner film's and the outer film's amplifier."""
+        common = self.model_dump(exclude={"inner", "outer"})
         overrides = [{} if film is None else film.model_dump(exclude_none=True) for film in (self.inner, self.outer)]
-        inner, outer = (replace(self.build_common(), **parts) for parts in overrides)
-        return inner, outer
+        return ChargeAmplifier(**common | overrides[0]), ChargeAmplifier(**common | overrides[1])
 
 
 class Sampling(Frozen):

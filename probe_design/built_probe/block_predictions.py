@@ -114,14 +114,16 @@ class BlockPredictions:
         """Derivatives of ``log_ratios`` with respect to the variables, per SI unit, shape (blocks, v)."""
         return np.array([block.slopes for block in self.blocks]).reshape(len(self.blocks), len(self.variables))
 
+    def list_linear_limits(self) -> list[float]:
+        """List the largest loads, N, that linear elasticity allows on the blocks."""
+        rules = (block.rule for block in self.blocks if block.rule is not None)
+        return [find_largest_load(rule, LINEARITY_ACCURACY, promise=False).force for rule in rules]
+
     def apply_forces(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> BlockPredictions:
         """Return the predictions under forces (N) on all references; see ``BlockPrediction.apply_force``."""
-        blocks = [
-            (force, reference.name) for force, reference in zip(forces, references, strict=True) if reference.on == "tissue"
-        ]
-        return replace(
-            self, blocks=tuple(share.apply_force(*block, linear) for share, block in zip(self.blocks, blocks, strict=True))
-        )
+        loads = [(force, reference.name) for force, reference in zip(forces, references, strict=True) if reference.on == "tissue"]
+        blocks = (block.apply_force(*load, linear) for block, load in zip(self.blocks, loads, strict=True))
+        return replace(self, blocks=tuple(blocks))
 
     def compute_tolerances(self, workshop: Workshop) -> Floats:
         """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's."""
@@ -164,7 +166,7 @@ def predict_log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
     )
 
 
-def compute_inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
+def compute_inner_fractions(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
     """Return the inner film's share of the load on each reference, shape (n,).
 
     Parameters

@@ -8,18 +8,85 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.scene import Scene
-from hw.signal.measure import Measurement
-from probe_design.built_probe.amplifier_responses import add_rate_doubt_to_gains
-from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import BlockPredictions
-from probe_design.built_probe.force_scale import list_scale_warnings
-from probe_design.built_probe.gain_matrix import Gains, Observation
-from probe_design.built_probe.pressed_references import PressedReferences
-from probe_design.built_probe.trusted_gains import estimate_trusted_gains
+from hw.signal.measurement import Measurement
+from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.block_predictions import BlockPredictions, predict_blocks
+from probe_design.built_probe.film_forces import build_observation
+from probe_design.built_probe.gain_checks import estimate_consistent_gains
+from probe_design.built_probe.gains import ForceScale, Gains, Observation
+from probe_design.built_probe.load_plausibility import check_reference_loads
+from probe_design.built_probe.timing_errors import count_rate_error_of_gains, list_lag_warnings
 
 FREQUENCY_TOLERANCE = 0.01  # largest relative difference of the loads' frequencies
+WARNED_SCALE_SD = 3.0  # standard deviations of the bench's tolerance beyond which the force channel's scale is reported
+
+
+@dataclass(frozen=True)
+class ReferenceReadings:
+    """Readings on references and the predictions under their loads.
+
+    Attributes
+    ----------
+    observations
+        One for each reference.
+    predictions
+        For the references that are blocks of tissue, under the loads that were read.
+    lag_warnings
+        See ``timing_errors.list_lag_warnings``.
+    warnings
+        Of loads, waveforms and lags, one line each.
+    """
+
+    observations: tuple[Observation, ...]
+    predictions: BlockPredictions
+    lag_warnings: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def from_measurements(
+        cls, scene: Scene, bench: Bench, references: Sequence[Reference], measurements: Sequence[Measurement],
+        predictions: BlockPredictions | None, *, linear: bool,
+    ) -> ReferenceReadings:  # fmt: skip
+        """Compare the loads of readings with the expected ones, and predict the blocks under them.
+
+        Parameters
+        ----------
+        scene
+            The probe as drawn.
+        bench
+            Of the readings.
+        references
+            Of the bench, all or the blocks of tissue alone.
+        measurements
+            By ``film_forces.measure_strict_reading``, one on each reference.
+        predictions
+            Without load, if they are known already.
+        linear
+            Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+
+        Raises
+        ------
+        InputError
+            There is not one reading for each reference, or a load is 30 times the expected one or a 30th of it.
+        Refusal
+            The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
+        """
+        if not references or len(measurements) != len(references):
+            kind = "references" if len(references) == len(bench.reference) else "blocks of tissue, at least one"
+            raise InputError("readings", len(measurements), f"one for each of the bench's {len(references)} {kind}")
+        pairs = zip(measurements, references, strict=True)
+        observations = tuple(build_observation(measurement, reference, scene) for measurement, reference in pairs)
+        predictions = predict_blocks(scene, bench.reference) if predictions is None else predictions
+        load_warnings = check_reference_loads(observations, predictions, scene)
+        try:
+            predictions = predictions.apply_forces([item.load for item in observations], references, linear)
+        except Refusal as error:  # a wrong unit may explain it
+            raise Refusal(error.key, error.value, "; ".join([error.allowed, *load_warnings])) from None
+        lag_warnings = tuple(list_lag_warnings(measurements, references, bench))
+        waveform_warnings = _list_waveform_warnings(measurements, references)
+        return cls(observations, predictions, lag_warnings, (*load_warnings, *waveform_warnings, *lag_warnings))
 
 
 @dataclass(frozen=True)
@@ -61,7 +128,7 @@ def calibrate(
     scene: Scene,
     bench: Bench,
     measurements: Sequence[Measurement],
-    shares: BlockPredictions | None = None,
+    predictions: BlockPredictions | None = None,
     *,
     linear: bool = False,
 ) -> Calibration:
@@ -75,8 +142,8 @@ def calibrate(
         References and tolerances.
     measurements
         By ``film_forces.measure_strict_reading``, one on each of the bench's references, in their order.
-    shares
-        The predictions, if they are known already.
+    predictions
+        For the blocks of tissue, if they are known already.
     linear
         Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
@@ -84,45 +151,73 @@ def calibrate(
     ------
     InputError
         The references do not determine the gains, or the readings contradict each other: see
-        ``trusted_gains.estimate_trusted_gains``.
+        ``gain_checks.estimate_consistent_gains``.
     Refusal
         The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
     """
-    pressed = PressedReferences.from_measurements(scene, bench, bench.reference, measurements, shares, linear=linear)
+    readings = ReferenceReadings.from_measurements(scene, bench, bench.reference, measurements, predictions, linear=linear)
     try:
-        gains, notes = estimate_trusted_gains(pressed.observations, pressed.predictions, bench)
-    except InputError as fault:  # a film's lag may explain the contradiction
-        raise InputError(fault.key, fault.value, "; ".join([fault.allowed, *pressed.lag_warnings])) from None
-    gains = add_rate_doubt_to_gains(gains, measurements, bench)
+        gains, fit_warnings = estimate_consistent_gains(readings.observations, readings.predictions, bench)
+    except InputError as error:  # a film's lag may explain the contradiction
+        raise InputError(error.key, error.value, "; ".join([error.allowed, *readings.lag_warnings])) from None
+    gains = count_rate_error_of_gains(gains, measurements, bench)
     offsets = np.array([measurement.fit.offsets[:2] for measurement in measurements])
-    spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
+    scatter = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
         scene=scene,
         bench=bench,
         gains=gains,
-        variables=pressed.predictions.variables,
-        frequency=_compute_frequency(measurements),
+        variables=readings.predictions.variables,
+        frequency=_compute_mean_frequency(measurements),
         offsets=offsets.mean(axis=0),
-        offsets_sd=spread,
-        readings=pressed.observations,
-        warnings=(*notes, *_list_warnings(gains, bench), *pressed.warnings),
+        offsets_sd=scatter,
+        readings=readings.observations,
+        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *readings.warnings),
     )
 
 
-def _compute_frequency(measurements: Sequence[Measurement]) -> float:
+def _compute_mean_frequency(measurements: Sequence[Measurement]) -> float:
+    """Return the mean frequency of the loads, Hz. Raises ``InputError`` if they differ."""
     frequencies = [measurement.fit.frequency for measurement in measurements]
     mean = float(np.mean(frequencies))
     if np.ptp(frequencies) > FREQUENCY_TOLERANCE * mean:
-        spread = Words(f"{min(frequencies):.4g} to {max(frequencies):.4g} Hz")
-        raise InputError("load.frequency", spread, "the same at all readings of a calibration")
+        limits = Words(f"{min(frequencies):.4g} to {max(frequencies):.4g} Hz")
+        raise InputError("load.frequency", limits, "the same at all readings of a calibration")
     return mean
 
 
-def _list_warnings(gains: Gains, bench: Bench) -> list[str]:
+def _list_waveform_warnings(measurements: Sequence[Measurement], references: Sequence[Reference]) -> list[str]:
+    """List the warnings of all readings, each with the names of the references on which it occurs."""
+    names_by_text: dict[str, list[str]] = {}
+    for measurement, reference in zip(measurements, references, strict=True):
+        for text in measurement.warnings:
+            names_by_text.setdefault(text, []).append(reference.name)
+    return [f"{', '.join(names)}: {text}" for text, names in names_by_text.items()]
+
+
+def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
     warnings = list_scale_warnings(gains.force_scale, bench)
     if not gains.absolute:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
-    for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
-        if not measured:
+    for is_resolved, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
+        if not is_resolved:
             warnings.append(f"cross-talk {entry}: the readings do not determine it; the bench's assumption stands")
     return warnings
+
+
+def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:
+    """List the warnings on the force channel's scale: not confirmed by a known load, or different from 1."""
+    if bench.force is None or scale.sd == 0:
+        return []
+    percent_error = 100 * (scale.factor - 1)
+    side = "much" if percent_error > 0 else "little"
+    shown = f"shows {abs(percent_error):.2g} % too {side}, give or take {100 * scale.sd:.2g} %"
+    if not scale.confirmed:
+        return [
+            f"nothing confirms the force channel's scale: by the films' nominal gains it {shown}; gains and stresses count that, "
+            "the ratio does not depend on it. For better stresses give a reference a known load (known_force in the bench: a "
+            "weight on the pin), or write verified = true under [force] if a known load has confirmed the sensor"
+        ]
+    if abs(scale.factor - 1) > WARNED_SCALE_SD * float(np.hypot(bench.force.tolerance, scale.sd)):
+        return [f"the force channel {shown}, by the references of known load: corrected; look at its sensitivity"]
+    return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -25,8 +25,7 @@ from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from geometry.scenes.validation_messages import convert_error
 from probe_design.built_probe.bench import Bench, bench_from_dict
 from probe_design.built_probe.calibration import Calibration
-from probe_design.built_probe.force_scale import ForceScale
-from probe_design.built_probe.gain_matrix import ENTRY_NAMES, Gains
+from probe_design.built_probe.gains import ENTRY_NAMES, Finite, ForceScale, Gains
 from probe_design.built_probe.probe_identity import MAX_SERIAL_LENGTH
 
 RECORD_FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
@@ -34,9 +33,10 @@ RECORD_VERSION: Literal[1] = 1
 RECORD_HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md explains each number.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 """
+GAIN_FIELDS = tuple(field.name for field in fields(Gains))
+GAIN_ARRAYS = ("matrix", "covariance", "slopes", "workshop")
 T = TypeVar("T")
 Listed = Annotated[T, Field(strict=False)]  # a tuple, which TOML writes as a list
-Finite = Annotated[float, Field(ge=-1e30, le=1e30)]  # so that products are finite, too
 Row = Listed[tuple[Finite, ...]]
 
 
@@ -67,15 +67,6 @@ class ReadingRecord(Frozen):
     file: str = ""
 
 
-class ForceScaleRecord(Frozen):
-    """The estimated scale of the force channel; see ``force_scale.ForceScale``."""
-
-    factor: float = Field(default=1.0, ge=1e-3, le=1e3)
-    sd: float = Field(default=0.0, ge=0.0, le=1e3)
-    entries: Listed[tuple[Finite, Finite, Finite, Finite]] = (0.0, 0.0, 0.0, 0.0)
-    confirmed: bool = True
-
-
 class CalibrationRecord(Frozen):
     """The tables of the file; ``build_gains``, ``build_scene`` and ``build_bench`` convert them to objects."""
 
@@ -100,7 +91,7 @@ class CalibrationRecord(Frozen):
     workshop: Row
     warnings: Listed[tuple[str, ...]]
     reading: Listed[tuple[ReadingRecord, ...]]
-    force_scale: ForceScaleRecord = ForceScaleRecord()
+    force_scale: ForceScale = ForceScale()
     scene: JsonObject
     bench: JsonObject
 
@@ -110,27 +101,16 @@ class CalibrationRecord(Frozen):
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
         v = len(self.variables)
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
-            raise InputError(
-                "calibration.matrix", Words("of a shape that its covariance or slopes do not fit"), "what calibrate has written"
-            )
-        own_covariance = gains.covariance - gains.force_scale.covariance
-        if np.linalg.eigvalsh(own_covariance).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
+            entry = Words("of a shape that its covariance or slopes do not fit")
+            raise InputError("calibration.matrix", entry, "what calibrate has written")
+        if np.linalg.eigvalsh(gains.remove_force_scale_error().covariance).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
             raise InputError("calibration.covariance", Words("no covariance"), "what calibrate has written")
         return self
 
     def build_gains(self) -> Gains:
         """Build the gain matrix with its covariance."""
-        return Gains(
-            matrix=np.array(self.matrix, dtype=float),
-            covariance=np.array(self.covariance, dtype=float),
-            slopes=np.array(self.slopes, dtype=float),
-            workshop=np.array(self.workshop, dtype=float),
-            absolute=self.absolute,
-            cross_talk_resolved=self.cross_talk_resolved,
-            chi_square=self.chi_square,
-            freedom=self.degrees_of_freedom,
-            force_scale=ForceScale(**self.force_scale.model_dump() | {"entries": np.array(self.force_scale.entries)}),
-        )
+        values = {name: getattr(self, name) for name in GAIN_FIELDS}
+        return Gains(**values | {name: np.array(values[name], dtype=float) for name in GAIN_ARRAYS})
 
     def build_scene(self) -> Scene:
         """Build the scene that the calibration assumed."""
@@ -155,7 +135,7 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
     serial
         Serial number of its board, if all readings have the same one.
     """
-    gains = calibration.gains
+    gains = {name: getattr(calibration.gains, name) for name in GAIN_FIELDS}
     readings = tuple(
         ReadingRecord(
             on=observation.reference.name, films=tuple(observation.films.tolist()),
@@ -164,19 +144,15 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
         )
         for observation, data in zip(calibration.readings, raw, strict=True)
     )  # fmt: skip
-    scale = ForceScaleRecord.model_validate(asdict(gains.force_scale) | {"entries": gains.force_scale.entries.tolist()})
-    tables: dict[str, object] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
     return CalibrationRecord.model_validate(
-        tables
+        gains
+        | {name: gains[name].tolist() for name in GAIN_ARRAYS}
         | {
             "format": RECORD_FORMAT, "version": RECORD_VERSION, "software": f"probe-design {version('probe-design')}",
-            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device,
-            "serial": serial or "", "frequency": calibration.frequency,
-            "absolute": gains.absolute, "entries": ENTRY_NAMES, "cross_talk_resolved": gains.cross_talk_resolved,
+            "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "serial": serial or "",
+            "frequency": calibration.frequency, "entries": ENTRY_NAMES, "variables": calibration.variables,
             "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
-            "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": calibration.variables,
-            "warnings": calibration.warnings, "reading": readings, "force_scale": scale,
-            "scene": scene_to_dict(calibration.scene),
+            "warnings": calibration.warnings, "reading": readings, "scene": scene_to_dict(calibration.scene),
             "bench": calibration.bench.model_dump(mode="json", exclude_none=True),
         }
     )  # fmt: skip
@@ -193,12 +169,8 @@ def write_record(path: Path, contents: CalibrationRecord) -> Path:
     import tomli_w
 
     check_free(path)
-    return write_text(
-        path,
-        format_toml_comment(build_provenance())
-        + RECORD_HEADER
-        + tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True)),
-    )
+    tables = tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True))
+    return write_text(path, format_toml_comment(build_provenance()) + RECORD_HEADER + tables)
 
 
 def read_record(path: Path | str) -> CalibrationRecord:
@@ -215,5 +187,5 @@ def read_record(path: Path | str) -> CalibrationRecord:
 
 def check_free(path: Path) -> None:
     """Raise ``InputError`` if the file exists."""
-    if os.path.exists(path):
+    if os.path.exists(path):  # of too long a name `Path.exists` raises
         raise InputError("output", str(path), "a name that is not taken: calibrations are never overwritten")

@@ -25,10 +25,10 @@ from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from hw.signal.fingerprint import Fingerprint
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.film_forces import compute_film_forces
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
 from probe_design.built_probe.reading import StressReading, compute_reading
 from solver.results.result import Result

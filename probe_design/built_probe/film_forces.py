@@ -8,38 +8,45 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
-from hw.common.samples import Samples
-from hw.signal.measure import FILM_NAMES, Measurement, build_measurement, check_measurement, measure
-from hw.signal.running_fit import RunningFit
+from hw.common.samples import FILM_NAMES, Samples
+from hw.signal.measurement import Measurement, check_measurement, measure
+from hw.signal.reading_fit import ReadingFit
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.amplifier_responses import add_rate_doubt, divide_own_amplifiers
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.gain_matrix import Observation
-from probe_design.built_probe.load_checks import check_pressed
-from probe_design.built_probe.phase_lags import add_force_lag
+from probe_design.built_probe.gains import Observation
+from probe_design.built_probe.load_plausibility import check_pressed
+from probe_design.built_probe.timing_errors import count_force_lag, count_rate_error
 from probe_design.built_probe.virtual_probe import compute_charge_per_force
 
 PYROELECTRIC_COEFFICIENT = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
 
 
-def measure_reading(samples: Samples, bench: Bench, calibrated_at: float | None = None) -> Measurement:
+def measure_samples(samples: Samples, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Measure a reading; gaps and saturated samples are counted and left out. Raises ``HardwareError``."""
+    reading = ReadingFit.from_samples(samples, bench.load.frequency, bench.force is not None)
+    return measure_reading(reading, bench, calibrated_at)
+
+
+def measure_reading(reading: ReadingFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
+    """Measure a reading that was fitted while it came, with the errors of the force channel's lag and the sampling rate.
+
+    Parameters
+    ----------
+    reading
+        With all its samples.
+    bench
+        Of the reading.
+    calibrated_at
+        Frequency at which gains were calibrated, Hz.
+
+    Raises
+    ------
+    HardwareError
+        No sinusoid can be fitted, the load is not steady or too slow for the amplifiers, or the force channel lags too much.
+    """
     sensitivity = None if bench.force is None else bench.force.sensitivity
-    measurement = measure(samples, bench.amplifier.build_common(), bench.load.frequency, sensitivity, calibrated_at)
-    return _correct_channels(measurement, bench, calibrated_at)
-
-
-def measure_running_reading(running: RunningFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
-    """Measure a reading that was fitted while it came; see ``measure_reading``. Raises ``HardwareError``."""
-    sensitivity = None if bench.force is None else bench.force.sensitivity
-    measurement = build_measurement(running.fit(), running.losses, bench.amplifier.build_common(), sensitivity, calibrated_at)
-    return _correct_channels(measurement, bench, calibrated_at)
-
-
-def _correct_channels(measurement: Measurement, bench: Bench, calibrated_at: float | None) -> Measurement:
-    """Divide by each film's own amplifier response, and add the errors of the force channel's lag and the sampling rate."""
-    divided = divide_own_amplifiers(measurement, bench.amplifier, calibrated_at)
-    return add_rate_doubt(add_force_lag(divided, bench), bench, calibrated_at)
+    measurement = measure(reading, bench.amplifier.build_films(), sensitivity, calibrated_at)
+    return count_rate_error(count_force_lag(measurement, bench), bench, calibrated_at)
 
 
 def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
@@ -52,7 +59,7 @@ def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Meas
     InputError
         The load is 30 times the expected one.
     """
-    measurement = check_measurement(measure_reading(samples.require_complete(), bench), bench.load.least_cycles)
+    measurement = check_measurement(measure_samples(samples.require_complete(), bench), bench.load.least_cycles)
     check_pressed(float(compute_film_forces(measurement, scene)[0].sum()), scene, bench)
     temperature_changes = bound_warming(measurement, bench, scene.probe)
     worst = int(np.argmax(temperature_changes))
@@ -69,7 +76,7 @@ def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Meas
 def build_observation(measurement: Measurement, reference: Reference, scene: Scene) -> Observation:
     """Build the observation of a reference from its measurement, in newtons of nominal gain."""
     films, covariance = compute_film_forces(measurement, scene)
-    return Observation(reference, films, covariance, measurement.force, measurement.force_sd, measurement.force_doubt)
+    return Observation(reference, films, covariance, measurement.force, measurement.force_sd, measurement.force_loss)
 
 
 def compute_film_forces(measurement: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:

@@ -20,10 +20,12 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_loss_factors
+from hw.common.samples import Complexes
 from hw.signal.amplifier import compute_parts_covariance
-from hw.signal.measure import Measurement, propagate_covariance
+from hw.signal.covariance import propagate_complex_covariance, propagate_covariance
+from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import CONTRADICTION_SD, Bench
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.gains import Gains
 from solver.evaluation import add_phase
 from solver.phase.inertia import add_inertia_error
 from solver.results.result import Result
@@ -51,18 +53,18 @@ def add_ratio_phase(result: Result, scene: Scene, accuracy: float, frequency: fl
 def compute_ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[float, float]:
     """Return the phase of eq. BP.4 and its standard deviation, rad."""
     charges, frequency = measurement.charges, measurement.fit.frequency
-    turn = 2 * math.pi * frequency
-    scale = float(np.abs(charges).max())
-    parts = np.stack([charges.real, charges.imag], axis=1).ravel() / scale
-    charges_covariance = measurement.covariance + compute_parts_covariance(
-        charges, bench.amplifier.build_films(), frequency
-    )  # a calibration has not seen them
-    variance = propagate_covariance(lambda moved: _compute_phase(moved, gains.matrix), parts, charges_covariance / scale**2)
-    variance = variance + propagate_covariance(
-        lambda moved: _compute_phase(parts, moved.reshape(2, 2)), gains.matrix.ravel(), gains.covariance
+    # a calibration does not determine the amplifiers' phases
+    charges_covariance = measurement.covariance + compute_parts_covariance(charges, bench.amplifier.build_films(), frequency)
+    angular_frequency = 2 * math.pi * frequency
+    variance = (
+        propagate_complex_covariance(lambda values: _compute_phase(values, gains.matrix), charges, charges_covariance)[0, 0]
+        + propagate_covariance(
+            lambda entries: _compute_phase(charges, entries.reshape(2, 2)), gains.matrix.ravel(), gains.covariance
+        )[0, 0]
+        + (angular_frequency * bench.sampling.skew_tolerance) ** 2
     )
-    value = float(_compute_phase(parts, gains.matrix)[0]) + turn * bench.sampling.skew
-    return value, math.hypot(math.sqrt(float(variance[0, 0])), turn * bench.sampling.skew_tolerance)
+    phase = float(_compute_phase(charges, gains.matrix)[0]) + angular_frequency * bench.sampling.skew
+    return phase, math.sqrt(variance)
 
 
 def compare_ratio_phase(value: float, spread: float, predicted: Result) -> tuple[float | None, list[str]]:
@@ -77,7 +79,8 @@ def compare_ratio_phase(value: float, spread: float, predicted: Result) -> tuple
     return z, [f"{text}: tissue or blocks that lose more than the scene says, or channels that differ in time"]
 
 
-def _compute_phase(parts: Floats, matrix: Floats) -> Floats:
-    inner, outer = np.linalg.solve(matrix, parts[0::2] + 1j * parts[1::2])
-    leads = inner * np.conj(outer)
-    return np.array([np.angle(leads if leads.real >= 0 else -leads)])
+def _compute_phase(charges: Complexes, matrix: Floats) -> Floats:
+    """Return the phase of the ratio of both films' forces, counted from the ratio's sign, rad, shape (1,)."""
+    inner, outer = np.linalg.solve(matrix, charges)
+    product = inner * np.conj(outer)
+    return np.array([np.angle(product if product.real >= 0 else -product)])

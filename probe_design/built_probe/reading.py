@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from hw.signal.measure import FILM_NAMES, Measurement, propagate_covariance
+from hw.common.samples import FILM_NAMES
+from hw.signal.covariance import propagate_covariance
+from hw.signal.measurement import Measurement
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import CONTRADICTION_SD, SIGNIFICANT_SD, Bench
 from probe_design.built_probe.film_forces import compute_film_forces
-from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.load_checks import check_film_sum, check_scene_load
+from probe_design.built_probe.gains import ForceScale, Gains
+from probe_design.built_probe.load_plausibility import check_film_sum, check_scene_load
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
@@ -108,9 +110,8 @@ def predict_scene(scene: Scene, accuracy: float, linear: bool = False, frequency
     Refusal
         No evaluator accepts the scene, or, unless ``linear``, its load is above the limit of linear elasticity.
     """
-    evaluator = next(
-        (candidate for candidate in (Axisymmetric(), EquivalentInclusion()) if candidate.refusal(scene) is None), None
-    )
+    evaluators = (Axisymmetric(), EquivalentInclusion())
+    evaluator = next((candidate for candidate in evaluators if candidate.refusal(scene) is None), None)
     if evaluator is None:
         return add_ratio_phase(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
     result, rule = evaluator.evaluate(scene, accuracy), build_load_rule(scene)
@@ -142,52 +143,53 @@ def compute_reading(
     Flawed
         A film is dead or reversed, or the films contradict the force channel.
     InputError
-        The load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_checks``.
+        The load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_plausibility``.
     """
-    effective = Gains.from_bench(bench) if gains is None else gains
+    used_gains = Gains.from_bench(bench) if gains is None else gains
     films, noise = compute_film_forces(measurement, scene, tolerance=True)
-    forces, covariance = effective.compute_forces(films), effective.compute_forces_covariance(films, noise)
+    forces, covariance = used_gains.compute_forces(films), used_gains.compute_forces_covariance(films, noise)
     _check_films(forces, covariance)
-    scale = effective.force_scale
-    own_covariance = covariance if measurement.force is None else _compute_own_covariance(films, noise, effective)
-    load_warnings = check_film_sum((float(forces.sum()), _compute_sum_sd(own_covariance)), measurement, bench, scale)
-    load_warnings += check_scene_load((float(forces.sum()), _compute_sum_sd(covariance)), measurement, scene, predicted, scale)
+    # a calibration shares the error of its force scale with the force channel of this reading
+    own_gains = used_gains if measurement.force is None else used_gains.remove_force_scale_error()
+    own_covariance = own_gains.compute_forces_covariance(films, noise)
+    force, force_sd, own_force_sd = float(forces.sum()), _compute_sum_sd(covariance), _compute_sum_sd(own_covariance)
+    scale = used_gains.force_scale
+    load_warnings = check_film_sum(force, own_force_sd, measurement, bench, scale)
+    load_warnings += check_scene_load(force, force_sd, measurement, scene, predicted, scale=scale)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
+    stresses, stress_sds, own_stress_sds = forces / areas, _get_sds(covariance) / areas, _get_sds(own_covariance) / areas
     ratio, ratio_sd = _compute_ratio(forces, covariance, float(areas[1] / areas[0]))
-    relative = None if predicted.error_estimate is None else SD_PER_BOUND * predicted.error_estimate
-    scale_doubt = (
-        0.0
-        if gains is not None or bench.force is None or bench.force.verified
-        else _compute_sum_sd(own_covariance) / abs(forces.sum())
-    )
-    at_load, at_load_sd = _predict_at_load(
-        measurement, scene, bench, predicted, relative, factor=scale.factor, scale_doubt=scale_doubt
-    )
-    own_sd = np.sqrt(np.maximum(np.diag(own_covariance), 0.0)) / areas
-    predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
+    relative_sd = None if predicted.error_estimate is None else SD_PER_BOUND * predicted.error_estimate
+    predicted_ratio_sd = None if predicted.ratio is None or relative_sd is None else abs(predicted.ratio) * relative_sd
+    is_scale_unknown = gains is None and bench.force is not None and not bench.force.verified
+    scale_sd = own_force_sd / abs(force) if is_scale_unknown else 0.0
+    predictions = _predict_at_load(measurement, scene, bench, predicted, scale=scale, scale_sd=scale_sd)
     z_ratio = _compute_z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd)
-    comparison_warnings = [*load_warnings, *_warn_of_exchange(films, effective, predicted.ratio, z_ratio, areas)]
-    phase, phase_sd = compute_ratio_phase(measurement, bench, effective)
+    z_inner, z_outer = (
+        _compute_z(stress, sd, *prediction)
+        for stress, sd, prediction in zip(stresses.tolist(), own_stress_sds.tolist(), predictions, strict=True)
+    )
+    phase, phase_sd = compute_ratio_phase(measurement, bench, used_gains)
     z_phase, phase_warnings = compare_ratio_phase(phase, phase_sd, predicted)
+    exchange_warnings = _warn_of_exchange(films, used_gains, predicted.ratio, z_ratio, areas)
     return StressReading(
         ratio=ratio,
         ratio_uncertainty=ratio_sd,
-        stress_inner=float(stress[0]),
-        stress_inner_uncertainty=float(spread[0]),
-        stress_outer=float(stress[1]),
-        stress_outer_uncertainty=float(spread[1]),
-        force=float(forces.sum()),
-        force_uncertainty=_compute_sum_sd(covariance),
+        stress_inner=float(stresses[0]),
+        stress_inner_uncertainty=float(stress_sds[0]),
+        stress_outer=float(stresses[1]),
+        stress_outer_uncertainty=float(stress_sds[1]),
+        force=force,
+        force_uncertainty=force_sd,
         reference_force=None if measurement.force is None else measurement.force / scale.factor,
         evaluator=predicted.evaluator,
         predicted_ratio=predicted.ratio,
         predicted_ratio_uncertainty=predicted_ratio_sd,
-        predicted_stress_inner=at_load[0],
-        predicted_stress_outer=at_load[1],
+        predicted_stress_inner=predictions[0][0],
+        predicted_stress_outer=predictions[1][0],
         z_ratio=z_ratio,
-        z_stress_inner=_compute_z(float(stress[0]), float(own_sd[0]), at_load[0], at_load_sd[0]),
-        z_stress_outer=_compute_z(float(stress[1]), float(own_sd[1]), at_load[1], at_load_sd[1]),
+        z_stress_inner=z_inner,
+        z_stress_outer=z_outer,
         frequency=measurement.fit.frequency,
         cycles=measurement.fit.cycles,
         ratio_phase=phase,
@@ -197,27 +199,27 @@ def compute_reading(
         mains=measurement.fit.mains,
         calibrated=gains is not None,
         samples=measurement.fit.rows,
-        saturated=measurement.saturated,
-        gaps=measurement.lost,
-        overruns=measurement.overruns,
-        warnings=(*_list_warnings(measurement, bench, gains, ratio), *comparison_warnings, *phase_warnings),
+        saturated=measurement.losses.saturated,
+        gaps=measurement.losses.gaps,
+        overruns=measurement.losses.overruns,
+        warnings=(*_list_warnings(measurement, bench, gains, ratio), *load_warnings, *exchange_warnings, *phase_warnings),
     )
 
 
 def _check_films(forces: Floats, covariance: Floats) -> None:
     """Refuse a film in tension, and an inner film without signal. An outer film without signal only makes the ratio null."""
-    spread = np.sqrt(np.diag(covariance))
-    for name, force, sd in zip(FILM_NAMES, forces.tolist(), spread.tolist(), strict=True):
+    sds = _get_sds(covariance)
+    for name, force, sd in zip(FILM_NAMES, forces.tolist(), sds.tolist(), strict=True):
         if force < -SIGNIFICANT_SD * sd:
             raise Flawed(f"the {name} film shows tension, {force:.3g} N: is its polarity reversed, or its cable another's?")
-    if forces[0] < SIGNIFICANT_SD * spread[0]:
-        shown = f"the inner film shows {forces[0]:.2g} N, uncertain by {spread[0]:.2g} N"
+    if forces[0] < SIGNIFICANT_SD * sds[0]:
+        shown = f"the inner film shows {forces[0]:.2g} N, uncertain by {sds[0]:.2g} N"
         raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
 
 
-def _compute_own_covariance(films: Floats, noise: Floats, gains: Gains) -> Floats:
-    """Return the covariance of the films' forces without the error that they share with the force channel by a calibration."""
-    return replace(gains, covariance=gains.covariance - gains.force_scale.covariance).compute_forces_covariance(films, noise)
+def _get_sds(covariance: Floats) -> Floats:
+    """Return the standard deviations of a covariance; rounding may leave variances below 0."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def _compute_sum_sd(covariance: Floats) -> float:
@@ -229,44 +231,44 @@ def _warn_of_exchange(films: Floats, gains: Gains, predicted: float | None, z: f
     """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged."""
     if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTION_SD:
         return []
-    forces = [gains.compute_forces(pair) / areas for pair in (films, films[::-1])]
-    deviation, exchanged_deviation = (abs(float(np.log(abs(pair[0] / pair[1] / predicted)))) for pair in forces)
+    stresses = [gains.compute_forces(pair) / areas for pair in (films, films[::-1])]
+    deviation, exchanged_deviation = (abs(float(np.log(abs(pair[0] / pair[1] / predicted)))) for pair in stresses)
     if exchanged_deviation > deviation / EXCHANGE_FACTOR:
         return []
     return [f"the ratio is {abs(z):.2g} standard deviations from its prediction, and near it with the films' channels exchanged"]
 
 
-def _compute_z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
-    if read is None or spread is None or predicted is None or predicted_spread is None:
+def _compute_z(read: float | None, read_sd: float | None, predicted: float | None, predicted_sd: float | None) -> float | None:
+    """Return the difference of a reading from its prediction over its standard deviation; None if one of these is unknown."""
+    if read is None or read_sd is None or predicted is None or predicted_sd is None:
         return None
-    return (read - predicted) / math.hypot(spread, predicted_spread)
+    return (read - predicted) / math.hypot(read_sd, predicted_sd)
 
 
 def _predict_at_load(
-    measurement: Measurement,
-    scene: Scene,
-    bench: Bench,
-    predicted: Result,
-    relative: float | None,
-    *,
-    factor: float,
-    scale_doubt: float,
-) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """Return the predicted stresses of both films at the load of the reading, Pa, and their standard deviations.
+    measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, *, scale: ForceScale, scale_sd: float
+) -> list[tuple[float | None, float | None]]:
+    """Return for each film the predicted stress at the load of the reading and its standard deviation, Pa; None if unknown.
 
-    ``factor`` is the force channel's reading over the true force, ``scale_doubt`` its relative standard deviation.
+    ``scale_sd`` is the relative standard deviation of the force channel's ``scale``.
     """
-    if predicted.stress_inner is None or predicted.stress_outer is None or relative is None:
-        return (None, None), (None, None)
-    stress = np.array([predicted.stress_inner, predicted.stress_outer])
+    if predicted.stress_inner is None or predicted.stress_outer is None or predicted.error_estimate is None:
+        return [(None, None)] * 2
+    stresses = np.array([predicted.stress_inner, predicted.stress_outer])
+    relative_sd = SD_PER_BOUND * predicted.error_estimate
     if measurement.force is not None and bench.force is not None:
-        stress = stress * measurement.force / factor / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
-        relative = math.hypot(relative, bench.force.tolerance, measurement.force_doubt, scale_doubt)
-    return tuple(stress.tolist()), tuple((np.abs(stress) * relative).tolist())
+        predicted_force = float(stresses @ [scene.probe.inner_area, scene.probe.outer_area])
+        stresses = stresses * measurement.force / scale.factor / predicted_force
+        relative_sd = math.hypot(relative_sd, bench.force.tolerance, measurement.force_loss, scale_sd)
+    return [(stress, abs(stress) * relative_sd) for stress in stresses.tolist()]
 
 
 def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
-    lost = {"gaps": measurement.lost, "overruns": measurement.overruns, "saturated samples": measurement.saturated}
+    lost = {
+        "gaps": measurement.losses.gaps,
+        "overruns": measurement.losses.overruns,
+        "saturated samples": measurement.losses.saturated,
+    }
     warnings = [f"{count} {label}: left out, never filled in" for label, count in lost.items() if count]
     warnings += measurement.warnings
     if gains is None:
@@ -280,15 +282,14 @@ def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, 
     return warnings
 
 
-def _compute_ratio(forces: Floats, covariance: Floats, areas: float) -> tuple[float | None, float | None]:
-    """Return the ratio and its standard deviation, enlarged by 1/(1 - x) with x the outer force's relative one."""
+def _compute_ratio(forces: Floats, covariance: Floats, area_ratio: float) -> tuple[float | None, float | None]:
+    """Return the ratio of stresses and its standard deviation, enlarged by 1/(1 - x) with x the outer force's relative one.
+
+    ``area_ratio`` is the outer area over the inner.
+    """
     outer_sd = float(np.sqrt(covariance[1, 1]))
     if outer_sd >= abs(forces[1]):
         return None, None
-    loose = outer_sd / float(abs(forces[1]))
-    spread = float(np.sqrt(propagate_covariance(_divide_forces, forces, covariance)[0, 0])) / (1 - loose)
-    return float(forces[0] / forces[1] * areas), spread * areas
-
-
-def _divide_forces(forces: Floats) -> Floats:
-    return forces[:1] / forces[1:]
+    variance = propagate_covariance(lambda pair: pair[:1] / pair[1:], forces, covariance)[0, 0]
+    sd = float(np.sqrt(variance)) / (1 - outer_sd / float(abs(forces[1])))
+    return float(forces[0] / forces[1] * area_ratio), sd * area_ratio

@@ -14,7 +14,7 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import compute_inner_shares, predict_log_ratios
+from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_log_ratios
 from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -29,7 +29,7 @@ class BuiltProperties:
     Attributes
     ----------
     gains
-        M of eq. BP.1 of ``probe_design.built_probe.gain_matrix`` by the films alone.
+        M of eq. BP.1 of ``probe_design.built_probe.gains`` by the films alone.
     resistance, capacitance
         Of each amplifier, relative to the nominal.
     force
@@ -160,7 +160,7 @@ class VirtualBench:
         """Build the signals on each reference under a load, N, or the reference's known one; each run has other noise."""
         random = np.random.default_rng(self.seed)
         delivered = [draw_delivered(item, random) for item in self.bench.reference]
-        shares = compute_inner_shares(predict_log_ratios(self.scene, delivered), delivered)
+        shares = compute_inner_fractions(predict_log_ratios(self.scene, delivered), delivered)
         loads = np.array([item.known_force or load for item in delivered])
         forces = loads[:, None] * np.stack([shares, 1 - shares], axis=1)
         return tuple(self._build_signals(item, 1 + run * len(forces) + k) for k, item in enumerate(forces))

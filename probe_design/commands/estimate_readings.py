@@ -23,8 +23,8 @@ from probe_design.built_probe.field_readings import (
     read_placement,
     read_result,
 )
-from probe_design.built_probe.film_forces import measure_reading as measure_films
-from probe_design.built_probe.load_checks import check_expected, compute_expected_load
+from probe_design.built_probe.film_forces import measure_samples
+from probe_design.built_probe.load_plausibility import check_expected, compute_expected_load
 from probe_design.built_probe.probe_identity import check_serials, clean_serial, read_board_serial
 from probe_design.commands.hardware_sources import HardwareSetup, get_reading_limits
 from probe_design.data.noise import MIN_NOISE
@@ -112,7 +112,7 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
     with Reader.open(f"replay:{path}", rate, columns, get_reading_limits()) as reader:
         samples = reader.collect()
     origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
-    measurement = measure_films(samples, setup.bench, frequency)
+    measurement = measure_samples(samples, setup.bench, frequency)
     return build_reading_without_prediction(
         measurement, setup.scene, setup.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
     )

@@ -14,7 +14,7 @@ from probe_design.commands.output import add_provenance, print_json
 from probe_design.commands.request import Option
 
 if TYPE_CHECKING:
-    from hw.signal.measure import Measurement
+    from hw.signal.measurement import Measurement
     from probe_design.built_probe.reading import StressReading
     from probe_design.commands.hardware_sources import HardwareSetup
     from probe_design.doctor.finding import Finding
@@ -42,10 +42,10 @@ class ReadRequest(SourceRequest):
 
     def run(self) -> None:
         """Read the probe, show live numbers meanwhile, and compare the result with the prediction."""
-        from hw.signal.running_fit import RunningFit
+        from hw.signal.reading_fit import ReadingFit
         from hw.signal.sine_fit import check_rate
         from probe_design.built_probe.field_readings import build_reading_json, compute_ratio_noise, read_placement
-        from probe_design.built_probe.film_forces import measure_reading, measure_running_reading
+        from probe_design.built_probe.film_forces import measure_reading, measure_samples
         from probe_design.built_probe.probe_identity import check_serials, read_board_serial
         from probe_design.built_probe.reading import compute_reading
         from probe_design.commands.hardware_sources import HardwareSetup, build_openers, list_new_recordings
@@ -73,9 +73,9 @@ class ReadRequest(SourceRequest):
                 return compute_reading(measurement, setup.scene, setup.bench, predicted, gains)
 
             check_rate(frequency, reader.header.rate)
-            running_fit = RunningFit(frequency, setup.bench.force is not None)
+            running_fit = ReadingFit(frequency, setup.bench.force is not None)
             with show_live(
-                lambda samples: compare(measure_reading(samples, setup.bench, calibration_frequency))
+                lambda samples: compare(measure_samples(samples, setup.bench, calibration_frequency))
             ) as show_samples:  # the reading begins
                 fit_reading(
                     setup.describe_recording(reader),
@@ -85,7 +85,7 @@ class ReadRequest(SourceRequest):
                     show=show_samples,
                     last=compute_live_window(frequency),
                 )
-        measurement = measure_running_reading(running_fit, setup.bench, calibration_frequency)
+        measurement = measure_reading(running_fit, setup.bench, calibration_frequency)
         result = compare(measurement)
         if self.as_json:
             recorded_origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hw.common.samples import Samples
-    from hw.signal.measure import Measurement
+    from hw.signal.measurement import Measurement
     from probe_design.built_probe.bench import Reference
     from probe_design.commands.hardware_request import SourceRequest
     from probe_design.commands.hardware_sources import HardwareSetup, Opener

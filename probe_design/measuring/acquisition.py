@@ -10,8 +10,7 @@ from pathlib import Path
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples, join_samples
 from hw.reader import Reader
-from hw.signal.measure import Losses
-from hw.signal.running_fit import RunningFit
+from hw.signal.reading_fit import Losses, ReadingFit
 
 SHOW_INTERVAL_S = 0.5  # s of samples between two displays, at least
 BEHIND_INTERVAL_S = 5.0  # s added while samples wait, so that a display does not delay the fit
@@ -22,7 +21,7 @@ def fit_reading(
     reader: Reader,
     seconds: float | None,
     record: Path | None,
-    running: RunningFit,
+    running: ReadingFit,
     *,
     show: Callable[[Samples], None],
     last: float,

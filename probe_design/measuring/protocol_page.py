@@ -18,10 +18,9 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.workshop.overview import build_section_outlines
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import LINEARITY_ACCURACY, compute_inner_shares, predict_blocks
-from probe_design.built_probe.load_checks import SAFE_SHARE
+from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_blocks
+from probe_design.built_probe.load_plausibility import SAFE_FRACTION
 from probe_design.built_probe.virtual_probe import compute_charge_per_force
-from solver.planning.load_limits import find_largest_load
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
 
 PAGE_NAME = "calibration.pdf"
 SHEET_SIZE_INCHES = (8.27, 11.69)  # inches: A4
+DEFAULT_LOAD_N = 0.01  # where neither scene nor blocks limit it
 MAX_ROWS = 20  # references that fit on the page
 
 
@@ -50,16 +50,15 @@ def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal
     Refusal
         The axisymmetric evaluator cannot compute the probe.
     """
-    shares = predict_blocks(scene, bench.reference)
-    limits = [
-        find_largest_load(item.rule, LINEARITY_ACCURACY, promise=False).force for item in shares.blocks if item.rule is not None
-    ]
-    load = min([SAFE_SHARE * item for item in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
-    volts = abs(compute_charge_per_force(scene) * bench.amplifier.build_common().response(bench.load.frequency))
-    parts = compute_inner_shares(shares.log_ratios, bench.reference).tolist()
+    predictions = predict_blocks(scene, bench.reference)
+    safe_loads = [SAFE_FRACTION * limit for limit in predictions.list_linear_limits()]
+    load = min(safe_loads + ([] if scene.load.force is None else [scene.load.force]), default=DEFAULT_LOAD_N)
+    charge = compute_charge_per_force(scene)
+    inner, outer = (abs(charge * amplifier.response(bench.load.frequency)) for amplifier in bench.amplifier.build_films())
+    parts = compute_inner_fractions(predictions.log_ratios, bench.reference).tolist()
     loads = [item.known_force or load for item in bench.reference]
     return tuple(
-        ExpectedSignal(item.name, force, part, (force * volts * part, force * volts * (1 - part)))
+        ExpectedSignal(item.name, force, part, (force * inner * part, force * outer * (1 - part)))
         for item, force, part in zip(bench.reference, loads, parts, strict=True)
     )
 

@@ -16,13 +16,13 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_shares
-from probe_design.built_probe.exchanges import Misplacement, check_films, compute_share_doubt, find_exchanges
+from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_fractions
+from probe_design.built_probe.calibration import ReferenceReadings
 from probe_design.built_probe.film_forces import compute_film_forces
-from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.pressed_references import PressedReferences
+from probe_design.built_probe.gains import Gains
+from probe_design.built_probe.swapped_connections import Swap, check_films, compute_max_fraction_error, find_swaps
 from probe_design.probe_check.coverage import VariableCoverage, compute_coverage
 from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, CancellingPair, Deviation, find_cancelling_pairs
 from probe_design.probe_check.explanations import Explanation, VariablePair
@@ -147,12 +147,12 @@ def check(
     Refusal
         A load is above the limit of linear elasticity.
     """
-    pressed = PressedReferences.from_measurements(scene, bench, bench.blocks, measurements, shares, linear=linear)
+    pressed = ReferenceReadings.from_measurements(scene, bench, bench.blocks, measurements, shares, linear=linear)
     predictions = pressed.predictions
     effective = Gains.from_bench(bench) if gains is None else gains.add_warming(bench.channels.warming)
     films = [compute_film_forces(item, scene, tolerance=gains is None) for item in measurements]
     comparison = Comparison(bench, effective, tuple(variables), predictions)
-    deviation, exchanges = comparison.compute_deviation(films), comparison.find_exchanges(films)
+    deviation, exchanges = comparison.compute_deviation(films), comparison.find_swaps(films)
     tolerances = dict(zip(predictions.variables, predictions.compute_tolerances(bench.workshop).tolist(), strict=True))
     tested, names = compute_coverage(deviation, tolerances), [item.describe(bench.blocks) for item in exchanges]
     verdict = decide_verdict(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
@@ -209,20 +209,20 @@ class Comparison:
         gain_errors = gain_derivatives @ self.gains.errors_as_drawn
         return Deviation(logs, self.shares.log_ratios, noise, gain_errors, model, bias, self._compute_workshop(bias))
 
-    def find_exchanges(self, films: Films) -> tuple[Misplacement, ...]:
+    def find_swaps(self, films: Films) -> tuple[Swap, ...]:
         """Find the exchanges that explain readings outside the workshop's tolerances."""
         if self.compute_deviation(films).p_value >= SIGNIFICANCE_LEVEL:
             return ()
         forces = np.array([self.gains.compute_forces(item) for item, _ in films])
-        return find_exchanges(
-            forces, self._expected_shares, compute_share_doubt(self.bench), lambda item: self._agrees(films, item)
+        return find_swaps(
+            forces, self._expected_shares, compute_max_fraction_error(self.bench), lambda item: self._agrees(films, item)
         )
 
     @property
     def _expected_shares(self) -> Floats:
-        return compute_inner_shares(self.shares.log_ratios, self.bench.blocks)
+        return compute_inner_fractions(self.shares.log_ratios, self.bench.blocks)
 
-    def _agrees(self, films: Films, exchange: Misplacement) -> bool:
+    def _agrees(self, films: Films, exchange: Swap) -> bool:
         reading_by_block = {
             k: (exchange.restore_channels(y), exchange.restore_channels(spread))
             for k, (y, spread) in zip(exchange.order, films, strict=True)

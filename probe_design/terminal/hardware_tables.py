@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.scenes.catalogue import format_modulus
 from probe_design.built_probe.calibration_record import CalibrationRecord
-from probe_design.built_probe.gain_matrix import ENTRY_NAMES
+from probe_design.built_probe.gains import ENTRY_NAMES
 from probe_design.built_probe.reading import StressReading
 from probe_design.probe_check.check import Check
 from probe_design.probe_check.deviation import CancellingPair

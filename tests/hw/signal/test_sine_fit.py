@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hw.common.samples import Gap, Samples
 from hw.signal.sine_fit import NoSine, SineFit
-from hw.signal.stretches import fit_sine
+from tests.support.hw.fits import fit_sine
 
 RATE, ROWS, FREQUENCY = 500.0, 4000, 5.003
 AMPLITUDES = np.array([1.0 * np.exp(0.3j), 0.5 * np.exp(0.28j)])
@@ -64,13 +64,13 @@ def test_coloured_noise_is_seen_and_counted() -> None:
     """A random walk has ten times the power of the white noise at the load: without a look at the spectrum z would be 3."""
     walked = [fit_sine(record(seed, walk=2e-3), 5.0) for seed in range(30)]
     z = np.array([deviations(fit) for fit in walked])
-    assert np.mean([fit.colour for fit in walked]) > 2
+    assert np.mean([np.diag(fit.density) / fit.noise**2 for fit in walked]) > 2
     assert 0.5 < np.mean(z**2) < 1.5
-    assert np.mean([fit.colour for fit in fits()]) < 1.05
+    assert np.mean([np.diag(fit.density) / fit.noise**2 for fit in fits()]) < 1.05
 
 
 def test_frequencies_are_found() -> None:
-    fit = fit_sine(record(1))
+    fit = fit_sine(record(1), 5.0)
     assert abs(fit.frequency - FREQUENCY) < 4 * fit.frequency_sd < 1e-3
     assert fit.mains == pytest.approx(50.07, abs=1e-3)
     assert fit_sine(record(1), 5.4).frequency == pytest.approx(fit.frequency, abs=1e-6)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Gap, Samples
-from hw.signal.amplifier import ChargeAmplifier
-from hw.signal.measure import Measurement, measure, propagate_covariance
+from hw.signal.covariance import propagate_covariance
+from hw.signal.measurement import Measurement
 from hw.signal.sine_fit import NoSine
-from hw.signal.stretches import fit_sine
 from hw.signal.waveform import Flawed
+from tests.support.hw.fits import fit_sine, measure_samples
 
 Floats = NDArray[np.float64]
 RATE, LOAD = 500.0, 5.003
@@ -41,7 +41,7 @@ def volts(seed: int, turns: Floats | None = None, hum: float = 4e-4, noise: floa
 
 
 def measure_volts(volts: Floats, sensitivity: float | None = 0.1) -> Measurement:
-    return measure(samples(volts), ChargeAmplifier(), 5.0, sensitivity)
+    return measure_samples(samples(volts), 5.0, sensitivity)
 
 
 def deviation(measurement: Measurement) -> float:
@@ -135,9 +135,7 @@ def test_gaps_of_unknown_length_get_a_phase_each(lost: int, pieces: int) -> None
     rows = [slice(k * (piece_rows + lost), k * (piece_rows + lost) + piece_rows) for k in range(pieces)]
     index = np.concatenate([np.arange(piece_rows) + k * (piece_rows + 1) for k in range(pieces)])
     gaps = tuple(Gap(k * (piece_rows + 1) - 1, -1, "a new acquisition") for k in range(1, pieces))
-    measurement = measure(
-        samples(np.concatenate([whole[selection] for selection in rows]), index, gaps), ChargeAmplifier(), 5.0, 0.1
-    )
+    measurement = measure_samples(samples(np.concatenate([whole[selection] for selection in rows]), index, gaps), 5.0, 0.1)
     assert abs(measurement.charges * 1e9) == pytest.approx(np.abs(TRUE[:2]), rel=2e-3)
     assert abs(deviation(measurement)) < 3
     assert measurement.fit.seconds == pytest.approx(pieces * (piece_rows - 1) / RATE)
@@ -146,13 +144,13 @@ def test_gaps_of_unknown_length_get_a_phase_each(lost: int, pieces: int) -> None
 def test_stretches_too_short_are_left_out_and_loads_that_change_between_are_refused() -> None:
     whole = volts(7)
     index = np.arange(5000) + (np.arange(5000) >= 4900)
-    short = measure(samples(whole, index, (Gap(4900, -1, "unplugged"),)), ChargeAmplifier(), 5.0, 0.1)
+    short = measure_samples(samples(whole, index, (Gap(4900, -1, "unplugged"),)), 5.0, 0.1)
     assert short.fit.rows == 4900
     assert any("100 samples" in warning for warning in short.warnings)
     index = np.arange(5000) + (np.arange(5000) >= 2500)
     halved = whole * np.where(T < 5, 1, 0.5)[:, None]
     with pytest.raises(Flawed, match="amplitude changes"):
-        measure(samples(halved, index, (Gap(2500, -1, "unplugged"),)), ChargeAmplifier(), 5.0, 0.1)
+        measure_samples(samples(halved, index, (Gap(2500, -1, "unplugged"),)), 5.0, 0.1)
 
 
 @pytest.mark.parametrize(("rate", "load"), [(45.0, 5.0), (55.0, 5.0), (105.0, 5.0), (48.0, 2.0), (40.3, 9.9)])

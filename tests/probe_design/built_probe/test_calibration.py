@@ -19,7 +19,8 @@ from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_fro
 from probe_design.built_probe.block_predictions import BLOCK_MODULI, build_block_scene, predict_blocks
 from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, build_record, read_record, write_record
-from probe_design.built_probe.gain_matrix import Gains, Observation, estimate_gains
+from probe_design.built_probe.gain_fit import estimate_gains
+from probe_design.built_probe.gains import Gains, Observation
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from solver import evaluate
 from tests.support.hw.benches import BENCH, LOAD, calibrate, films, sampled, scene, shares
@@ -34,7 +35,7 @@ def readings(logs: Floats, seed: int, bench: Bench = BENCH, built: BuiltProperti
 
 def true_matrix() -> Floats:
     """Return M as a calibration at the bench's frequency should find it, amplifiers included, shape (2, 2)."""
-    nominal, frequency = BENCH.amplifier.build_common(), BUILT.frequency * BENCH.load.frequency
+    nominal, frequency = BENCH.amplifier.build_films()[0], BUILT.frequency * BENCH.load.frequency
     responses = [amplifier.response(frequency) for amplifier in BUILT.build_amplifiers((nominal, nominal))]
     return np.asarray(np.abs(responses)[:, None] / abs(nominal.response(frequency)) * np.array(BUILT.gains))
 
@@ -124,9 +125,9 @@ def test_coverage_of_the_gains(force: bool, blocks_alone: bool) -> None:
         spread = gains.covariance - (0.0 if force else BENCH.channels.gain**2 * np.outer(gains.matrix, gains.matrix))
         entries = slice(None) if force else slice(3)
         z.append(((gains.matrix - matrix).ravel() / np.sqrt(np.maximum(np.diag(spread), 1e-30)))[entries])
-        chi_squares.append(gains.chi_square / gains.freedom)
+        chi_squares.append(gains.chi_square / gains.degrees_of_freedom)
     assert np.mean(np.square(z), axis=0) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 100))
-    assert np.mean(chi_squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / (100 * gains.freedom)))
+    assert np.mean(chi_squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / (100 * gains.degrees_of_freedom)))
 
 
 def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, random: np.random.Generator) -> list[Observation]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from probe_design.built_probe.field_readings import (
     FieldReading,
     compute_ratio_noise,
@@ -18,7 +18,7 @@ from probe_design.built_probe.field_readings import (
     parse_field_reading,
     read_result,
 )
-from probe_design.built_probe.film_forces import measure_reading
+from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.probe_identity import list_probe_numbers
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
@@ -54,7 +54,7 @@ def test_noise_is_what_seeds_scatter_by() -> None:
     forces = films(shares().log_ratios)[4]
 
     def measure_once(seed: int) -> Measurement:
-        return measure_reading(sampled(build_signals(BuiltProperties(noise=2e-4), BENCH, scene(), forces, seed)), BENCH)
+        return measure_samples(sampled(build_signals(BuiltProperties(noise=2e-4), BENCH, scene(), forces, seed)), BENCH)
 
     measured = [measure_once(seed) for seed in range(60)]
     logs = [np.log(measurement.in_phase[0] / measurement.in_phase[1]) for measurement in measured]

@@ -11,11 +11,11 @@ from scipy.signal import freqz, lfilter
 
 from geometry.common.arrays import Floats
 from hw.common.samples import Samples
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.film_forces import build_observation, measure_reading
-from probe_design.built_probe.gain_matrix import estimate_gains
-from probe_design.built_probe.phase_lags import compute_force_lag, estimate_amplitude_loss
+from probe_design.built_probe.film_forces import build_observation, measure_samples
+from probe_design.built_probe.gain_fit import estimate_gains
+from probe_design.built_probe.timing_errors import compute_force_lag, estimate_amplitude_loss
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
@@ -32,7 +32,7 @@ def pressed(reference_index: int = 4) -> Samples:
 def with_force(samples: Samples, force: Floats) -> Measurement:
     volts = samples.volts.copy()
     volts[:, 2] = force
-    return measure_reading(replace(samples, volts=volts), BENCH)
+    return measure_samples(replace(samples, volts=volts), BENCH)
 
 
 def filtered(volts: Floats, seconds: float) -> Floats:
@@ -74,7 +74,7 @@ def test_a_good_force_channel_does_not_lag() -> None:
     measurement = with_force(pressed(), pressed().volts[:, 2])
     lag, spread = compute_force_lag(measurement, BENCH)
     assert abs(lag) < 3 * spread
-    assert (measurement.force_doubt, measurement.warnings) == (0.0, ())
+    assert (measurement.force_loss, measurement.warnings) == (0.0, ())
     turned = with_force(pressed(), -pressed().volts[:, 2])  # a sensor the other way round
     assert compute_force_lag(turned, BENCH)[0] == pytest.approx(lag, abs=1e-3)
 
@@ -82,14 +82,14 @@ def test_a_good_force_channel_does_not_lag() -> None:
 @pytest.mark.parametrize("seconds", [0.001, 0.004])
 def test_a_filter_s_lag_and_loss(seconds: float) -> None:
     samples = pressed()
-    measurement, good = with_force(samples, filtered(samples.volts[:, 2], seconds)), measure_reading(samples, BENCH)
+    measurement, good = with_force(samples, filtered(samples.volts[:, 2], seconds)), measure_samples(samples, BENCH)
     lag, spread = compute_force_lag(measurement, BENCH)
     assert lag == pytest.approx(-np.angle(response(seconds)), abs=4 * spread)
     assert good.force
     assert measurement.force
     lost = 1 - measurement.force / good.force
     assert lost == pytest.approx(1 - abs(response(seconds)), abs=2e-4)
-    assert lost < measurement.force_doubt
+    assert lost < measurement.force_loss
     assert "the force channel lags" in measurement.warnings[-1]
 
 
@@ -97,13 +97,13 @@ def test_play_is_seen_by_its_lag_and_its_loss_is_counted() -> None:
     """Of 2 % of the amplitude: before, nothing was said, and half of what the sensor's tolerance allows was lost."""
     samples = pressed()
     force = samples.volts[:, 2]
-    measurement, good = with_force(samples, played(force, 0.02 * np.ptp(force) / 2)), measure_reading(samples, BENCH)
+    measurement, good = with_force(samples, played(force, 0.02 * np.ptp(force) / 2)), measure_samples(samples, BENCH)
     lag, spread = compute_force_lag(measurement, BENCH)
     assert lag == pytest.approx(-np.angle(describing(0.02)), abs=4 * spread + 1e-3)
     assert good.force
     assert measurement.force
     assert measurement.force_sd
-    stated = math.hypot(measurement.force_doubt, measurement.force_sd / measurement.force)  # by its lag, or its harmonics
+    stated = math.hypot(measurement.force_loss, measurement.force_sd / measurement.force)  # by its lag, or its harmonics
     assert 0.003 < 1 - measurement.force / good.force < stated < 0.02
 
 
@@ -117,20 +117,20 @@ def test_a_filter_of_10_ms_is_refused_and_a_known_delay_corrected() -> None:
     slow_bench = BENCH.model_copy(update={"force": BENCH.force.model_copy(update={"delay": 0.02})})
     volts = samples.volts.copy()
     volts[:, 2] = late
-    measurement = measure_reading(replace(samples, volts=volts), slow_bench)
-    assert measurement.force_doubt == 0.0
+    measurement = measure_samples(replace(samples, volts=volts), slow_bench)
+    assert measurement.force_loss == 0.0
     with pytest.raises(Flawed, match="lags"):
-        measure_reading(replace(samples, volts=volts), BENCH)
+        measure_samples(replace(samples, volts=volts), BENCH)
 
 
 def test_doubt_of_all_readings_alike_does_not_average_out() -> None:
     seen = [
-        build_observation(measure_reading(pressed(k), BENCH), observed_reading, scene())
+        build_observation(measure_samples(pressed(k), BENCH), observed_reading, scene())
         for k, observed_reading in enumerate(BENCH.reference)
     ]
     assert BENCH.force
     bench = BENCH.model_copy(update={"force": BENCH.force.model_copy(update={"verified": True})})
     good = estimate_gains(seen, shares(), bench)
-    lagging = estimate_gains([replace(observed_reading, force_doubt=0.04) for observed_reading in seen], shares(), bench)
+    lagging = estimate_gains([replace(observed_reading, force_loss=0.04) for observed_reading in seen], shares(), bench)
     widened = np.sqrt(np.diag(lagging.covariance)[[0, 3]] - np.diag(good.covariance)[[0, 3]])
     assert widened == pytest.approx(0.04 * np.diag(good.matrix), rel=0.05)

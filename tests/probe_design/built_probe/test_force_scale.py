@@ -9,9 +9,10 @@ import pytest
 
 from geometry.common.arrays import Floats
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.film_forces import measure_reading
-from probe_design.built_probe.force_scale import compute_mean_gain_sd, list_scale_warnings
-from probe_design.built_probe.gain_matrix import Gains, Observation, estimate_gains
+from probe_design.built_probe.calibration import list_scale_warnings
+from probe_design.built_probe.film_forces import measure_samples
+from probe_design.built_probe.gain_fit import compute_mean_gain_sd, estimate_gains
+from probe_design.built_probe.gains import Gains, Observation
 from probe_design.built_probe.reading import compute_reading
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from solver.results.result import Result
@@ -104,7 +105,7 @@ def test_a_reading_with_the_same_sensor_agrees_with_its_calibration(bench: Bench
         force=1.1, gains=((1.03, 0.012), (0.008, 0.97)), resistance=(1, 1), capacitance=(1, 1), offsets=(0, 0, 0)
     )
     forces = films(shares().log_ratios)[4]
-    measured = measure_reading(sampled(build_signals(built, BENCH, scene(), forces, 5)), BENCH, 5.0)
+    measured = measure_samples(sampled(build_signals(built, BENCH, scene(), forces, 5)), BENCH, 5.0)
     pressed = scene().model_copy(update={"load": scene().load.model_copy(update={"force": LOAD})})
     known = gains(bench, 1.1)
     probe_reading = compute_reading(measured, pressed, BENCH, Result("none", 0.0), known)
@@ -113,6 +114,6 @@ def test_a_reading_with_the_same_sensor_agrees_with_its_calibration(bench: Bench
     assert abs(probe_reading.force - LOAD) < 1.96 * probe_reading.force_uncertainty
     # a film that has lost 2 % since is told: what calibration and reading share hides nothing
     weaker = replace(built, gains=((1.008, 0.012), (0.008, 0.95)))
-    later = measure_reading(sampled(build_signals(weaker, BENCH, scene(), forces, 5)), BENCH, 5.0)
+    later = measure_samples(sampled(build_signals(weaker, BENCH, scene(), forces, 5)), BENCH, 5.0)
     later_reading = compute_reading(later, pressed, BENCH, Result("none", 0.0), known)
     assert any("standard deviations apart" in warning for warning in later_reading.warnings)

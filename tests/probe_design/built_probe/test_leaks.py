@@ -8,9 +8,10 @@ import pytest
 from geometry import InputError
 from geometry.common.arrays import Floats
 from probe_design.built_probe.bench import Bench, bench_from_dict
-from probe_design.built_probe.block_predictions import compute_inner_shares
-from probe_design.built_probe.gain_matrix import Gains, Observation, estimate_gains
-from probe_design.built_probe.trusted_gains import estimate_trusted_gains
+from probe_design.built_probe.block_predictions import compute_inner_fractions
+from probe_design.built_probe.gain_checks import estimate_consistent_gains
+from probe_design.built_probe.gain_fit import estimate_gains
+from probe_design.built_probe.gains import Gains, Observation
 from tests.support.hw.benches import BENCH, shares
 
 LOAD, NOISE = 10e-3, 1.5e-5  # N
@@ -21,12 +22,12 @@ FILMS = TRUTH @ (LOAD * np.array([0.4, 0.6]))  # what is read on soft tissue
 def leaking(pin: float, ring: float, leak: float | None = None) -> tuple[Gains, tuple[str, ...]]:
     """Gains from readings that are exact but for what pin and ring leak; ``leak``: believed in, in place of the bench's."""
     bench = BENCH if leak is None else stated(leak)
-    parts = compute_inner_shares(shares().log_ratios, bench.reference)
+    parts = compute_inner_fractions(shares().log_ratios, bench.reference)
     parts = parts + [{"inner": -pin, "outer": ring}.get(reference.on, 0.0) for reference in bench.reference]
     read = [TRUTH @ (LOAD * np.array([part, 1 - part])) for part in parts]
     pairs = zip(bench.reference, read, strict=True)
     seen = [Observation(reference, y, NOISE**2 * np.eye(2), LOAD, 1e-3 * LOAD) for reference, y in pairs]
-    return estimate_trusted_gains(seen, shares(), bench) if leak is None else (estimate_gains(seen, shares(), bench), ())
+    return estimate_consistent_gains(seen, shares(), bench) if leak is None else (estimate_gains(seen, shares(), bench), ())
 
 
 def stated(leak: float) -> Bench:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import Bench, Sampling
-from probe_design.built_probe.film_forces import measure_reading
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.film_forces import measure_samples
+from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.ratio_phase import add_ratio_phase, compare_ratio_phase, compute_ratio_phase
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from solver.results.result import Result
@@ -26,7 +26,7 @@ FORCES = LOAD * np.array([0.4 * np.exp(1j * PUT_IN), 0.6])
 
 
 def measured(forces: Floats = FORCES, built: BuiltProperties = EXACT, calibrated_at: float | None = None) -> Measurement:
-    return measure_reading(sampled(build_signals(built, BENCH, scene(), forces, 1)), BENCH, calibrated_at)
+    return measure_samples(sampled(build_signals(built, BENCH, scene(), forces, 1)), BENCH, calibrated_at)
 
 
 def of_parts(share: float) -> Bench:

@@ -11,12 +11,12 @@ import pytest
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Reference
 from probe_design.built_probe.block_predictions import BlockPrediction
-from probe_design.built_probe.film_forces import bound_warming, measure_reading
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.film_forces import bound_warming, measure_samples
+from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.reading import StressReading, compute_reading, predict_scene
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from solver.results.result import Result
@@ -34,7 +34,7 @@ AREAS = np.array([scene().probe.inner_area, scene().probe.outer_area])
 
 
 def measured(forces: Floats, built: BuiltProperties = EXACT, calibrated_at: float | None = None) -> Measurement:
-    return measure_reading(sampled(build_signals(built, BENCH, scene(), forces, 1)), BENCH, calibrated_at)
+    return measure_samples(sampled(build_signals(built, BENCH, scene(), forces, 1)), BENCH, calibrated_at)
 
 
 def make_prediction(ratio: float, error: float = 1e-3) -> Result:
@@ -145,7 +145,7 @@ def test_films_that_contradict_the_force_channel_are_refused(forces: Floats) -> 
 def test_what_the_waveform_adds_is_told(forces: Floats) -> None:
     ramp = sampled(build_signals(EXACT, BENCH, scene(), forces, 1))
     ramp.volts[:, 1] *= np.linspace(1.0, 1.02, len(ramp))
-    result = compute_reading(measure_reading(ramp, BENCH), scene(), BENCH, make_prediction(0.6))
+    result = compute_reading(measure_samples(ramp, BENCH), scene(), BENCH, make_prediction(0.6))
     assert any("channel outer changes" in warning for warning in result.warnings)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hw.common.samples import Samples
-from hw.signal.measure import Measurement
+from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.film_forces import compute_film_forces, measure_reading
+from probe_design.built_probe.film_forces import compute_film_forces, measure_samples
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 
@@ -33,7 +33,7 @@ def at_rate(bench: Bench, factor: float, rows: int = 20_000) -> Samples:
 
 
 def measured(bench: Bench, factor: float) -> Measurement:
-    return measure_reading(at_rate(bench, factor), bench)
+    return measure_samples(at_rate(bench, factor), bench)
 
 
 @pytest.mark.parametrize("factor", [0.9, 0.97, 0.995, 1.005, 1.03, 1.1])

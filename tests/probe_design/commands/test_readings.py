@@ -17,6 +17,8 @@ from geometry import InputError
 from hw.common.samples import Floats
 from hw.reader import Reader
 from hw.recordings.recording import compute_sha256
+from hw.signal.measurement import Measurement
+from hw.signal.reading_fit import ReadingFit
 from hw.signal.waveform import Flawed
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import make_virtual_probe
@@ -157,7 +159,13 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
     devices([GOOD] * 3)
     fits: list[int] = []  # rows of each
     real = film_forces.measure
-    monkeypatch.setattr(film_forces, "measure", lambda samples, *options: fits.append(len(samples)) or real(samples, *options))
+
+    def count_rows(reading: ReadingFit, *options: Any) -> Measurement:
+        measurement = real(reading, *options)
+        fits.append(measurement.fit.rows)
+        return measurement
+
+    monkeypatch.setattr(film_forces, "measure", count_rows)
     readings = reference_readings.read_references(SETUP, ReferenceRequest(device="usb", seconds=5.0), PINS, 0)
     known = replace(shares(), blocks=shares().blocks[:1])
     with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice

@@ -15,7 +15,7 @@ from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import BLOCK_MODULI, predict_blocks
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.probe_check.changed_designs import GAIN_NAME
 from probe_design.probe_check.check import Check

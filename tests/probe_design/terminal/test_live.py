@@ -14,16 +14,18 @@ from rich.console import Console
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples
 from hw.reader import Reader
-from hw.signal.running_fit import RunningFit
-from hw.signal.stretches import fit_sine
+from hw.signal.covariance import propagate_complex_covariance, split_parts
+from hw.signal.measurement import Measurement
+from hw.signal.reading_fit import ReadingFit
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import make_virtual_probe
-from probe_design.built_probe.film_forces import measure_reading
+from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.measuring.acquisition import fit_reading, select_last
 from probe_design.terminal.braille_chart import BLANK_CODE_POINT, draw_chart
 from probe_design.terminal.live import show_live
 from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
+from tests.support.hw.fits import fit_sine
 
 
 def test_chart_of_a_falling_line() -> None:
@@ -50,7 +52,7 @@ def probe(faults: tuple[Fault, ...] = (), seed: int = 0) -> Reader:
 
 def test_collected_is_what_the_reader_gives() -> None:
     looks: list[Samples] = []
-    running = RunningFit(5.0, force=True)
+    running = ReadingFit(5.0, force=True)
     with probe() as reader:
         fit_reading(reader, 4.0, None, running, show=looks.append, last=1.0)
     with probe() as reader:
@@ -64,7 +66,7 @@ def test_what_a_look_raises_does_not_end_the_reading() -> None:
     def look(samples: Samples) -> None:
         raise HardwareError("too little yet")
 
-    running = RunningFit(5.0, force=True)
+    running = ReadingFit(5.0, force=True)
     with probe() as reader:
         fit_reading(reader, 3.0, None, running, show=look, last=1.0)
     assert running.fit().rows == 1500
@@ -88,20 +90,31 @@ class Failing:
 def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
     reader: Any = Failing(fault)
     with pytest.raises(kind):
-        fit_reading(reader, 1.0, None, RunningFit(5.0, force=True), show=lambda samples: None, last=1.0)
+        fit_reading(reader, 1.0, None, ReadingFit(5.0, force=True), show=lambda samples: None, last=1.0)
 
 
 def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
     with probe((Fault("drop", 30, 4),)) as reader:
         lossy = reader.collect(8.0)
-    reading_made = measure_reading(lossy, BENCH)
-    assert reading_made.lost == 1
+    reading_made = measure_samples(lossy, BENCH)
+    assert reading_made.losses.gaps == 1
     assert reading_made.fit.rows < 4000
     with probe() as reader:
-        whole = measure_reading(reader.collect(8.0), BENCH)
-    assert abs(reading_made.ratio - whole.ratio) < 5 * np.sqrt(np.trace(whole.ratio_covariance))
+        whole = measure_samples(reader.collect(8.0), BENCH)
+    assert abs(compute_charge_ratio(reading_made) - compute_charge_ratio(whole)) < 5 * compute_ratio_sd(whole)
     with pytest.raises(HardwareError, match="lost"):
         calibrate(scene(), BENCH, [lossy] * 7, shares())
+
+
+def compute_charge_ratio(measurement: Measurement) -> complex:
+    return complex(measurement.charges[0] / measurement.charges[1])
+
+
+def compute_ratio_sd(measurement: Measurement) -> float:
+    covariance = propagate_complex_covariance(
+        lambda charges: split_parts(charges[:1] / charges[1:]), measurement.charges, measurement.covariance
+    )
+    return float(np.sqrt(np.trace(covariance)))
 
 
 @pytest.mark.parametrize(("terminal", "width"), [(True, 90), (False, 90), (True, 24)])
@@ -116,7 +129,7 @@ def test_following_shows_numbers(
     console = Console(file=screen, force_terminal=terminal, width=width, height=40)
     monkeypatch.setattr("probe_design.terminal.live.find_terminal", lambda: console if terminal else None)
     samples = sampled(build_signals(BuiltProperties(), BENCH, scene(), films(shares().log_ratios)[3], 1))
-    with show_live(lambda part: compare_reading(measure_reading(part, BENCH), scene(), BENCH, predicted)) as show:
+    with show_live(lambda part: compare_reading(measure_samples(part, BENCH), scene(), BENCH, predicted)) as show:
         show(samples)
         show(samples)
     shown = screen.getvalue() if terminal else capsys.readouterr().err

@@ -16,7 +16,7 @@ from probe_design.built_probe import calibration
 from probe_design.built_probe.bench import Bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import BlockPredictions, express_by_outer_radius, predict_blocks
 from probe_design.built_probe.film_forces import measure_strict_reading
-from probe_design.built_probe.gain_matrix import Gains
+from probe_design.built_probe.gains import Gains
 from probe_design.probe_check import check as probe_check
 from tests.support.paths import SCENE
 

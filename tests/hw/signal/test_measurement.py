@@ -10,8 +10,11 @@ from scipy.signal import lfilter
 
 from hw.common.samples import Gap, Samples
 from hw.signal.amplifier import ChargeAmplifier, TooSlow
-from hw.signal.measure import Measurement, check_measurement, measure, propagate_covariance
+from hw.signal.covariance import propagate_complex_covariance, propagate_covariance, split_parts
+from hw.signal.measurement import Measurement, check_measurement
+from hw.signal.reading_fit import Losses
 from hw.signal.waveform import Flawed
+from tests.support.hw.fits import measure_samples
 
 AMPLIFIER = ChargeAmplifier()
 CHARGES = np.array([1.0e-12 * np.exp(0.02j), 2.0e-12])
@@ -50,7 +53,7 @@ def test_response_is_that_of_the_simulated_circuit() -> None:
 
 def test_amplifier_is_divided_out() -> None:
     for frequency in (0.5, 5.0):
-        measurement = measure(record(1, frequency, rows=20_000), AMPLIFIER, frequency)
+        measurement = measure_samples(record(1, frequency, rows=20_000), frequency)
         error = np.abs(measurement.charges - CHARGES)
         assert np.all(error < 4 * np.sqrt(np.diag(measurement.covariance))[::2])
 
@@ -74,9 +77,15 @@ def test_slow_loads_are_refused() -> None:
 
 
 def test_ratio_and_its_covariance_against_monte_carlo() -> None:
-    measurements = [measure(record(seed), AMPLIFIER, 5.0) for seed in range(150)]
-    ratios = np.array([measurement.ratio for measurement in measurements])
-    stated = np.mean([measurement.ratio_covariance for measurement in measurements], axis=0)
+    measurements = [measure_samples(record(seed), 5.0) for seed in range(150)]
+    ratios = np.array([measurement.charges[0] / measurement.charges[1] for measurement in measurements])
+    stated = np.mean(
+        [
+            propagate_complex_covariance(lambda q: split_parts(q[:1] / q[1:]), measurement.charges, measurement.covariance)
+            for measurement in measurements
+        ],
+        axis=0,
+    )
     scatter = np.cov(np.stack([ratios.real, ratios.imag]))
     assert np.diag(stated) == pytest.approx(np.diag(scatter), rel=3 * np.sqrt(2 / 150))
     truth = CHARGES[0] / CHARGES[1]
@@ -92,38 +101,38 @@ def test_delta_method_of_a_known_function() -> None:
 
 
 def test_in_phase_parts_add_up_to_the_sum() -> None:
-    measurement = measure(record(3), AMPLIFIER, 5.0)
+    measurement = measure_samples(record(3), 5.0)
     assert measurement.in_phase.sum() == pytest.approx(abs(measurement.charges.sum()), rel=1e-12)
     assert np.all(np.diag(measurement.in_phase_covariance) > 0)
 
 
 def test_force_channel_is_optional() -> None:
-    assert measure(record(4, force=True), AMPLIFIER, 5.0).force is None
-    measurement = measure(record(4, force=True), AMPLIFIER, 5.0, sensitivity=0.1)
+    assert measure_samples(record(4, force=True), 5.0).force is None
+    measurement = measure_samples(record(4, force=True), 5.0, sensitivity=0.1)
     assert measurement.force == pytest.approx(0.2, abs=4 * (measurement.force_sd or 0.0))
-    assert measure(record(4), AMPLIFIER, 5.0, sensitivity=0.1).force is None
+    assert measure_samples(record(4), 5.0, sensitivity=0.1).force is None
 
 
 def clean() -> Measurement:
-    return measure(record(5), AMPLIFIER, 5.0)
+    return measure_samples(record(5), 5.0)
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"lost": 2}, "2 gaps"), ({"overruns": 1}, "overrun"), ({"saturated": 7}, "saturated"), ({}, "cycles")],
+    [({"gaps": 2}, "2 gaps"), ({"overruns": 1}, "overrun"), ({"saturated": 7}, "saturated"), ({}, "cycles")],
 )
 def test_flaws_are_refused(change: dict[str, int], words: str) -> None:
     check_measurement(clean(), 20)
     with pytest.raises(Flawed, match=words):
-        check_measurement(replace(clean(), **change), 20 if change else 200)
+        check_measurement(replace(clean(), losses=Losses(**change)), 20 if change else 200)
 
 
 def test_a_load_that_is_off_is_refused() -> None:
     for seed in range(30):
         silent = replace(record(6), volts=1e-5 * np.random.default_rng(seed).standard_normal((4000, 2)))
         with pytest.raises(Flawed, match="is it on"):
-            measure(silent, AMPLIFIER, 5.0)
-    weak = measure(record(6, noise=6e-3), AMPLIFIER, 5.0)
+            measure_samples(silent, 5.0)
+    weak = measure_samples(record(6, noise=6e-3), 5.0)
     with pytest.raises(Flawed, match="standard deviation"):
         check_measurement(weak, 20)
 
@@ -132,10 +141,10 @@ def test_what_is_lost_is_counted() -> None:
     whole = record(7)
     saturated = whole.saturated.copy()
     saturated[10:15, 0] = True
-    measurement = measure(replace(whole, saturated=saturated, gaps=(Gap(5, 2, "lost"),), overruns=3), AMPLIFIER, 5.0)
-    assert (measurement.saturated, measurement.lost, measurement.overruns) == (5, 1, 3)
+    measurement = measure_samples(replace(whole, saturated=saturated, gaps=(Gap(5, 2, "lost"),), overruns=3), 5.0)
+    assert measurement.losses == Losses(saturated=5, gaps=1, overruns=3)
 
 
 def test_both_films_are_needed() -> None:
     with pytest.raises(Flawed, match="outer"):
-        measure(replace(record(8), channels=("inner", "other")), AMPLIFIER, 5.0)
+        measure_samples(replace(record(8), channels=("inner", "other")), 5.0)

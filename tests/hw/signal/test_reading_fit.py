@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hw.common.samples import Gap, Samples
-from hw.signal.running_fit import RunningFit
+from hw.signal.reading_fit import ReadingFit
 from hw.signal.sine_fit import NoSine
-from hw.signal.stretches import fit_sine
+from tests.support.hw.fits import fit_sine
 
 RATE, LOAD = 100.0, 5.003
 TRUE = np.array([0.9e-3, -1.6e-3, 1e-2])
@@ -33,8 +33,8 @@ def reading(seconds: float) -> Samples:
     )
 
 
-def fitted(whole: Samples, piece_rows: int = 70) -> RunningFit:
-    running = RunningFit(5.0, force=True, rows=PIECE)
+def fitted(whole: Samples, piece_rows: int = 70) -> ReadingFit:
+    running = ReadingFit(5.0, force=True, rows=PIECE)
     for start in range(0, len(whole), piece_rows):
         part = whole.select_from(int(whole.index[start]))
         running.add(part.select_before(int(whole.index[start + piece_rows])) if start + piece_rows < len(whole) else part)
@@ -73,4 +73,4 @@ def test_a_load_that_is_off_in_one_piece_is_said_at_the_end() -> None:
     with pytest.raises(NoSine, match="shows no change"):
         running.fit()
     with pytest.raises(NoSine, match="no samples"):
-        RunningFit(5.0, force=True).fit()
+        ReadingFit(5.0, force=True).fit()

@@ -10,7 +10,7 @@ from geometry import InputError, Scene
 from geometry.scenes.scene import Load
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.load_checks import check_expected, describe_remedy
+from probe_design.built_probe.load_plausibility import check_expected, describe_remedy
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, LOAD, calibrate, check, films, sampled, scene, shares
 

@@ -15,7 +15,7 @@ from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.block_predictions import predict_blocks
 from probe_design.built_probe.calibration import Calibration
-from probe_design.built_probe.exchanges import check_films, find_dead_film
+from probe_design.built_probe.swapped_connections import check_films, find_dead_film
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 from tests.support.slow import slow_unless
@@ -135,7 +135,8 @@ def test_a_probe_off_its_drawing_is_calibrated_by_pin_and_ring() -> None:
     spread = np.sqrt(np.diag(fitted.gains.covariance))
     truth = np.array([1.04 / 1.01, 0.012 / 1.01, 0.008 / 0.985, 0.96 / 0.985])  # gains of films over those of capacitors
     assert np.all(np.abs(fitted.gains.matrix.ravel() - truth) < 3.5 * spread)
-    assert fitted.gains.freedom == 2  # 4 films and 2 forces, the force channel's error and two cross-talks, of 7 unknowns
+    # 4 films and 2 forces, the force channel's error and two cross-talks, of 7 unknowns
+    assert fitted.gains.degrees_of_freedom == 2
     assert np.all(fitted.gains.slopes == 0)
 
 

@@ -1,0 +1,255 @@
+"""Estimate the gain matrix of both channels from readings on references.
+
+On a reference k under the load F_k, the film forces are F_k (s, 1 - s): s is 1 or 0 for a pin or a ring, except for the fraction
+that leaks to the other block; ln(s / (1 - s)) = lambda_k is predicted for a block of tissue with errors of the solver, the
+block's modulus and the workshop. M, F_k, lambda_k and the leaks follow together from least squares (BP.2), each datum and each
+prediction with its covariance. Only the blocks' readings separate a leak from cross-talk. Without force channel, and without a
+reference of known load, all F_k are free and M is determined only up to a common factor.
+
+Readings of the films alone cannot confirm the force channel's scale: a sensor that reads 10 % high makes all gains 10 % too small
+and contradicts nothing. Its maker's tolerance is used once a known load has confirmed it. Until then the scale k is unknown, and
+follows from the films' nominal gains, of standard deviation sigma each:
+
+    F_read = k F,    (g_inner + g_outer) / 2 = 1 +- sigma / sqrt(2)                                        (BP.9)
+
+F is the true force, F_read the channel's reading, g_inner and g_outer the films' gains. A reference of known load determines k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, Words
+from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_fractions
+from probe_design.built_probe.gains import ForceScale, Gains, Observation
+from probe_design.inference.linear_gaussian import LinearGaussian
+
+MAX_RESOLVED_GAIN_SD = 0.2  # relative standard deviation of a gain above which the readings do not determine it
+MAX_FIT_STEPS = 25  # iterations of the fit; readings that agree take ten
+PRIOR_ONLY = 0.7  # posterior over prior standard deviation of a cross-talk above which the readings do not determine it
+UNKNOWN_SCALE_SD = 1.0  # of ln k if unknown: the films' nominal gains have 400 times the weight
+
+
+def estimate_gains(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench) -> Gains:
+    """Estimate M from readings on references, eq. BP.2.
+
+    Parameters
+    ----------
+    observations
+        One for each reading.
+    predictions
+        For those of them that are on tissue, in their order.
+    bench
+        Tolerances, and the assumed cross-talk.
+
+    Raises
+    ------
+    InputError
+        The references do not determine the gains.
+    """
+    from scipy.optimize import least_squares
+
+    problem = _GainProblem(tuple(observations), predictions, bench)
+    start = problem.build_start()
+    data_count = len(problem.compute_residuals(start)) - len(problem.compute_mean_gain_residual(start))
+    if data_count <= len(start):
+        raise _build_unresolved_error(np.inf)
+    max_evaluations = MAX_FIT_STEPS * (len(start) + 1)  # readings that contradict each other may not converge
+    solved = least_squares(
+        problem.compute_residuals, start, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=max_evaluations
+    )
+    jacobian = np.asarray(solved.jac)  # of residuals over their standard deviations
+    fit = LinearGaussian(jacobian, np.ones(len(jacobian)), np.full(len(start), np.inf))
+    unknowns_covariance = fit.compute_posterior_covariance()
+    if not np.isfinite(unknowns_covariance).all():
+        raise _build_unresolved_error(np.inf)
+    matrix, derivatives = problem.compute_matrix(solved.x), problem.compute_matrix_derivatives(solved.x)
+    covariance = derivatives @ unknowns_covariance @ derivatives.T
+    entry_sds = np.sqrt(np.diag(covariance))
+    if max(entry_sds[[0, 3]] / np.abs(np.diag(matrix))) > MAX_RESOLVED_GAIN_SD:
+        raise _build_unresolved_error(max(entry_sds[[0, 3]]))
+    if not problem.is_absolute:  # the readings do not improve the common factor
+        covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
+    inner_resolved, outer_resolved = (bool(entry_sds[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
+    prior_misfit = float((problem.compute_mean_gain_residual(solved.x) ** 2).sum())  # no reading: not part of the chi-square
+    return Gains(
+        matrix=matrix,
+        covariance=covariance,
+        slopes=derivatives @ fit.compute_posterior_mean(problem.shift_residuals(predictions.slopes).T).T,
+        workshop=predictions.compute_tolerances(bench.workshop),
+        absolute=problem.is_absolute,
+        cross_talk_resolved=(inner_resolved, outer_resolved),
+        chi_square=float(2 * solved.cost - prior_misfit),
+        degrees_of_freedom=data_count - len(start),
+        force_scale=problem.build_force_scale(solved.x, derivatives, unknowns_covariance),
+    )
+
+
+def _build_unresolved_error(gain_sd: float) -> InputError:
+    entry = Words(f"these leave a gain uncertain by {gain_sd:.2g}")
+    allowed = "two or more references on which the films' shares differ: a pin on the inner and a ring on the outer block do most"
+    return InputError("reference", entry, allowed)
+
+
+def compute_mean_gain_sd(bench: Bench) -> float:
+    """Return the standard deviation of the mean of both channels' gains, due to films and amplifiers."""
+    amplifiers = bench.amplifier.build_films()
+    return float(np.sqrt(sum(bench.channels.gain**2 + amplifier.capacitance_tolerance**2 for amplifier in amplifiers)) / 2)
+
+
+class _Unknowns(NamedTuple):
+    """The unknowns of the fit: M / k, and ln k, with which the poorly determined k leaves other residuals linear."""
+
+    scaled_matrix: Floats  # M / k, shape (2, 2); its last entry is 1 where only the ratio of the gains is determined
+    loads: Floats  # k F_k, N
+    log_ratios: Floats  # lambda_k of the blocks
+    leaks: Floats  # over their standard deviations
+    log_scale: float  # ln k; 0 without force channel
+
+
+@dataclass(frozen=True)
+class _GainProblem:
+    """The least-squares problem of eq. BP.2: residuals, each over its standard deviation."""
+
+    observations: tuple[Observation, ...]
+    predictions: BlockPredictions
+    bench: Bench
+
+    @cached_property
+    def references(self) -> list[Reference]:
+        return [observation.reference for observation in self.observations]
+
+    @cached_property
+    def has_force(self) -> bool:
+        """Whether the force channel shows each load."""
+        return all(observation.force is not None for observation in self.observations)
+
+    @cached_property
+    def has_known_load(self) -> bool:
+        return any(reference.known_force is not None for reference in self.references)
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether the common factor of the gains is determined."""
+        return self.has_force or self.has_known_load
+
+    @property
+    def is_scale_confirmed(self) -> bool:
+        return (self.bench.force is not None and self.bench.force.verified) or self.has_known_load
+
+    @cached_property
+    def scale_sd(self) -> float:
+        """Standard deviation of ln k before any reading; 0 without force channel."""
+        if not self.has_force or self.bench.force is None:
+            return 0.0
+        max_loss = max(observation.force_loss for observation in self.observations)
+        return float(np.hypot(self.bench.force.tolerance if self.bench.force.verified else UNKNOWN_SCALE_SD, max_loss))
+
+    @cached_property
+    def entry_count(self) -> int:
+        """Number of free entries of M / k."""
+        return 4 if self.is_absolute else 3
+
+    def build_start(self) -> Floats:
+        """Build the vector of unknowns at nominal gains: entries, ln loads, ln ratios, leaks and ln k over its prior sd."""
+        entries = np.eye(2).ravel()[: self.entry_count]
+        log_loads = np.log([observation.load for observation in self.observations])
+        others = np.zeros(self._leak_effects.shape[1] + self.has_force)
+        return np.concatenate([entries, log_loads, self.predictions.log_ratios, others])
+
+    def _split(self, unknowns: Floats) -> _Unknowns:
+        sizes = (self.entry_count, len(self.observations), len(self.predictions.blocks), self._leak_effects.shape[1])
+        entries, log_loads, log_ratios, leaks, scale = np.split(unknowns, np.cumsum(sizes))
+        matrix = np.append(entries, np.ones(4 - len(entries))).reshape(2, 2)
+        return _Unknowns(matrix, np.exp(log_loads), log_ratios, leaks, self.scale_sd * float(scale.sum()))
+
+    def compute_matrix(self, unknowns: Floats) -> Floats:
+        """Return M, shape (2, 2)."""
+        parts = self._split(unknowns)
+        return np.asarray(np.exp(parts.log_scale) * parts.scaled_matrix)
+
+    def compute_matrix_derivatives(self, unknowns: Floats) -> Floats:
+        """Return the derivatives of M's entries with respect to the unknowns, shape (4, unknowns)."""
+        derivatives = np.zeros((4, len(unknowns)))
+        derivatives[: self.entry_count, : self.entry_count] = np.exp(self._split(unknowns).log_scale) * np.eye(self.entry_count)
+        if self.has_force:
+            derivatives[:, -1] = self.scale_sd * self.compute_matrix(unknowns).ravel()
+        return derivatives
+
+    def compute_residuals(self, unknowns: Floats) -> Floats:
+        """Return the residuals: readings, predictions, leaks, cross-talk, mean gain, known loads, force channel and its scale."""
+        matrix, loads, log_ratios, leaks, log_scale = self._split(unknowns)
+        fractions = compute_inner_fractions(log_ratios, self.references) + self._leak_effects @ leaks
+        films = np.stack([fractions, 1 - fractions], axis=1) * loads[:, None] @ matrix.T
+        read = np.array([observation.films for observation in self.observations])
+        parts = [
+            (self._whitening @ (read - films)[..., None]).ravel(),
+            np.linalg.solve(self._prediction_root, log_ratios - self.predictions.log_ratios),
+            leaks,
+            matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9),
+            self.compute_mean_gain_residual(unknowns),
+        ]
+        known = [(k, reference) for k, reference in enumerate(self.references) if reference.known_force is not None]
+        log_errors = [np.log(loads[k] / (reference.known_force or 1.0)) - log_scale for k, reference in known]
+        parts.append(np.array(log_errors) / [reference.known_force_tolerance for _, reference in known])
+        if self.has_force:
+            forces, force_sds = self._forces
+            parts += [(forces - loads) / force_sds, unknowns[-1:]]
+        return np.concatenate(parts)
+
+    def compute_mean_gain_residual(self, unknowns: Floats) -> Floats:
+        """Return the mean gain's deviation from 1, in sd, shape (1,), if nothing else determines k; otherwise shape (0,)."""
+        if not self.has_force or self.is_scale_confirmed:
+            return np.zeros(0)
+        return np.array([(np.trace(self.compute_matrix(unknowns)) / 2 - 1) / compute_mean_gain_sd(self.bench)])
+
+    def build_force_scale(self, unknowns: Floats, derivatives: Floats, covariance: Floats) -> ForceScale:
+        """Build the estimated scale of the force channel."""
+        if not self.has_force:
+            return ForceScale()
+        sd = float(np.sqrt(covariance[-1, -1]))  # over the prior's
+        first, second, third, fourth = (derivatives @ covariance[:, -1] / sd).tolist()
+        factor = float(np.exp(self._split(unknowns).log_scale))
+        return ForceScale.model_construct(  # not validated: the fit of readings that contradict each other may give any number
+            factor=factor, sd=self.scale_sd * sd, entries=(first, second, third, fourth), confirmed=self.is_scale_confirmed
+        )
+
+    def shift_residuals(self, derivatives: Floats) -> Floats:
+        """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v)."""
+        first_row = 2 * len(self.observations)
+        shifts = np.zeros((len(self.compute_residuals(self.build_start())), derivatives.shape[1]))
+        shifts[first_row : first_row + len(derivatives)] = np.linalg.solve(self._prediction_root, derivatives)
+        return shifts
+
+    @cached_property
+    def _leak_effects(self) -> Floats:
+        """Change of the inner film's fraction of the load for a leak of one sd, shape (readings, pins and rings)."""
+        effects = [(-1.0 if reference.on == "inner" else 1.0) * reference.leak_sd for reference in self.references]
+        return np.diag(effects)[:, [reference.on != "tissue" for reference in self.references]]
+
+    @cached_property
+    def _forces(self) -> tuple[Floats, Floats]:
+        """Forces by the force channel and their standard deviations by noise, N."""
+        forces = [(observation.force, observation.force_sd) for observation in self.observations]
+        values, sds = np.array(forces, dtype=float).T
+        return values, sds
+
+    @cached_property
+    def _whitening(self) -> Floats:
+        """Matrices that make each reading's errors independent and of unit variance, shape (readings, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky([observation.covariance for observation in self.observations])))
+
+    @cached_property
+    def _prediction_root(self) -> Floats:
+        """Cholesky factor of the predictions' covariance: each block's own error, and the workshop's error shared by all."""
+        blocks = zip(self.predictions.blocks, (item for item in self.references if item.on == "tissue"), strict=True)
+        block_variances = np.array([prediction.compute_variance(reference) for prediction, reference in blocks])
+        workshop_errors = self.predictions.slopes * self.predictions.compute_tolerances(self.bench.workshop)
+        return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(workshop_errors, block_variances).covariance))
