@@ -11,17 +11,17 @@ import errno
 import struct
 import time
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
 from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
 
 from hw.common.samples import Floats
-from hw.simulation.firmware import Fault, Firmware, Halted
+from hw.simulation.firmware import Firmware, Halted
 from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
-_ENDPOINT_ADDRESS = 0x81
+_BUS_ADDRESS, _ENDPOINT_ADDRESS = 2, 0x81
 _DEVICE_DESCRIPTOR: dict[str, object] = {
     "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0210, "bDeviceClass": 0, "bDeviceSubClass": 0, "bDeviceProtocol": 0,
     "bMaxPacketSize0": 64, "idVendor": VENDOR_ID, "idProduct": PRODUCT_ID, "bcdDevice": 0x0100, "iManufacturer": 1, "iProduct": 2,
@@ -55,11 +55,10 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
     def __init__(self, firmware: Firmware, serial: str, pace: bool) -> None:
         super().__init__()
         self.serial, self.firmware, self._pace = serial, firmware, pace
-        self._address, self._partial, self._begin = 2, b"", time.monotonic()
+        self._begin = time.monotonic()
 
     def enumerate_devices(self) -> Iterator[int]:
-        if not self.firmware.is_absent():
-            yield self._address
+        yield _BUS_ADDRESS
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
         return SimpleNamespace(**_DEVICE_DESCRIPTOR, address=dev)
@@ -92,47 +91,25 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
     def release_interface(self, dev_handle: int, intf: int) -> None:
         """Do nothing: no other program waits for it."""
 
-    def clear_halt(self, dev_handle: int, ep: int) -> None:
-        self._check_present(dev_handle)
-        self.firmware.halted = False
-
     def ctrl_transfer(
         self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: array[int], timeout: int
     ) -> int:
-        self._check_present(dev_handle)
         if (bmRequestType, bRequest, wValue) == (0x80, 6, 0x0303):
             text = self.serial.encode("utf-16-le")
             return _fill_buffer(data, struct.pack("BB", 2 + len(text), 3) + text)
         try:
             answer = self.firmware.control(bRequest, wValue, bytes(data) if not bmRequestType & 0x80 else b"")
         except Halted as refused:
-            raise _build_pipe_error() from refused
+            raise USBError("Pipe error", -9, errno.EPIPE) from refused
         self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin
         return _fill_buffer(data, answer) if bmRequestType & 0x80 else len(data)
 
     def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: array[int], timeout: int) -> int:
-        self._check_present(dev_handle)
-        size = len(buff) * buff.itemsize
-        try:
-            data = self.firmware.send(size)
-            _fill_buffer(buff, data)
-            if data and len(data) < size:  # a short transfer ends with its fault, as in libusb
-                self.firmware.send(size)
-        except Halted as stall:
-            raise _build_pipe_error() from stall
-        except OSError as fault:
-            if fault.errno == errno.ENODEV:
-                self._address += 1
-                raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV) from fault
-            raise USBError("Input/Output Error", -1, errno.EIO) from fault
+        data = self.firmware.send(len(buff) * buff.itemsize)
         if not data:
             raise USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
         self._wait()
-        return len(data)
-
-    def _check_present(self, address: int) -> None:
-        if address != self._address or self.firmware.is_absent():
-            raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
+        return _fill_buffer(buff, data)
 
     def _wait(self) -> None:
         """Wait until the time at which the samples would have been taken."""
@@ -145,7 +122,6 @@ def make_virtual_probe(
     rate: float,
     serial: str = "VIRTUAL",
     *,
-    faults: Sequence[Fault] = (),
     channels: int = 2,
     scale: float = 1e-4,
     packet: int = 512,
@@ -161,8 +137,6 @@ def make_virtual_probe(
         Sampling rate, Hz.
     serial
         Its serial number.
-    faults
-        Faults and their frames.
     channels
         2, or 3 with a force.
     scale
@@ -172,14 +146,10 @@ def make_virtual_probe(
     pace
         Deliver samples in real time; if false, as fast as they are read.
     """
-    return VirtualProbe(Firmware(signals, rate, (scale,) * channels, packet, faults), serial, pace)
+    return VirtualProbe(Firmware(signals, rate, (scale,) * channels, packet), serial, pace)
 
 
 def _fill_buffer(buffer: array[int], data: bytes) -> int:
     size = min(len(data), len(buffer) * buffer.itemsize)
     memoryview(buffer).cast("B")[:size] = data[:size]
     return size
-
-
-def _build_pipe_error() -> USBError:
-    return USBError("Pipe error", -9, errno.EPIPE)

@@ -17,10 +17,10 @@ from hw.common.errors import Overrun, Timeout, TransferError
 from hw.common.samples import Gap
 from hw.common.transport import Chunk
 from hw.reader import Reader
-from hw.simulation.firmware import Fault, Kind
 from hw.simulation.virtual import make_virtual_probe
 from hw.usb.transport import Patience
 from hw.wire.frames import MAX_CODE, MIN_CODE
+from tests.support.hw.faulty_probe import Fault, Kind
 from tests.support.hw.virtual_probes import LOST, RATE, SCALE, probe, read, right
 
 

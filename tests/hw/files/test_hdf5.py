@@ -17,7 +17,7 @@ from hw.common.samples import Samples
 from hw.files.columns import ColumnMap
 from hw.files.hdf5_recorder import Hdf5Recorder
 from hw.reader import Reader
-from hw.simulation.firmware import Fault
+from tests.support.hw.faulty_probe import Fault
 from tests.support.hw.virtual_probes import probe
 
 RATE, ROWS = 1000.0, 500

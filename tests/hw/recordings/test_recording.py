@@ -24,8 +24,8 @@ from hw.common.errors import (
 from hw.common.transport import Chunk
 from hw.reader import Reader
 from hw.recordings.recording import FILE_FORMAT, Recorder, Recording, compute_sha256
-from hw.simulation.firmware import Fault
 from hw.usb.transport import UsbTransport
+from tests.support.hw.faulty_probe import Fault
 from tests.support.hw.virtual_probes import HURRIED, probe, right
 
 

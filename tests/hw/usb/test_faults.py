@@ -22,11 +22,12 @@ from hw.common.errors import (
 )
 from hw.reader import Reader
 from hw.simulation import virtual as virtual_bus
-from hw.simulation.firmware import Fault, Halted, Kind
+from hw.simulation.firmware import Halted
 from hw.usb import find
 from hw.usb.faults import classify_fault
 from hw.usb.transport import UsbTransport
 from hw.wire.protocol import START
+from tests.support.hw.faulty_probe import Fault, Kind
 from tests.support.hw.virtual_probes import probe, read
 from tests.support.paths import ROOT
 

@@ -20,7 +20,6 @@ from hw.recordings.recording import compute_sha256
 from hw.signal.measurement import Measurement
 from hw.signal.reading_fit import ReadingFit
 from hw.signal.waveform import Flawed
-from hw.simulation.firmware import Fault
 from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe import film_forces, reading
 from probe_design.built_probe.calibration import calibrate
@@ -31,6 +30,7 @@ from probe_design.commands.hardware_sources import HardwareSetup, build_openers,
 from probe_design.commands.main import cli
 from solver.results.result import Result
 from tests.support.hw.benches import BENCH, scene, shares
+from tests.support.hw.faulty_probe import Fault, make_faulty_probe
 from tests.support.paths import SCENE
 
 SETUP = HardwareSetup(scene(), BENCH)
@@ -54,7 +54,7 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
     def connect(faults: list[tuple[Fault, ...]]) -> None:
         first = next(connected)
         boards = iter(
-            [make_virtual_probe(volts(first + k), 500.0, channels=3, scale=2e-6, faults=fault) for k, fault in enumerate(faults)]
+            [make_faulty_probe(volts(first + k), 500.0, channels=3, scale=2e-6, faults=fault) for k, fault in enumerate(faults)]
         )
         opened: Any = lambda name, *options: real(next(boards) if name == "usb" else name, *options)  # noqa: E731
         monkeypatch.setattr(hardware_sources.Reader, "open", opened)

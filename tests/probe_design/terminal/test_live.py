@@ -17,14 +17,13 @@ from hw.reader import Reader
 from hw.signal.covariance import propagate_complex_covariance, split_parts
 from hw.signal.measurement import Measurement
 from hw.signal.reading_fit import ReadingFit
-from hw.simulation.firmware import Fault
-from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.measuring.acquisition import fit_reading, select_last
 from probe_design.terminal.braille_chart import BLANK_CODE_POINT, draw_chart
 from probe_design.terminal.live import show_live
 from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
+from tests.support.hw.faulty_probe import Fault, make_faulty_probe
 from tests.support.hw.fits import fit_sine
 
 
@@ -47,7 +46,7 @@ def test_chart_of_a_constant_is_drawn() -> None:
 
 def probe(faults: tuple[Fault, ...] = (), seed: int = 0) -> Reader:
     volts = build_signals(BuiltProperties(), BENCH, scene(), films(shares().log_ratios)[3], seed)
-    return Reader.open(make_virtual_probe(volts, 500.0, channels=3, scale=2e-6, faults=faults))
+    return Reader.open(make_faulty_probe(volts, 500.0, channels=3, scale=2e-6, faults=faults))
 
 
 def test_collected_is_what_the_reader_gives() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 
 from hw.common.samples import Floats, Samples
 from hw.reader import Reader
-from hw.simulation.firmware import Fault
-from hw.simulation.virtual import VirtualProbe, make_virtual_probe
+from hw.simulation.virtual import VirtualProbe
 from hw.usb.transport import Patience, UsbTransport
+from tests.support.hw.faulty_probe import Fault, make_faulty_probe
 
 RATE, SCALE = 1e5, 2.0**-12
 LOST = "frames were lost or damaged on the way"
@@ -22,7 +22,7 @@ def signals(t: Floats) -> Floats:
 
 
 def probe(*faults: Fault, packet: int = 64) -> VirtualProbe:
-    return make_virtual_probe(signals, RATE, serial="V1", faults=faults, scale=SCALE, packet=packet)
+    return make_faulty_probe(signals, RATE, serial="V1", faults=faults, scale=SCALE, packet=packet)
 
 
 def read(source: VirtualProbe, seconds: float = 0.02, patience: Patience = HURRIED) -> Samples:
