@@ -19,7 +19,7 @@ from hw.files.columns import ColumnMap, resolve_channel_numbers
 from hw.files.open_file import is_from_other_program, open_file
 from hw.files.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
-from hw.recorders import DataRecorder, open_recorder
+from hw.reading_recorder import ReadingRecorder
 from hw.recordings.replay import Replay
 from hw.serial_port.transport import SerialTransport
 from hw.simulation.virtual import VirtualProbe
@@ -109,10 +109,10 @@ class Reader:
         self._drain = Drain(self.transport)
         with ExitStack() as stack:
             stack.callback(self._drain.close)
-            recorder: DataRecorder | None = None
+            recorder: ReadingRecorder | None = None
             for chunk in self._drain:
                 if record is not None and recorder is None:
-                    recorder = open_recorder(record, self.header)
+                    recorder = ReadingRecorder(Path(record), self.header)
                     stack.callback(self._try_recording, recorder, recorder.close)
                 if recorder is not None:
                     self._try_recording(recorder, recorder.write, chunk)
@@ -126,7 +126,7 @@ class Reader:
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def _try_recording(self, recorder: DataRecorder, step: Callable[..., None], *data: object) -> None:
+    def _try_recording(self, recorder: ReadingRecorder, step: Callable[..., None], *data: object) -> None:
         """Run a step of recording. A full disk ends the recording but not the reading; ``close`` (no data) always runs."""
         if "unrecorded" in self.header.source and data:
             return
