@@ -29,7 +29,7 @@ class TradeoffRequest(LimitedRequest):
     """  # noqa: D301
 
     scenes: Annotated[tuple[Path, ...], Option("Files of scenes.", is_argument=True, metavar="[SCENE]...")] = ()
-    output: Annotated[Path, Option("Folder for table, plot and JSON file.", "-o/--output")]
+    output: Annotated[Path, Option("Folder for page, picture and JSON file.", "-o/--output")]
     solid: Annotated[bool, Option("Run the three-dimensional evaluator too: minutes for each scene.")] = False
     linear: Linear = False
 
@@ -37,15 +37,14 @@ class TradeoffRequest(LimitedRequest):
         """Measure, write the files and report."""
         from geometry.common.files import check_writable
         from probe_design.terminal.console import show_stages, show_table, warn, write_message
-        from probe_design.tradeoffs.files import write_all
+        from probe_design.tradeoffs.report import build_choice_table, build_summary_table, write_files
         from probe_design.tradeoffs.study import measure_tradeoff
-        from probe_design.tradeoffs.tables import build_choice_table, build_summary_table
 
         named_scenes = _read_scenes(self.scenes)
         check_writable(self.output)  # checked before the computation rather than after it
         with show_stages() as progress:
             study = measure_tradeoff(named_scenes, self.solid, progress, linear=self.linear)
-        files = write_all(study, self.output)
+        files = write_files(study, self.output)
         if self.as_json:
             print_json(study.as_dict() | {"files": [str(file) for file in files]})
         else:
@@ -60,9 +59,8 @@ class TradeoffRequest(LimitedRequest):
 
 def _describe_broken_row(row: Row) -> str:
     """Return a warning about an evaluator whose true error is above its stated error."""
-    setting = row.evaluator if row.accuracy is None else f"{row.evaluator} at {row.accuracy:g}"
     reason = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
-    return f"{row.scene}: {setting} {reason}"
+    return f"{row.scene}: {row.setting} {reason}"
 
 
 def _read_scenes(paths: Sequence[Path]) -> dict[str, Scene]:

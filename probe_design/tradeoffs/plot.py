@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,6 +24,7 @@ EVALUATOR_COLOURS = {
     "closed-form": "tab:green", "equivalent-inclusion": "tab:orange", "axisymmetric": "tab:blue", "solid": "tab:purple",
 }  # fmt: skip
 EVALUATOR_MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^"}
+FRONT_STYLE: dict[str, Any] = {"color": "0.55", "linewidth": 5.0, "alpha": 0.35}
 MIN_DRAWN_ERROR = 1e-8  # smaller errors are drawn here
 MAX_PANELS = 30  # scenes drawn; the title says if there are more
 
@@ -47,53 +48,40 @@ def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
         _draw_panel(axes, name, study.find_rows(name))
     for axes in grid.flat[len(names) :]:
         axes.set_axis_off()
-    for column in range(column_count):
-        _find_bottom_axes(grid, len(names), column).set_xlabel("time of one evaluation, s")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("relative error of the ratio")
+    figure.supxlabel("time of one evaluation, s", fontsize=10)
+    figure.supylabel("relative error of the ratio", fontsize=10)
     remark = "" if len(names) == len(study.scenes) else f" (the first {len(names)} of {len(study.scenes)} scenes)"
     figure.suptitle(f"Speed against accuracy{remark}", fontsize=13)
     _draw_legend(figure, study)
     return save_figure(figure, path)
 
 
-def _find_bottom_axes(grid: Any, count: int, column: int) -> Any:
-    """Return the lowest used panel of a column, with its x labels on: the panels below it may be empty."""
-    column_count = grid.shape[1]
-    row = (count - 1 - column) // column_count
-    axes = grid[row, column]
-    axes.tick_params(labelbottom=True)
-    return axes
-
-
 def _draw_panel(axes: Axes, name: str, rows: Sequence[Row]) -> None:
     """Draw the panel of one scene."""
-    answers = remove_duplicates(rows)
-    _draw_front(axes, answers)
-    for row in answers:
+    results = remove_duplicates(rows)
+    _draw_front(axes, results)
+    for row in results:
         _draw_row(axes, row)
-    _label_accuracies(axes, answers)
+    _label_accuracies(axes, results)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(alpha=0.25)
+    axes.tick_params(labelbottom=True)  # the panel below may be empty
     axes.set_title(escape_unprintable(name), fontsize=10, parse_math=False)
-    unanswered = {row.evaluator for row in rows} - {row.evaluator for row in answers}
-    if unanswered:
-        axes.text(
-            0.98, 0.97, f"no result: {', '.join(sorted(unanswered))}", transform=axes.transAxes, ha="right", va="top",
-            fontsize=7.5,
-            color="0.35",
-        )  # fmt: skip
+    refusing = sorted({row.evaluator for row in rows} - {row.evaluator for row in results})
+    if refusing:
+        text = f"no result: {', '.join(refusing)}"
+        axes.text(0.98, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=7.5, color="0.35")
 
 
-def _draw_front(axes: Any, answers: Sequence[Row]) -> None:
+def _draw_front(axes: Any, results: Sequence[Row]) -> None:
     """Draw the Pareto front as steps: the smallest stated error that is available within a time."""
-    front = find_pareto_front(answers)
+    front = find_pareto_front(results)
     if not front:
         return
     x = [row.seconds_probe for row in front]
     y = [_clip_error(row.stated_error) for row in front]
-    axes.step([*x, 3 * (x[-1] or 0.0)], [*y, y[-1]], where="post", color="0.55", linewidth=5.0, alpha=0.35, zorder=1)
+    axes.step([*x, 3 * (x[-1] or 0.0)], [*y, y[-1]], where="post", zorder=1, **FRONT_STYLE)
 
 
 def _draw_row(axes: Any, row: Row) -> None:
@@ -111,11 +99,11 @@ def _draw_row(axes: Any, row: Row) -> None:
     axes.plot(x, stated_error, "*" if row.reference else marker, color=colour, markersize=12 if row.reference else 6.5, zorder=4)
 
 
-def _label_accuracies(axes: Axes, answers: Sequence[Row]) -> None:
+def _label_accuracies(axes: Axes, results: Sequence[Row]) -> None:
     """Label points with the requested accuracy, where labels do not overlap."""
     label_places: list[tuple[float, float]] = []
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.3}
-    for row in answers:
+    for row in results:
         x, y = math.log10(row.seconds_probe or 1.0), math.log10(_clip_error(row.stated_error))
         if row.accuracy is None or any(abs(x - label_x) < 0.6 and abs(y - height) < 0.35 for label_x, height in label_places):
             continue
@@ -132,29 +120,22 @@ def _clip_error(error: float | None) -> float:
 
 def _draw_legend(figure: Any, study: Tradeoff) -> None:
     """Draw the legend below the panels."""
-
-    def build_handle(
-        label: str, marker: str = "", colour: str = "0.3", style: Literal["", "-", ":"] = "", **options: Any
-    ) -> Line2D:
-        return Line2D([], [], marker=marker, color=colour, linestyle=style, label=label, **options)
-
-    evaluators = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)
-    handles = [
-        build_handle(
-            evaluator if evaluator == "closed-form" else f"{evaluator}: requested accuracy",
-            EVALUATOR_MARKERS[evaluator],
-            EVALUATOR_COLOURS[evaluator],
-        )
-        for evaluator in evaluators
-    ]
-    handles += [
-        build_handle("stated error", "o"),
-        build_handle("true error", "o", markerfacecolor="white"),
-        build_handle("true error is below this", "v", markerfacecolor="white"),
-        build_handle("reference", "*", markersize=11),
-        build_handle("Pareto front of stated errors", colour="0.55", style="-", linewidth=5.0, alpha=0.35),
-        build_handle("next tumour, same probe", "|", style=":", markersize=8),
-    ]
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=3 if len(study.scenes) > 1 else 2, fontsize=8.5, frameon=False
-    )
+    shown_evaluators = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)
+    styles: dict[str, dict[str, Any]] = {
+        name if name == "closed-form" else f"{name}: requested accuracy": {
+            "marker": EVALUATOR_MARKERS[name],
+            "color": EVALUATOR_COLOURS[name],
+        }
+        for name in shown_evaluators
+    }
+    styles |= {
+        "stated error": {"marker": "o"},
+        "true error": {"marker": "o", "markerfacecolor": "white"},
+        "true error is below this": {"marker": "v", "markerfacecolor": "white"},
+        "reference": {"marker": "*", "markersize": 11},
+        "Pareto front of stated errors": FRONT_STYLE | {"linestyle": "-"},
+        "next tumour, same probe": {"marker": "|", "linestyle": ":", "markersize": 8},
+    }
+    handles = [Line2D([], [], label=label, **({"color": "0.3", "linestyle": ""} | style)) for label, style in styles.items()]
+    columns = 3 if len(study.scenes) > 1 else 2
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, fontsize=8.5, frameon=False)

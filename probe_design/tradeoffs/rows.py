@@ -26,6 +26,10 @@ class Setting:
     evaluator: str
     accuracy: float | None
 
+    def __str__(self) -> str:
+        """Name the setting, such as "axisymmetric at 0.01"."""
+        return self.evaluator if self.accuracy is None else f"{self.evaluator} at {self.accuracy:g}"
+
 
 @dataclass(frozen=True)
 class Row:
@@ -106,8 +110,7 @@ def compare_with_reference(rows: Sequence[Row], converging: Iterable[str]) -> tu
 
         result / truth = (1 + d) (1 + e'), |e'| <= e,   |d| - e |1 + d| <= true error <= |d| + e |1 + d|   (TR.1)
     """
-    evaluators = set(converging)
-    candidates = [row for row in rows if row.evaluator in evaluators and row.ratio is not None and row.stated_error is not None]
+    candidates = [row for row in rows if row.evaluator in set(converging) and row.stated_error is not None]
     if not candidates:
         return tuple(rows)
     reference = min(candidates, key=lambda row: row.stated_error or 0.0)
@@ -115,29 +118,22 @@ def compare_with_reference(rows: Sequence[Row], converging: Iterable[str]) -> tu
 
 
 def _compare_row(row: Row, reference: Row) -> Row:
-    """Add the true error of a row, eq. TR.1."""
-    assert reference.ratio is not None
+    """Return a row with its true error, eq. TR.1."""
     reference_error = reference.stated_error or 0.0
-    is_same_evaluator = row.evaluator == reference.evaluator
     if row is reference:
         return replace(row, reference=True, same_level=True, true_error_least=0.0, true_error_most=reference_error)
-    if row.ratio is None:
+    if row.ratio is None or reference.ratio is None:
         return row
     difference = row.ratio / reference.ratio - 1
     error, slack = abs(difference), reference_error * abs(1 + difference)
-    sensitivity = _compute_sensitivity_error(row.log_sensitivity, reference.log_sensitivity)
+    sensitivity_error = None
+    if row.log_sensitivity is not None and reference.log_sensitivity is not None:
+        size = max(abs(reference.log_sensitivity), MIN_LOG_SENSITIVITY)
+        sensitivity_error = abs(row.log_sensitivity - reference.log_sensitivity) / size
     return replace(
-        row, same_level=is_same_evaluator, true_error=error, true_error_least=max(0.0, error - slack),
-        true_error_most=error + slack,
-        log_sensitivity_error=sensitivity,
+        row, same_level=row.evaluator == reference.evaluator, true_error=error, true_error_least=max(0.0, error - slack),
+        true_error_most=error + slack, log_sensitivity_error=sensitivity_error,
     )  # fmt: skip
-
-
-def _compute_sensitivity_error(value: float | None, reference: float | None) -> float | None:
-    """Return the error of a log-sensitivity relative to the reference, or to 1e-5 where that is smaller."""
-    if value is None or reference is None:
-        return None
-    return abs(value - reference) / max(abs(reference), MIN_LOG_SENSITIVITY)
 
 
 def remove_duplicates(rows: Iterable[Row]) -> tuple[Row, ...]:
@@ -151,13 +147,13 @@ def remove_duplicates(rows: Iterable[Row]) -> tuple[Row, ...]:
 
 def find_pareto_front(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
     """Return the Pareto front of ``seconds_probe`` and error, fastest first; of stated errors, bounds alone count."""
-    judged = (row for row in rows if error != "stated_error" or row.error_kind == "bound")
-    costs = [(row.seconds_probe, getattr(row, error), row) for row in judged]
-    ranked = sorted(((s, e, row) for s, e, row in costs if s is not None and e is not None), key=lambda cost: cost[:2])
+    costs = [
+        (row.seconds_probe, getattr(row, error), row) for row in rows if error != "stated_error" or row.error_kind == "bound"
+    ]
     front: list[Row] = []
     min_error = math.inf
-    for _, value, row in ranked:
-        if value < min_error:
+    for seconds, value, row in sorted(costs, key=lambda cost: (cost[0] or 0.0, cost[1] or 0.0)):
+        if seconds is not None and value is not None and value < min_error:
             front.append(row)
             min_error = value
     return tuple(front)

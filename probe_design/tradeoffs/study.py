@@ -15,7 +15,7 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoffs.rows import Row, Setting, compare_with_reference, find_cheapest, find_pareto_front, remove_duplicates
-from probe_design.tradeoffs.timing import time_first_answer, time_repeats, use_empty_mesh_cache
+from probe_design.tradeoffs.timing import time_first_result, time_repeats, use_empty_mesh_cache
 from solver.evaluators import EVALUATOR_NAMES
 from solver.planning.load_check import build_load_notes, check_load
 from solver.planning.load_limits import build_load_rule
@@ -96,16 +96,16 @@ class Tradeoff:
 
     def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design tradeoff``, without ``files``; SI units."""
-        fronts = {
-            error: {id(row) for name in self.scenes for row in find_pareto_front(remove_duplicates(self.find_rows(name)), error)}
-            for error in ("stated_error", "true_error_most")
-        }
+        results = [remove_duplicates(self.find_rows(name)) for name in self.scenes]
+        stated_front, true_front = (
+            {row for rows in results for row in find_pareto_front(rows, error)} for error in ("stated_error", "true_error_most")
+        )
         return {
             "scenes": {name: scene_to_dict(scene) for name, scene in self.scenes.items()},
             "rows": [
                 asdict(row)
                 | {"held": row.is_error_covered, "resolved": row.is_resolved}
-                | {"pareto_stated": id(row) in fronts["stated_error"], "pareto_true": id(row) in fronts["true_error_most"]}
+                | {"pareto_stated": row in stated_front, "pareto_true": row in true_front}
                 for row in self.rows
             ],
             "cheapest": [
@@ -187,18 +187,18 @@ def _measure_scene(
     rows: list[Row] = []
     for done, setting in enumerate(settings):
         progress(name, done, total)
-        rows.append(time_first_answer(name, scene, setting))
+        rows.append(time_first_result(name, scene, setting))
     progress(name, len(settings), total)
-    rows = list(time_repeats(scene, rows))
+    rows = time_repeats(scene, rows)
     for done, setting in enumerate(finest, len(settings) + 1):
         progress(name, done, total)
         if _find_min_error(rows) > MAX_REFERENCE_ERROR:
-            rows.append(time_first_answer(name, scene, setting))
+            rows.append(time_first_result(name, scene, setting))
     if solid or _find_min_error(rows) == math.inf:
         for done, setting in enumerate(SOLID_SETTINGS, total - len(SOLID_SETTINGS)):
             progress(name, done, total)
             with use_empty_mesh_cache():
-                rows.append(time_first_answer(name, scene, setting))
+                rows.append(time_first_result(name, scene, setting))
     progress(name, total, total)
     return compare_with_reference(rows, CONVERGING_EVALUATORS)
 

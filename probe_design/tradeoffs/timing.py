@@ -8,8 +8,8 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from statistics import median
 from time import perf_counter
 
@@ -24,7 +24,7 @@ MAX_REPEATS = 9  # at most
 MAX_REPEAT_TIME_S = 0.75  # s: no repeats after this total time
 
 
-def time_first_answer(name: str, scene: Scene, setting: Setting) -> Row:
+def time_first_result(name: str, scene: Scene, setting: Setting) -> Row:
     """Evaluate a scene with a setting for the first time; return its row, or the row of its refusal."""
     row = Row(name, setting.evaluator, setting.accuracy)
     try:
@@ -41,43 +41,26 @@ def time_first_answer(name: str, scene: Scene, setting: Setting) -> Row:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Times:
-    """Seconds of one setting: with a new probe, and with another tumour under it."""
-
-    probe: tuple[float, ...] = ()
-    tumour: tuple[float, ...] = ()
-
-    @property
-    def is_sufficient(self) -> bool:
-        """Whether no more repeats are needed."""
-        return len(self.probe) >= MAX_REPEATS or sum(self.probe + self.tumour) >= MAX_REPEAT_TIME_S
-
-
-def time_repeats(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
+def time_repeats(scene: Scene, rows: Sequence[Row]) -> list[Row]:
     """Repeat the settings that have a result in turns, so that other load on the machine slows all of them equally."""
-    times = [Times() for _ in rows]
+    probe_times: list[list[float]] = [[] for _ in rows]
+    tumour_times: list[list[float]] = [[] for _ in rows]
     for _ in range(MAX_REPEATS):
-        for index, row in enumerate(rows):
-            if row.ratio is not None and not times[index].is_sufficient:
-                with use_workspace(Workspace()):
-                    times[index] = _repeat_setting(scene, row, times[index])
-    return tuple(_add_times(row, measured_times) for row, measured_times in zip(rows, times, strict=True))
-
-
-def _repeat_setting(scene: Scene, row: Row, so_far: Times) -> Times:
-    """Time a setting once more, with a new probe and with another tumour."""
-    try:
-        probe = _time_setting(scene, row.setting)[1]
-        tumour = (_time_setting(change_tumours(scene), row.setting)[1],) if scene.inclusion else ()
-    except ProbeError:  # the scene is at a limit of what the evaluator takes
-        return so_far
-    return Times((*so_far.probe, probe), (*so_far.tumour, *tumour))
-
-
-def _add_times(row: Row, times: Times) -> Row:
-    probe = median(times.probe) if times.probe else row.seconds_probe
-    return replace(row, seconds_probe=probe, seconds_tumour=median(times.tumour) if times.tumour else None)
+        for row, probes, tumours in zip(rows, probe_times, tumour_times, strict=True):
+            if row.ratio is None or sum(probes) + sum(tumours) >= MAX_REPEAT_TIME_S:
+                continue
+            with use_workspace(Workspace()), suppress(ProbeError):  # the scene is at a limit of what the evaluator takes
+                probes.append(_time_setting(scene, row.setting)[1])
+                if scene.inclusion:
+                    tumours.append(_time_setting(change_tumours(scene), row.setting)[1])
+    return [
+        replace(
+            row,
+            seconds_probe=median(probes) if probes else row.seconds_probe,
+            seconds_tumour=median(tumours) if tumours else None,
+        )
+        for row, probes, tumours in zip(rows, probe_times, tumour_times, strict=True)
+    ]
 
 
 def change_tumours(scene: Scene) -> Scene:
@@ -97,6 +80,7 @@ def _change_tumour(body: Inclusion) -> Inclusion:
 
 
 def _time_setting(scene: Scene, setting: Setting) -> tuple[Result, float]:
+    """Evaluate a scene with a setting; return the result and the seconds it took."""
     start = perf_counter()
     result = evaluator(setting.evaluator).evaluate(scene, 0.01 if setting.accuracy is None else setting.accuracy)
     return result, perf_counter() - start

@@ -8,7 +8,6 @@ import math
 from xml.etree import ElementTree
 
 import pytest
-from markdown_it import MarkdownIt
 from rich.console import Console
 
 from probe_design.reporting.table import Table, format_number
@@ -28,11 +27,6 @@ def test_html_holds_all_cells_and_marks_sentences() -> None:
 
 def test_csv_reads_back() -> None:
     assert [tuple(row) for row in csv.reader(io.StringIO(TABLE.to_csv()))] == [HEADINGS, *ROWS]
-
-
-def test_markdown_is_a_table() -> None:
-    tokens = MarkdownIt("gfm-like", {"linkify": False}).parse(Table(("a", "b"), [("x|y", "1")]).to_markdown())
-    assert [token.content for token in tokens if token.type == "inline"] == ["a", "b", "x|y", "1"]
 
 
 @pytest.mark.parametrize(("keep_last", "shown"), [(False, ["0", "3", "6"]), (True, ["0", "3", "6"])])
