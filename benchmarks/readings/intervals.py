@@ -26,11 +26,10 @@ from benchmarks.readings.truths import ReadingCase, ReadingTruth
 from geometry.common.arrays import Floats
 from probe_design.data.noise import choose_accuracy
 from probe_design.estimation.estimate import estimate
-from probe_design.estimation.intervals import Likelihood, compute_hulls
+from probe_design.estimation.intervals import Interval, Likelihood, compute_hulls
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
-from probe_design.estimation.strength import Interval
 
 CHECKED_POINTS = 4  # points at which the truth is computed anew
 ESTIMATED_READINGS = 5  # readings of each case that `estimate` itself is given

@@ -2,7 +2,7 @@
 
 The unknown is the target's Young's modulus, diameter or depth, or a number of the tissue such as a layer's thickness. All other
 numbers of the scene are known, or have a standard deviation (``nuisances.py``). ``intervals.py`` holds the statistics;
-``strength.py`` defines the strength, which is estimated where stiffness and size are not identifiable by themselves. The value is
+``model.py`` defines the strength, which is estimated where stiffness and size are not identifiable by themselves. The value is
 the best fit; the interval covers the truth in 95 % of cases.
 
 An unknown counts as *identifiable* where the interval is bounded at both ends inside the search range and the ratio of its ends
@@ -23,31 +23,21 @@ from types import MappingProxyType
 
 import numpy as np
 
-from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words, describe_choices
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from probe_design.data.noise import MAX_ACCURACY, choose_accuracy
 from probe_design.estimation.depth_and_strength import Plane
-from probe_design.estimation.estimate_result import (
-    OPEN_INTERVAL,
-    Estimate,
-    compute_hull,
-    get_max_end_ratio,
-    is_identifiable,
-    list_separate_pieces,
-)
-from probe_design.estimation.intervals import Likelihood, compute_p_value
-from probe_design.estimation.loaded_model import LoadedModel, explain_refusal
-from probe_design.estimation.loaded_track import add_load
+from probe_design.estimation.estimate_result import DepthAndStrength, Estimate, is_identifiable
+from probe_design.estimation.intervals import OPEN_INTERVAL, Interval, Likelihood, compute_hull, compute_p_value
+from probe_design.estimation.loaded_track import LoadedModel, add_load, explain_refusal
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel, check_kind
 from probe_design.estimation.next_reading import choose_next_reading
 from probe_design.estimation.nuisances import check_nuisances
-from probe_design.estimation.phases import select_usable
+from probe_design.estimation.predictions import select_usable
 from probe_design.estimation.profile import Track
-from probe_design.estimation.reasons import Findings, explain_unidentifiable, list_warnings
-from probe_design.estimation.strength import DepthAndStrength, Interval, compute_strength
+from probe_design.estimation.reasons import Findings, explain_unidentifiable, iterate_warnings
 from solver.evaluators import check_accuracy
 from solver.planning.load_check import check_load
 
@@ -100,10 +90,7 @@ def estimate(
     is_useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if is_useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
-        notes = (
-            *notes,
-            f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise",
-        )
+        notes = (*notes, f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise")
         model = replace(model, data=data.select(~is_useless))
     loaded_model = None if linear else _build_loaded_model(model, unknown, accuracy, nuisance_sds)
     if loaded_model is not None:
@@ -111,16 +98,13 @@ def estimate(
         notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
     findings = search_unknown(model, unknown, nuisance_sds, loaded_model)
     result = _build_estimate(findings, _fit_depth_and_strength(findings), nuisance_sds, notes, start)
-    return _add_advice(result, model, nuisance_sds, is_linear=loaded_model is None) if advise else result
-
-
-def _add_advice(result: Estimate, model: TargetModel, nuisances: Mapping[str, float], is_linear: bool) -> Estimate:
-    """Return an estimate with advice what to measure next; at loads beyond linear elasticity with a warning instead."""
-    start = perf_counter()
-    if not is_linear:
-        return replace(result, warnings=(*result.warnings, "next is null: there is no advice at loads beyond linear elasticity"))
-    advice = choose_next_reading(model, result.unknown, nuisances, result.identifiable)
-    return replace(result, next=advice, seconds=result.seconds + perf_counter() - start)
+    if not advise:
+        return result
+    if loaded_model is not None:
+        warning = "next is null: there is no advice at loads beyond linear elasticity"
+        return replace(result, warnings=(*result.warnings, warning))
+    advice = choose_next_reading(model, unknown, nuisance_sds, result.identifiable)
+    return replace(result, next=advice, seconds=perf_counter() - start)
 
 
 def _build_loaded_model(
@@ -217,13 +201,13 @@ def _build_estimate(
     unknown, best, data = findings.unknown, findings.best_value, findings.model.data
     interval, noise_interval = compute_hull(findings.pieces), compute_hull(findings.noise_pieces)
     is_good = is_identifiable(interval, unknown)
-    value = best if is_good else None
+    value, reason = (best, None) if is_good else (None, explain_unidentifiable(findings, interval, noise_interval))
     depth = findings.model.target.depth if unknown in TARGET_UNKNOWNS else None
     depth_interval: Interval | None = None
     if fitted is None:
-        strength_value, strength_interval = _find_strength(findings, best, interval)
+        strength, strength_interval = _find_strength(findings, best, interval)
     else:
-        strength_value, strength_interval = fitted.strength, fitted.strength_interval
+        strength, strength_interval = fitted.strength, fitted.strength_interval
         depth, depth_interval = fitted.depth, fitted.depth_interval
     if unknown == "depth":
         depth, depth_interval = value, interval
@@ -235,21 +219,19 @@ def _build_estimate(
         interval_of_noise=noise_interval,
         nuisances=nuisances,
         interval_if_known=None if findings.pieces_if_known is None else compute_hull(findings.pieces_if_known),
-        pieces=list_separate_pieces(findings.pieces),
+        pieces=tuple((piece.low, piece.high) for piece in findings.pieces) if len(findings.pieces) > 1 else (),
         identifiable=is_good,
-        reason=None
-        if is_good
-        else explain_unidentifiable(findings, interval, get_max_end_ratio(unknown), is_identifiable(noise_interval, unknown)),
+        reason=reason,
         depth=depth,
         depth_interval=depth_interval,
-        strength=strength_value,
+        strength=strength,
         strength_interval=strength_interval,
         p_value=None if best is None else findings.p_value,
         error_estimate=_find_error(findings),
         evaluator=findings.track.evaluator,
         seconds=perf_counter() - start,
         plan=(*findings.model.base.plan, *findings.track.plan),
-        warnings=(*notes, *list_warnings(findings, fitted)),
+        warnings=tuple(dict.fromkeys((*notes, *iterate_warnings(findings, fitted)))),
     )
 
 
@@ -261,25 +243,26 @@ def _find_strength(findings: Findings, best: float | None, interval: Interval) -
     """
     if findings.unknown not in TARGET_UNKNOWNS:
         return None, None
-    host, body = findings.model.host, findings.model.target
+    model = findings.model
     if findings.unknown == "depth":
-        return float(compute_strength(host, body)), None
+        return float(model.compute_strength()), None
     if best is None:
         return None, OPEN_INTERVAL
-    key = "modulus" if findings.unknown == "youngs_modulus" else "diameter"
+    is_modulus = findings.unknown == "youngs_modulus"
 
-    def compute(value: Floats | float) -> float:
-        return float(compute_strength(host, body, **{key: np.asarray(value)}))
+    def compute(value: float) -> float:
+        return float(model.compute_strength(modulus=value) if is_modulus else model.compute_strength(diameter=value))
 
+    strength = compute(best)
     if not findings.pieces:
-        return compute(best), OPEN_INTERVAL
+        return strength, OPEN_INTERVAL
     low, high = interval
-    stiff_limit = np.inf if key == "modulus" else None
-    ends = [
-        compute(low) if low is not None else compute(0.0) if findings.is_searched_to_end(0) else None,
-        compute(high) if high is not None else compute(stiff_limit) if stiff_limit and findings.is_searched_to_end(-1) else None,
-    ]
-    return compute(best), (ends[0], ends[1]) if compute(best) >= 0 or key == "modulus" else (ends[1], ends[0])
+    if low is None and findings.is_searched_to_end(0):
+        low = 0.0
+    if high is None and findings.is_searched_to_end(-1) and is_modulus:
+        high = np.inf
+    ends = (None if low is None else compute(low), None if high is None else compute(high))
+    return strength, ends if strength >= 0 or is_modulus else ends[::-1]
 
 
 def _find_error(findings: Findings) -> float | None:

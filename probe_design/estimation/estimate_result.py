@@ -5,13 +5,33 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geometry.common.json_types import JsonObject
-from probe_design.estimation.intervals import Piece
-from probe_design.estimation.strength import Interval
+from probe_design.estimation.intervals import Interval
 from solver.results.record import Record
 from solver.results.result import Decision
 
 MAX_END_RATIOS = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
-OPEN_INTERVAL: Interval = (None, None)
+
+
+@dataclass(frozen=True)
+class DepthAndStrength:
+    """Best fit and 95 % intervals; an end is None where the search range ends before the interval.
+
+    Attributes
+    ----------
+    depth
+        m.
+    strength
+        m^3.
+    modulus, diameter
+        Of a body with this strength, Pa and m.
+    """
+
+    depth: float
+    depth_interval: Interval
+    strength: float
+    strength_interval: Interval
+    modulus: float
+    diameter: float
 
 
 @dataclass(frozen=True)
@@ -21,7 +41,7 @@ class ExpectedInterval:
     Attributes
     ----------
     kind
-        See ``candidates.NextCandidate``.
+        See ``next_reading.NextCandidate``.
     told
         The reading in words.
     x, y
@@ -33,7 +53,7 @@ class ExpectedInterval:
     identifiable
         Probability that the unknown is identifiable after this reading.
     score
-        Mean logarithmic length, see above.
+        Mean logarithmic length of the interval, see ``probe_design.estimation.next_reading``.
     """
 
     kind: str
@@ -102,7 +122,7 @@ class Estimate(Record):
     depth_interval
         95 %; None where the depth is the scene's.
     strength
-        eq. ES.1 of ``probe_design.estimation.strength``, m^3.
+        eq. ES.1 of ``probe_design.estimation.model``, m^3.
     strength_interval
         95 %; None where size, modulus and so the strength are the scene's.
     p_value
@@ -152,15 +172,3 @@ def is_identifiable(interval: Interval, unknown: str) -> bool:
 def get_max_end_ratio(unknown: str) -> float:
     """Return the largest ratio of the ends of an interval for which the unknown counts as identifiable."""
     return MAX_END_RATIOS[unknown.rpartition(".")[2]]
-
-
-def compute_hull(pieces: tuple[Piece, ...]) -> Interval:
-    """Return lower and upper end of the union of pieces; None for an open end, and if there are no pieces."""
-    if not pieces:
-        return OPEN_INTERVAL
-    return None if pieces[0].low_open else pieces[0].low, None if pieces[-1].high_open else pieces[-1].high
-
-
-def list_separate_pieces(pieces: tuple[Piece, ...]) -> tuple[tuple[float, float], ...]:
-    """Return the ends of each piece if there are several pieces, else nothing."""
-    return tuple((piece.low, piece.high) for piece in pieces) if len(pieces) > 1 else ()

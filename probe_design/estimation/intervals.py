@@ -4,7 +4,7 @@ k measured logarithms y_i are the model's m_i(u), u a coordinate of the unknown 
 standard deviation s_i:
 
     chi2(u) = sum_i ((y_i - m_i(u)) / s_i)^2                                                       (ES.3)
-    {u : chi2(u) - least <= q(u)},   least = the chi2 of the best fit                              (ES.4)
+    {u : chi2(u) - minimum <= q(u)},   minimum = the chi2 of the best fit                          (ES.4)
 
 These are likelihood-ratio intervals in the manner of Feldman and Cousins (Phys. Rev. D 57 (1998) 3873): q(u) is the 95 % quantile
 of the left side where u is the truth. Where the curve m(u) / s continues far to both sides of u that is 3.841, the quantile of
@@ -17,7 +17,7 @@ whose quantile is 2.706 at an end: the interval is never empty, and covers 95 % 
 curve prolonged along its tangent is closer to them by more than noise explains in 1 % of all cases, no value agrees with them:
 scene or noise are not as stated.
 
-Where numbers of the scene are uncertain, eq. ES.8 of ``shared_errors.py`` replaces eq. ES.3, and its products replace those of
+Where numbers of the scene are uncertain, eq. ES.8 of ``nuisances.py`` replaces eq. ES.3, and its products replace those of
 derivatives.
 
 The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. ES.4's
@@ -39,11 +39,12 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.optimize.elementwise import find_root
 from scipy.stats import chi2, ncx2, norm
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Bools, Floats, Ints
+from probe_design.estimation.nuisances import SharedErrors
 from probe_design.estimation.profile import Track
-from probe_design.estimation.shared_errors import SharedErrors
 
 CONFIDENCE = 0.95
 UNEXPLAINED_CHI2 = float(chi2.ppf(0.99, 1))  # 99 % quantile: larger excess of chi2 over the prolonged curve's: no fit
@@ -51,8 +52,10 @@ QUANTILE_BISECTIONS = 50  # bisections of the search for a quantile
 LIMIT_STRIDE = 10  # q of eq. ES.4 is computed at every tenth point of the runs, and interpolated
 CHI2_QUANTILE = float(chi2.ppf(CONFIDENCE, 1))
 TOLERATED_SHIFT = 1 / 3  # t of eq. ES.5 up to which the interval neglects the model's error: coverage is still 93.7 %
-GAUSS_NEWTON_STEPS = 6  # Gauss-Newton steps
-ILLINOIS_STEPS = 6  # steps of the Illinois method for an interval's end
+GAUSS_NEWTON_STEPS = 6  # for the best fit
+END_TOLERANCE = 1e-7  # of the ends of many intervals, in the unknown's coordinate
+Interval = tuple[float | None, float | None]  # an end is None where it is open
+OPEN_INTERVAL: Interval = (None, None)
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,13 @@ class Piece:
     high: float
     low_open: bool = False
     high_open: bool = False
+
+
+def compute_hull(pieces: tuple[Piece, ...]) -> Interval:
+    """Return lower and upper end of the union of pieces; None for an open end, and if there are no pieces."""
+    if not pieces:
+        return OPEN_INTERVAL
+    return None if pieces[0].low_open else pieces[0].low, None if pieces[-1].high_open else pieces[-1].high
 
 
 @dataclass(frozen=True)
@@ -84,9 +94,15 @@ class Likelihood:
         return self.track.compute_shared_errors(u).divide_by_noise(self.noise)
 
     def predict(self, u: Floats) -> tuple[Floats, Floats]:
-        """Return predictions and their derivatives by u, over the noise, at u of shape (s,): two of shape (s, k)."""
-        value, slope = self.track.interpolate(u)
-        return value / self.noise, slope / self.noise
+        """Return predictions and their derivatives with respect to u, over the noise, at u of shape (s,): two of shape (s, k)."""
+        value, derivative = self.track.interpolate(u)
+        return value / self.noise, derivative / self.noise
+
+    def _compute_tangent(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return predictions over the noise, W J with their derivatives J, and J^T W J, at u of shape (s,); W of eq. ES.8."""
+        value, derivative = self.predict(u)
+        tangent = self._compute_shared_errors(u).decorrelate(derivative)
+        return value, tangent, (derivative * tangent).sum(axis=1)
 
     @cached_property
     def _grid(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -110,10 +126,9 @@ class Likelihood:
         u = best = points[start]
         min_chi2 = self.compute_chi_square(u, y)
         for _ in range(GAUSS_NEWTON_STEPS):
-            value, slope = self.predict(u)
-            decorrelated = self._compute_shared_errors(u).decorrelate(slope)
-            size = (slope * decorrelated).sum(axis=1)
-            u = np.clip(u + ((w - value) * decorrelated).sum(axis=1) / np.where(size > 0, size, 1.0), lower[start], upper[start])
+            value, tangent, square = self._compute_tangent(u)
+            step = ((w - value) * tangent).sum(axis=1) / np.where(square > 0, square, 1.0)
+            u = np.clip(u + step, lower[start], upper[start])
             new_chi2 = self.compute_chi_square(u, y)
             best, min_chi2 = np.where(new_chi2 < min_chi2, u, best), np.minimum(new_chi2, min_chi2)
         return best, min_chi2
@@ -125,24 +140,19 @@ class Likelihood:
         min_chi2 = self.find_best(y)[1]
         for run in self.track.runs:
             for end, direction in ((run[0], -1.0), (run[-1], 1.0)):
-                end_point = np.array([end])
-                value, slope = self.predict(end_point)
-                tangent = self._compute_shared_errors(end_point).decorrelate(slope)[0]
-                size = float(np.sqrt(slope[0] @ tangent))
-                if size > 0:
-                    residual = y / self.noise - value
-                    projection = np.maximum(residual @ tangent * (direction / size), 0.0)
-                    min_chi2 = np.minimum(min_chi2, self.compute_chi_square(np.full(len(y), end), y) - projection**2)
+                value, tangent, square = self._compute_tangent(np.array([end]))
+                if square[0] > 0:
+                    distance = (y / self.noise - value) @ tangent[0] * (direction / np.sqrt(square[0]))  # beyond the end
+                    chi2_at_end = self.compute_chi_square(np.full(len(y), end), y)
+                    min_chi2 = np.minimum(min_chi2, chi2_at_end - np.maximum(distance, 0.0) ** 2)
         return min_chi2
 
     def compute_shift(self, u: Floats) -> Floats:
         """Return the bound t of eq. ES.5 on the shift by the model's error, at u of shape (s,)."""
-        relative = self.track.predicted.bound / self.noise
-        slope = self.track.slope / self.noise
-        tangent = self._compute_shared_errors(self.track.x).decorrelate(slope)
-        size = np.sqrt((slope * tangent).sum(axis=1))
-        t = (np.abs(tangent) * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
-        return np.asarray(np.interp(u, self.track.x, np.where(size > 0, t, np.linalg.norm(relative, axis=1))))
+        relative_bound = self.track.predicted.bound / self.noise
+        _, tangent, square = self._compute_tangent(self.track.x)
+        t = (np.abs(tangent) * relative_bound).sum(axis=1) / np.sqrt(np.where(square > 0, square, 1.0))
+        return np.asarray(np.interp(u, self.track.x, np.where(square > 0, t, np.linalg.norm(relative_bound, axis=1))))
 
     def interpolate_limit(self, u: Floats) -> Floats:
         """Return q of eq. ES.4 at u of shape (s,)."""
@@ -152,11 +162,9 @@ class Likelihood:
     def _limits(self) -> tuple[Floats, Floats]:
         """Some points of the runs, and the threshold q of eq. ES.4 at these points."""
         points = np.concatenate([np.append(run[:-1:LIMIT_STRIDE], run[-1]) for run in self.track.runs])
-        value, slope = self.predict(points)
-        tangent = self._compute_shared_errors(points).decorrelate(slope)
-        size = np.sqrt((slope * tangent).sum(axis=1))
-        projection = np.einsum("uk,vuk->vu", tangent, value[:, None] - value) / np.where(size > 0, size, 1.0)
-        lower, upper = (np.where(size > 0, distance, np.inf) for distance in (-projection.min(axis=0), projection.max(axis=0)))
+        value, tangent, square = self._compute_tangent(points)
+        distance = np.einsum("uk,vuk->vu", tangent, value[:, None] - value) / np.sqrt(np.where(square > 0, square, 1.0))
+        lower, upper = (np.where(square > 0, end, np.inf) for end in (-distance.min(axis=0), distance.max(axis=0)))
         return points, compute_threshold_near_ends(self.compute_shift(points), lower, upper)
 
     def find_unexplained(self, y: Floats) -> Bools:
@@ -248,50 +256,34 @@ def _find_crossing(compute_excess: Callable[[Floats], Floats], outside: float, i
     return float(brentq(compute_scalar_excess, outside, inside, xtol=1e-12)) if compute_scalar_excess(inside) < 0 else inside
 
 
-def compute_hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]:
+def compute_hulls(fit: Likelihood, y: Floats) -> list[Interval]:
     """Return the outer ends of eq. ES.4, SI, for s sets of data, shape (s, k); None for an open end or an empty set.
 
     The points of the runs and the best fit bracket each end; the ends of all sets are then computed together. Between points q is
     interpolated linearly.
     """
     best, min_chi2 = fit.find_best(y)
-    points, ends = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
-    q, open_ends = fit.interpolate_limit(points), fit.find_unexplained(y)
-    for k, (row, best_u) in enumerate(zip(y, best, strict=True)):
-        if open_ends[k]:
-            continue
-        u = np.insert(points, np.searchsorted(points, best_u), best_u)
-        inside = np.flatnonzero(fit.compute_chi_square(u, row) - min_chi2[k] - np.interp(u, points, q) <= 0)
+    points, brackets = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
+    q = fit.interpolate_limit(points)
+    for k in np.flatnonzero(~fit.find_unexplained(y)):
+        u = np.insert(points, np.searchsorted(points, best[k]), best[k])
+        inside = np.flatnonzero(fit.compute_chi_square(u, y[k]) - min_chi2[k] - np.interp(u, points, q) <= 0)
         if len(inside) and inside[0] > 0:
-            ends[0, k] = u[inside[0]], u[inside[0] - 1]
+            brackets[0, k] = u[inside[0] - 1], u[inside[0]]
         if len(inside) and inside[-1] < len(u) - 1:
-            ends[1, k] = u[inside[-1]], u[inside[-1] + 1]
-    crossings = [_find_crossings(fit, y, min_chi2, brackets) for brackets in ends]
-    return [tuple(None if np.isnan(end) else float(end) for end in pair) for pair in zip(*crossings, strict=True)]  # type: ignore[misc]
+            brackets[1, k] = u[inside[-1]], u[inside[-1] + 1]
 
+    def compute_excess(u: Floats, rows: Ints) -> Floats:  # difference of roots: closer to a straight line than that of squares
+        excess_chi2 = fit.compute_chi_square(u, y[rows]) - min_chi2[rows]
+        return np.asarray(np.sqrt(np.maximum(excess_chi2, 0.0)) - np.sqrt(fit.interpolate_limit(u)))
 
-def _find_crossings(fit: Likelihood, y: Floats, min_chi2: Floats, brackets: Floats) -> Floats:
-    """Return the ends of the sets, SI, by the Illinois method between an inner and an outer point, (s, 2); data y (s, k)."""
-    crossings = np.full(len(y), np.nan)
-    is_bracketed = np.flatnonzero(np.isfinite(brackets[:, 0]))
-    if not len(is_bracketed):
-        return crossings
-
-    def compute_excess(u: Floats) -> Floats:  # difference of roots: closer to a straight line than the difference of squares
-        return np.asarray(
-            np.sqrt(np.maximum(fit.compute_chi_square(u, y[is_bracketed]) - min_chi2[is_bracketed], 0.0))
-            - np.sqrt(fit.interpolate_limit(u))
-        )
-
-    a, b = brackets[is_bracketed].T
-    trial, low, high, side = a, np.minimum(compute_excess(a), -1e-300), np.maximum(compute_excess(b), 1e-300), np.zeros(len(a))
-    for _ in range(ILLINOIS_STEPS):
-        trial = a + low / (low - high) * (b - a)
-        value = compute_excess(trial)
-        new_side = np.where(value <= 0, -1, 1)
-        weight, side = np.where(new_side == side, 0.5, 1.0), new_side
-        low, high = np.where(new_side < 0, value, weight * low), np.where(new_side > 0, value, weight * high)
-        low, high = np.minimum(low, -1e-300), np.maximum(high, 1e-300)
-        a, b = np.where(new_side < 0, trial, a), np.where(new_side > 0, trial, b)
-    crossings[is_bracketed] = fit.track.compute_values(trial)
-    return crossings
+    ends = np.full((2, len(y)), np.nan)
+    for end, bracket in zip(ends, brackets, strict=True):
+        rows = np.flatnonzero(np.isfinite(bracket[:, 0]))
+        if len(rows):
+            low, high = bracket[rows].T
+            roots = find_root(
+                compute_excess, (low, high), args=(rows,), tolerances={"xatol": END_TOLERANCE, "xrtol": END_TOLERANCE}
+            )
+            end[rows] = fit.track.compute_values(roots.x)
+    return [(None if np.isnan(low) else float(low), None if np.isnan(high) else float(high)) for low, high in ends.T]

@@ -1,4 +1,4 @@
-"""Interpolate predictions along one unknown at loads beyond linear elasticity, from ``contact`` at few nodes.
+"""Predict readings at loads beyond linear elasticity, from ``contact`` at few values of the unknown.
 
 With m_0(u) the linear predictions of ``profile.py`` and m_c those of ``contact`` at some of its nodes,
 
@@ -12,20 +12,126 @@ error bound of ``contact``. Values at which ``contact`` does not reach the load 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import ProbeError, Refusal
-from probe_design.estimation.loaded_model import LoadedModel, LogPrediction
+from geometry.common.resources import start_clock
+from geometry.scenes.scene import Load, Placement, Scene
+from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
+from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
 from probe_design.estimation.profile import Track
+from solver.contact.evaluator import DECISION_FEATURE, ContactEvaluator
+from solver.contact.loaded_scene import LoadedScene, solve_neighbour
 from solver.planning.load_check import LINEAR_REMEDY
+from solver.results.film_forces import FilmForces
+from solver.results.result import Decision
 
 MAX_MISS_FRACTION = 0.1  # of the noise, or of the misfit of a datum: allowed miss of the spline
-MIN_IMPROVEMENT_FACTOR = 4.0  # factor by which a new node reduces the miss, at least
+MIN_IMPROVEMENT_FACTOR = 4.0  # minimum factor by which a new node reduces the miss
+LogPrediction = tuple[Floats, Floats]  # logarithms of the data, and bounds on their errors, both of shape (k,)
+
+
+def explain_refusal(model: TargetModel, has_nuisances: bool) -> str | None:
+    """Return what ``contact`` requires if it cannot model the readings or the scene, else None."""
+    if has_nuisances:
+        return "no numbers that are known only roughly"
+    places = model.data.places[model.data.place[~model.data.is_blank]]
+    if model.scene.inclusion:
+        lateral_offset = np.hypot(*(places - [model.target.x, model.target.y]).T)
+        if len(model.scene.inclusion) > 1 or (lateral_offset > 1e-9 * (model.target.diameter or 0.0)).any():
+            return "one tumour, read on its axis"
+    return None if ContactEvaluator().refusal(_place_on_axis(model)) is None else "bonded faces"
+
+
+def _place_on_axis(model: TargetModel) -> Scene:
+    """Return the scene with the probe over its target, or without inclusions at the reading farthest from the tissue's middle."""
+    placement = Placement(x=model.target.x, y=model.target.y) if model.scene.inclusion else model.base.scene.placement
+    return model.scene.model_copy(update={"placement": placement})
+
+
+@dataclass
+class LoadedModel:
+    """Predictions by ``contact`` under the scene's load.
+
+    Attributes
+    ----------
+    model
+        Scene and data; ``contact`` can model the scene.
+    unknown
+        The number that is varied.
+    accuracy
+        Relative, required of ``contact``.
+    """
+
+    model: TargetModel
+    unknown: str
+    accuracy: float
+    _blank_films: dict[Scene, FilmForces] = field(default_factory=dict)
+    _loaded_scenes: dict[float, LoadedScene] = field(default_factory=dict)
+
+    @property
+    def unloaded_model(self) -> TargetModel:
+        """The model without load, which linear elasticity describes exactly."""
+        zero_load = Load(force=0.0) if self.model.scene.load.indentation is None else Load(indentation=0.0)
+        return replace(self.model, scene=self.model.scene.model_copy(update={"load": zero_load}))
+
+    def predict(self, value: float) -> LogPrediction | None:
+        """Return predictions for a value of the unknown, SI; None where errors are too large, or the sign of a ratio differs.
+
+        Raises
+        ------
+        ProbeError, ValueError
+            ``contact`` does not reach the load, or the scene is not valid.
+        """
+        data, scene, probe = self.model.data, self._build_scene(value), self.model.scene.probe
+        values, bounds = np.zeros((2, len(data.value)))
+        for blank in set(data.is_blank.tolist()):
+            films = self._solve_blank(scene) if blank else self._solve_with_target(scene, value)
+            rows = data.is_blank == blank
+            values[rows], bounds[rows] = np.log(films.totals.sum()), films.stiffness_error
+            ratios, ratio = rows & ~data.is_stiffness, films.totals[0] / films.totals[1] * probe.outer_area / probe.inner_area
+            values[ratios], bounds[ratios] = np.log(abs(ratio)), films.bound.log_ratio
+            if (data.sign[ratios] != np.sign(ratio)).any() or bounds[rows].max() > MAX_LOG_RATIO_ERROR:
+                return None
+        return values, bounds
+
+    def _build_scene(self, value: float) -> Scene:
+        scene = _place_on_axis(self.model)
+        if self.unknown not in TARGET_UNKNOWNS:
+            return scene.replace({self.unknown: value})
+        return scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update={self.unknown: value}),)})
+
+    def _solve_blank(self, scene: Scene) -> FilmForces:
+        """Return the film forces over tumour-free tissue."""
+        blank_scene = scene.model_copy(update={"inclusion": ()})
+        if blank_scene not in self._blank_films:
+            self._blank_films[blank_scene] = self._solve(blank_scene)
+        return self._blank_films[blank_scene]
+
+    def _solve_with_target(self, scene: Scene, value: float) -> FilmForces:
+        """Return the film forces over the target; where its modulus varies, from the solved state with the nearest modulus."""
+        if self.unknown != "youngs_modulus":
+            return self._solve(scene)
+        with start_clock(), threadpool_limits(1, user_api="blas"):
+            if self._loaded_scenes:
+                nearest = min(self._loaded_scenes, key=lambda modulus: abs(np.log(modulus / value)))
+                forces, loaded_scene = solve_neighbour(self._loaded_scenes[nearest], value)
+            else:
+                loaded_scene = ContactEvaluator().load_scene(scene, self.accuracy)
+                forces = loaded_scene.press_to_scene_load()
+        self._loaded_scenes[value] = loaded_scene
+        return forces.films
+
+    def _solve(self, scene: Scene) -> FilmForces:
+        with start_clock():
+            return ContactEvaluator().solve(scene, self.accuracy).films[0]
 
 
 @dataclass(frozen=True)
@@ -71,32 +177,18 @@ class LoadedTrack:
     loaded: LoadedModel
     changes: dict[int, LogPrediction] = field(default_factory=dict)
 
-    def solve_first(self, node: int) -> None:
-        """Solve the first node.
-
-        Raises
-        ------
-        Refusal
-            ``contact`` does not reach the scene's load.
-        """
-        try:
-            self._solve(node)
-        except Refusal as fault:
-            raise Refusal(fault.key, fault.value, f"{fault.allowed}, {LINEAR_REMEDY}") from None
+    def solve_node(self, node: int) -> None:
+        """Compute the effect of the load at a node, unless errors are too large there; raises as ``LoadedModel.predict``."""
+        prediction = self.loaded.predict(float(self.track.compute_values(self.track.x[node])))
+        if prediction is not None:
+            self.changes[node] = prediction[0] - self.track.predicted.value[node], prediction[1]
 
     def try_node(self, node: int) -> bool:
         """Solve a node, and return whether that succeeded."""
         if node not in self.changes:
-            try:
-                self._solve(node)
-            except (ProbeError, ValueError):
-                return False
+            with suppress(ProbeError, ValueError):
+                self.solve_node(node)
         return node in self.changes
-
-    def _solve(self, node: int) -> None:
-        prediction = self.loaded.predict(float(self.track.compute_values(self.track.x[node])))
-        if prediction is not None:
-            self.changes[node] = prediction[0] - self.track.predicted.value[node], prediction[1]
 
     def find_farthest(self, solved: int, end: int) -> int:
         """Return the node nearest to an end of the track that can be solved, by bisection from a solved node."""
@@ -107,9 +199,6 @@ class LoadedTrack:
             solved, end = (middle, end) if self.try_node(middle) else (solved, middle)
         return solved
 
-    def _compute_change(self, first: int, last: int) -> Floats:
-        return np.asarray(np.abs(self.changes[last][0] - self.changes[first][0]))
-
     def build_spline(self) -> CubicSpline:
         """Return the effect of the load on the data, shape (k,), as a spline along the track."""
         nodes = sorted(self.changes)
@@ -118,7 +207,7 @@ class LoadedTrack:
     def refine_spans(self) -> tuple[list[Span], Bools]:
         """Solve nodes until the spline is accurate; return its spans, and which nodes of the track have no prediction."""
         nodes = sorted(self.changes)
-        spans = [Span(a, b, self._compute_change(a, b), np.inf) for a, b in pairwise(nodes)]
+        spans = [Span(a, b, np.abs(self.changes[b][0] - self.changes[a][0]), np.inf) for a, b in pairwise(nodes)]
         is_unsolved = np.ones(len(self.track.x), dtype=bool)
         is_unsolved[nodes[0] : nodes[-1] + 1] = False
         while open_spans := [span for span in spans if span.remaining_miss > 1 and span.middle > span.first]:
@@ -160,13 +249,15 @@ def add_load(track: Track, loaded_model: LoadedModel) -> Track:
     usable = np.flatnonzero(track.predicted.usable)
     if len(usable) < 2:
         return track
-    loaded_track = LoadedTrack(track, loaded_model)
-    middle = int(usable[len(usable) // 2])
-    loaded_track.solve_first(middle)
+    loaded_track, middle = LoadedTrack(track, loaded_model), int(usable[len(usable) // 2])
+    try:
+        loaded_track.solve_node(middle)
+    except Refusal as fault:
+        raise Refusal(fault.key, fault.value, f"{fault.allowed}, {LINEAR_REMEDY}") from None
     ends = {loaded_track.find_farthest(middle, int(end)) for end in usable[[0, -1]]} & loaded_track.changes.keys()
     if len(ends) < 2:
         unresolved = replace(track.predicted, resolved=np.zeros(len(track.x), dtype=bool))
-        return replace(track, predicted=unresolved, evaluator=loaded_model.name)
+        return replace(track, predicted=unresolved, evaluator=ContactEvaluator.name)
     spans, is_unsolved = loaded_track.refine_spans()
     return _combine(loaded_track, spans, is_unsolved)
 
@@ -181,13 +272,18 @@ def _combine(loaded_track: LoadedTrack, spans: list[Span], is_unsolved: Bools) -
         indices = slice(span.first, span.last + 1)
         miss[indices] = np.maximum(miss[indices], span.miss)
     ratios = ~loaded_track.loaded.model.data.is_stiffness
-    change = max(float(np.abs(loaded_track.changes[node][0][ratios]).max()) for node in nodes)
-    predictions_at_rest = track.predicted
-    value = np.where(is_unsolved[:, None], 0.0, predictions_at_rest.value + spline(track.x))
+    change = float(np.expm1(max(np.abs(loaded_track.changes[node][0][ratios]).max() for node in nodes)))
+    accuracy = loaded_track.loaded.accuracy
     predicted = replace(
-        predictions_at_rest, value=value, bound=bound + miss, resolved=predictions_at_rest.resolved & ~is_unsolved
+        track.predicted,
+        value=np.where(is_unsolved[:, None], 0.0, track.predicted.value + spline(track.x)),
+        bound=bound + miss,
+        resolved=track.predicted.resolved & ~is_unsolved,
     )
-    plan = (loaded_track.loaded.build_decision(float(np.expm1(change))),)
     return replace(
-        track, predicted=predicted, slope=track.slope + spline(track.x, 1), evaluator=loaded_track.loaded.name, plan=plan
+        track,
+        predicted=predicted,
+        derivative=track.derivative + spline(track.x, 1),
+        evaluator=ContactEvaluator.name,
+        plan=(Decision(DECISION_FEATURE, True, change, accuracy, "what they change of the ratio at this load"),),
     )

@@ -30,7 +30,7 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import parse_tables, read_text
-from geometry.scenes import fit_check as placement
+from geometry.scenes.fit_check import check_bodies_fit
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity, read_fraction, read_number
@@ -42,9 +42,11 @@ MAX_READINGS = 1000
 MAX_FILE_BYTES = 200_000  # bytes
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
 ALLOWED_RATIO = "a number above 0, stress_inner over stress_outer, both of which are pressures"
-PHASE_QUANTITY = Quantity("phase", "rad", "deg", -1.5, 1.5)
-PHASE_SD_QUANTITY = Quantity("phase", "rad", "deg", 1e-7, 1.5)
-STIFFNESS_QUANTITY = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
+SI_QUANTITIES = {  # entries that may be numbers without unit
+    "stiffness": Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15),
+    "ratio_phase": Quantity("phase", "rad", "deg", -1.5, 1.5),
+    "ratio_phase_sd": Quantity("phase", "rad", "deg", 1e-7, 1.5),
+}
 
 
 @dataclass(frozen=True)
@@ -80,11 +82,6 @@ class Reading:
     blank: bool = False
     ratio_phase: float | None = None
     ratio_phase_sd: float | None = None
-
-    @property
-    def place(self) -> tuple[float, float]:
-        """Coordinates of the probe's axis, m."""
-        return self.x, self.y
 
 
 @dataclass(frozen=True)
@@ -123,27 +120,25 @@ class Measurements:
     @classmethod
     def from_readings(cls, readings: tuple[Reading, ...]) -> Measurements:
         """Return the data of readings: all ratios, then stiffnesses, then phases."""
-        places = list(dict.fromkeys(reading.place for reading in readings))
-        rows = [(reading, "ratio", reading.ratio, reading.noise) for reading in readings]
-        stiffness_readings, phase_readings = (
-            [reading for reading in readings if getattr(reading, key) is not None] for key in ("stiffness", "ratio_phase")
-        )
-        rows += [
-            (reading, "stiffness", reading.stiffness or 0.0, reading.stiffness_noise or reading.noise)
-            for reading in stiffness_readings
-        ]
-        rows += [(reading, "phase", reading.ratio_phase or 0.0, reading.ratio_phase_sd or 0.0) for reading in phase_readings]
-        measured, kinds = np.array([row[2] for row in rows], dtype=float), np.array([row[1] for row in rows])
-        is_phase = kinds == "phase"
+        rows = [(reading, "ratio", np.log(abs(reading.ratio)), np.sign(reading.ratio), reading.noise) for reading in readings]
+        for reading in readings:
+            if reading.stiffness is not None:
+                noise = reading.stiffness_noise or reading.noise
+                rows.append((reading, "stiffness", np.log(reading.stiffness), 1.0, noise))
+        for reading in readings:
+            if reading.ratio_phase is not None:
+                rows.append((reading, "phase", reading.ratio_phase, 0.0, reading.ratio_phase_sd or 0.0))
+        pressed_readings, kinds, values, signs, noises = zip(*rows, strict=True)
+        places = list(dict.fromkeys((reading.x, reading.y) for reading in readings))
         return cls(
             places=np.array(places, dtype=float),
-            place=np.array([places.index(row[0].place) for row in rows]),
-            is_stiffness=kinds == "stiffness",
-            is_phase=is_phase,
-            is_blank=np.array([row[0].blank for row in rows]),
-            value=np.where(is_phase, measured, np.log(np.abs(np.where(is_phase, 1.0, measured)))),
-            sign=np.where(is_phase, 0.0, np.sign(measured)),
-            noise=np.array([row[3] for row in rows], dtype=float),
+            place=np.array([places.index((reading.x, reading.y)) for reading in pressed_readings]),
+            is_stiffness=np.array(kinds) == "stiffness",
+            is_phase=np.array(kinds) == "phase",
+            is_blank=np.array([reading.blank for reading in pressed_readings]),
+            value=np.array(values, dtype=float),
+            sign=np.array(signs, dtype=float),
+            noise=np.array(noises, dtype=float),
         )
 
     def select(self, mask: Bools) -> Measurements:
@@ -202,16 +197,16 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     InputError
         The file cannot be read, or an entry is not allowed.
     """
-    kinds = {".toml": _toml_rows, ".csv": _csv_rows}
-    if path.suffix.lower() not in kinds:
+    parsers = {".toml": _parse_toml, ".csv": _parse_csv}
+    if path.suffix.lower() not in parsers:
         raise InputError("readings", str(path), "a file that ends in .toml or .csv")
-    rows = kinds[path.suffix.lower()](read_text(path, "readings", "a file", MAX_FILE_BYTES), str(path))
+    rows = parsers[path.suffix.lower()](read_text(path, "readings", "a file", MAX_FILE_BYTES), str(path))
     if not 0 < len(rows) <= MAX_READINGS:
         raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MAX_READINGS} readings")
     return tuple(_check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
 
 
-def _toml_rows(text: str, name: str) -> list[Mapping[str, object]]:
+def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:
     data = parse_tables(text, name, "tables headed [[reading]]")
     rows = data.get("reading")
     if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
@@ -219,7 +214,7 @@ def _toml_rows(text: str, name: str) -> list[Mapping[str, object]]:
     return rows
 
 
-def _csv_rows(text: str, name: str) -> list[Mapping[str, object]]:
+def _parse_csv(text: str, name: str) -> list[Mapping[str, object]]:
     try:
         lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
     except csv.Error as fault:
@@ -237,58 +232,67 @@ def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noi
     for key in row:
         if key not in READING_KEYS:
             raise InputError(f"{key_prefix}{key}", row[key], describe_choices(key, READING_KEYS))
-    defaults = {"noise": noise, "stiffness_noise": stiffness_noise}
-    entries = defaults | {key: value for key, value in row.items() if value is not None}
+    entries = {"noise": noise, "stiffness_noise": stiffness_noise, "blank": False}
+    entries |= {key: value for key, value in row.items() if value is not None}
     ratio = read_number(f"{key_prefix}ratio", entries.get("ratio"), ALLOWED_RATIO)
     if not 0 < ratio < math.inf:
         raise InputError(f"{key_prefix}ratio", entries["ratio"], ALLOWED_RATIO)
-    ratio_noise = _read_noise(f"{key_prefix}noise", entries.get("noise"))
-    stated_noise = entries.get("stiffness_noise")
-    x, y = (
-        POSITION_QUANTITY.read(f"{key_prefix}{key}", entries[key]) if key in entries else getattr(scene.placement, key)
-        for key in "xy"
-    )
-    _check_place(key_prefix, scene, x, y)
+    ratio_noise = _read_noise(f"{key_prefix}noise", entries["noise"])
+    given_noise = entries["stiffness_noise"]
+    missing_phase_keys = {"ratio_phase", "ratio_phase_sd"} - entries.keys()
+    if len(missing_phase_keys) == 1:
+        key = f"{key_prefix}{missing_phase_keys.pop()}"
+        raise InputError(key, Words("missing"), "ratio_phase and ratio_phase_sd, or neither")
+    x, y = _read_place(key_prefix, entries, scene)
+    optional_entries = {
+        key: _read_with_si_unit(f"{key_prefix}{key}", entries[key], quantity)
+        for key, quantity in SI_QUANTITIES.items()
+        if key in entries
+    }
     return Reading(
         x=x,
         y=y,
         ratio=ratio,
         noise=ratio_noise,
-        stiffness=_read_with_si_unit(f"{key_prefix}stiffness", entries["stiffness"], STIFFNESS_QUANTITY, "N/m")
-        if "stiffness" in entries
-        else None,
-        stiffness_noise=ratio_noise if stated_noise is None else _read_noise(f"{key_prefix}stiffness_noise", stated_noise),
-        blank=_read_blank(f"{key_prefix}blank", entries.get("blank", False)),
-        **_read_phase(key_prefix, entries),
+        stiffness_noise=ratio_noise if given_noise is None else _read_noise(f"{key_prefix}stiffness_noise", given_noise),
+        blank=_read_flag(f"{key_prefix}blank", entries["blank"]),
+        **optional_entries,
     )
 
 
-def _read_phase(key_prefix: str, entries: Mapping[str, object]) -> dict[str, float]:
-    """Return phase and standard deviation by their keys, or nothing if both are missing."""
-    phase_entries = {key: entries[key] for key in ("ratio_phase", "ratio_phase_sd") if key in entries}
-    if len(phase_entries) == 1:
-        (key,) = {"ratio_phase", "ratio_phase_sd"} - phase_entries.keys()
-        raise InputError(f"{key_prefix}{key}", Words("missing"), "ratio_phase and ratio_phase_sd, or neither")
-    return {
-        key: _read_with_si_unit(f"{key_prefix}{key}", value, PHASE_QUANTITY if key == "ratio_phase" else PHASE_SD_QUANTITY, "rad")
-        for key, value in phase_entries.items()
-    }
-
-
-def _check_place(key_prefix: str, scene: Scene, x: float, y: float) -> None:
-    """Refuse a place at which the probe does not stand on the tissue."""
+def _read_place(key_prefix: str, entries: Mapping[str, object], scene: Scene) -> tuple[float, float]:
+    """Return the place of the probe's axis, m, by default the scene's; the probe has to stand on the tissue there."""
+    x, y = (
+        POSITION_QUANTITY.read(f"{key_prefix}{key}", entries[key]) if key in entries else getattr(scene.placement, key)
+        for key in "xy"
+    )
     try:
-        placement.check_bodies_fit(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
+        check_place(scene, x, y)
     except InputError as fault:
         key = fault.key.removeprefix("placement.")
         raise InputError(f"{key_prefix}{key}", format_mm(x if key == "x" else y), fault.allowed) from None
+    return x, y
+
+
+def check_place(scene: Scene, x: float, y: float) -> None:
+    """Raise ``InputError`` where the probe with its axis at x, y, m, does not stand on the tissue."""
+    check_bodies_fit(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
+
+
+def is_on_tissue(scene: Scene, x: float, y: float) -> bool:
+    """Return whether the whole probe stands on the tissue with its axis at x, y, m."""
+    try:
+        check_place(scene, x, y)
+    except InputError:
+        return False
+    return True
 
 
 def _read_noise(key: str, value: object) -> float:
     return check_noise(read_fraction(key, value, ALLOWED_NOISE), key)
 
 
-def _read_blank(key: str, value: object) -> bool:
+def _read_flag(key: str, value: object) -> bool:
     """Return true or false, which CSV files contain as texts."""
     flag = {"true": True, "false": False}.get(value.lower()) if isinstance(value, str) else value
     if not isinstance(flag, bool):
@@ -296,8 +300,8 @@ def _read_blank(key: str, value: object) -> bool:
     return flag
 
 
-def _read_with_si_unit(key: str, value: Any, quantity: Quantity, unit: str) -> float:
-    """Return a quantity; a number without unit is in the SI ``unit``."""
+def _read_with_si_unit(key: str, value: Any, quantity: Quantity) -> float:
+    """Return a quantity; a number without unit is in its SI unit."""
     try:
         si_value = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
@@ -305,4 +309,4 @@ def _read_with_si_unit(key: str, value: Any, quantity: Quantity, unit: str) -> f
     try:
         return quantity.check(si_value)
     except ValueError:
-        raise InputError(key, value, f"{quantity.allowed}; a bare number is in {unit}") from None
+        raise InputError(key, value, f"{quantity.allowed}; a bare number is in {quantity.si}") from None

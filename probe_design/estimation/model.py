@@ -1,4 +1,12 @@
-"""Predict the readings for many bodies in the target's place at once, by `equivalent-inclusion`."""
+"""Predict the readings for many bodies in the target's place at once, by `equivalent-inclusion`.
+
+Far from a sphere of diameter D its effect depends on its strength S alone (PHYSICS section 2),
+
+    S = D^3 (c - 1) / (1 + beta (c - 1)),   c = E_object / E_tissue,   beta = 2 (4 - 5 nu) / (15 (1 - nu))     (ES.1)
+
+in m^3, with nu the tissue's Poisson's ratio; S is positive where the sphere is stiffer than the tissue, at most D^3 / beta and at
+least -D^3 / (1 - beta). beta is the shear part of Eshelby's tensor of a sphere.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +23,8 @@ from geometry.scenes.scene import Inclusion, Placement, Scene
 from geometry.scenes.units import MODULUS_QUANTITY
 from geometry.scenes.variables import list_values
 from probe_design.estimation.measurements import Measurements
-from probe_design.estimation.phases import build_turned_bodies, build_turned_scenes, insert_phases
-from probe_design.estimation.predictions import Predictions
-from probe_design.maps.target_grid import check_spheres
+from probe_design.estimation.predictions import Predictions, build_turned_bodies, build_turned_scenes, insert_phases
+from probe_design.maps.target_grid import check_spheres, compute_free_radii
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
@@ -64,9 +71,18 @@ class TargetModel:
         return self.scene.tissue.find_material(self.target.depth)
 
     @property
-    def other_inclusions(self) -> list[Inclusion]:
-        """All inclusions but the target."""
-        return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
+    def beta(self) -> float:
+        """The beta of eq. ES.1, of the material around the target."""
+        nu = self.host.poisson_ratio
+        return 2 * (4 - 5 * nu) / (15 * (1 - nu))
+
+    def compute_strength(self, modulus: Floats | float | None = None, diameter: Floats | float | None = None) -> Floats:
+        """Return the strength, eq. ES.1, m^3, of the target, or of targets with other moduli (Pa) or diameters (m)."""
+        E = np.asarray(self.target.youngs_modulus if modulus is None else modulus, dtype=float)
+        size = np.asarray(self.target.diameter if diameter is None else diameter, dtype=float)
+        excess = E / self.host.youngs_modulus - 1
+        with np.errstate(invalid="ignore"):
+            return np.asarray(size**3 * np.where(np.isinf(excess), 1 / self.beta, excess / (1 + self.beta * excess)))
 
     def replace_values(self, new_values: Mapping[str, float]) -> TargetModel:
         """Return the model of a scene with other numbers; see ``Scene.replace``."""
@@ -98,19 +114,9 @@ class TargetModel:
 
     def compute_max_diameter(self, depth: Floats) -> Floats:
         """Return the largest diameter that fits in the target's place at depths of shape (n,), m."""
-        body, tissue = self.target, self.scene.tissue
-        radius = np.asarray(depth, dtype=float)
-        if tissue.shape == "cylinder":
-            radius = np.minimum(radius, tissue.radius - np.hypot(body.x, body.y))
-        elif tissue.shape == "block":
-            radius = np.minimum(radius, min(tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y)))
-        if tissue.shape != "half-space":
-            radius = np.minimum(radius, tissue.depth - depth)
-        for interface in tissue.interfaces:
-            radius = np.minimum(radius, np.abs(interface - np.asarray(depth)))
-        for neighbour in self.other_inclusions:
-            distance = np.sqrt((neighbour.x - body.x) ** 2 + (neighbour.y - body.y) ** 2 + (neighbour.depth - depth) ** 2)
-            radius = np.minimum(radius, distance - (neighbour.diameter or 0.0) / 2)
+        radius = compute_free_radii(self.scene, depth)
+        for interface in self.scene.tissue.interfaces:
+            radius = np.minimum(radius, np.abs(interface - depth))
         return np.asarray(2 * radius * MAX_FILL_FRACTION)
 
     def find_search_range(self, unknown: str) -> tuple[float, float]:
@@ -135,15 +141,12 @@ class TargetModel:
         if unknown == "diameter":
             max_diameter = float(self.compute_max_diameter(np.array([body.depth]))[0])
             return max_diameter / 100, max_diameter
-        max_depth = (
-            tissue.depth if tissue.shape != "half-space" else SEARCH_DEPTH_RADII * max(self.scene.probe.tube_radius, body.depth)
-        )
-        depths = np.linspace(0.0, max_depth, 20_001)
+        no_bottom_depth = SEARCH_DEPTH_RADII * max(self.scene.probe.tube_radius, body.depth)
+        depths = np.linspace(0.0, no_bottom_depth if tissue.shape == "half-space" else tissue.depth, 20_001)
         fits = np.append(self.compute_max_diameter(depths) >= (body.diameter or 0.0), False)
         if not fits.any():
-            raise Refusal(
-                "inclusion.diameter", format_mm(body.diameter or 0.0), "a target with room above and below for another depth"
-            )
+            allowed = "a target with free tissue above and below, for another depth"
+            raise Refusal("inclusion.diameter", format_mm(body.diameter or 0.0), allowed)
         current = int(np.argmin(np.where(fits[:-1], np.abs(depths - body.depth), np.inf)))
         low, high = current - int(np.argmin(fits[current::-1])) + 1, current + int(np.argmin(fits[current:])) - 1
         return float(depths[low]), float(depths[high])
@@ -209,15 +212,13 @@ class TargetModel:
 
         The error bounds count the effect of the load; there is no ratio where that effect is not known.
         """
-        scene = self.scene
-        film_readings = compute_readings(self.base, tumours, scene.target or 0, by_diameter, reflect=False)
+        scene, index = self.scene, self.scene.target or 0
+        film_readings = compute_readings(self.base, tumours, index, by_diameter, reflect=False)
         is_reflected = np.full(len(tumours.x), bool(reflect))
         if reflect is None:
             is_reflected = film_readings.first_share - self.base.films.bound.log_ratio > NEGLIGIBLE_REFLECTION * self.accuracy
         if is_reflected.any():
-            reflected_readings = compute_readings(
-                self.base, tumours.select(is_reflected), scene.target or 0, by_diameter, reflect=True
-            )
+            reflected_readings = compute_readings(self.base, tumours.select(is_reflected), index, by_diameter, reflect=True)
             for field in fields(film_readings):
                 if field.name not in ("areas", "derivatives"):
                     getattr(film_readings, field.name)[is_reflected] = getattr(reflected_readings, field.name)

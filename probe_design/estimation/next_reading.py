@@ -16,30 +16,63 @@ All candidates share the same draws (points of one scrambled Sobol sequence), so
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.estimation.candidates import ULTRASOUND_RELATIVE_SD, NextCandidate, list_candidates
 from probe_design.estimation.estimate_result import ExpectedInterval, NextReading, get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import Likelihood, compute_hulls
-from probe_design.estimation.measurements import Measurements
-from probe_design.estimation.model import TargetModel
-from probe_design.estimation.nuisances import NuisanceErrors
+from probe_design.estimation.measurements import Measurements, Reading, is_on_tissue
+from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
+from probe_design.estimation.nuisances import NuisanceErrors, SharedErrors
 from probe_design.estimation.profile import POINTS_PER_NODE, Track
-from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.inference.linear_gaussian import LinearGaussian
 
 DRAW_COUNT = 64
+DRAW_SEED = 0
 COARSE_POINTS = 10  # points from node to node that bracket the ends of intervals
 LIKELY_PROBABILITY = 0.5  # probability of being identifiable from which a reading is recommended
+RELATIVE_OFFSETS = (0.0, 0.4, 0.8, 1.2, 1.8)  # of the probe's axis from the target's, over the sum of depth and outer radius
+MIN_RELATIVE_DISTANCE = 1e-3  # over the same sum: nearer places count as one
+ULTRASOUND_RELATIVE_SD = 0.05  # of a diameter or depth by ultrasound, 1 sd: assumed
+ULTRASOUND_NUMBERS = ("inclusion.diameter", "inclusion.depth")
+
+
+@dataclass(frozen=True)
+class NextCandidate:
+    """A reading or measurement that may be made next.
+
+    Attributes
+    ----------
+    kind
+        "ratio", "ratio and stiffness", "blank", "blank with stiffness", or "size from ultrasound".
+    reading
+        Its place and noise; its values are placeholders. None for a size.
+    learned
+        Names of the scene's numbers that ultrasound measures.
+    """
+
+    kind: str
+    reading: Reading | None = None
+    learned: tuple[str, ...] = ()
+
+    @property
+    def description(self) -> str:
+        """The candidate in words."""
+        if self.reading is None:
+            keys = " and ".join(name.removeprefix("inclusion.") for name in self.learned)
+            return f"{keys} from ultrasound, to {100 * ULTRASOUND_RELATIVE_SD:g} %"
+        quantity = "ratio and stiffness" if self.reading.stiffness else "ratio"
+        if self.reading.blank:
+            return f"{quantity} over tumour-free tissue (blank = true)"
+        return f"{quantity} at x = {1e3 * self.reading.x:.4g} mm, y = {1e3 * self.reading.y:.4g} mm"
 
 
 def choose_next_reading(
-    model: TargetModel, unknown: str, nuisances: Mapping[str, float], already_identifiable: bool, seed: int = 0
+    model: TargetModel, unknown: str, nuisances: Mapping[str, float], already_identifiable: bool
 ) -> NextReading:
     """Rank the candidates for the next reading.
 
@@ -53,44 +86,71 @@ def choose_next_reading(
         Likewise, relative standard deviations.
     already_identifiable
         Whether the unknown is identifiable from the present readings.
-    seed
-        Of the draws.
     """
-    allowed = list_candidates(model, unknown, nuisances)
-    track, columns = _build_track(model, unknown, nuisances, allowed)
+    track, columns = _build_track(model, unknown, nuisances)
     present = np.arange(len(model.data.value))
     if not track.runs:
         return NextReading(None, None, "no reading of this probe can: the model cannot predict the readings", (), 0)
-    draws = _Draws.from_track(track, present, columns, seed)
-    expected = [
-        draws.summarise(candidate, np.append(present, own_columns))
-        for candidate, own_columns in zip(allowed, columns, strict=True)
-    ]
+    draws = _Draws.from_track(track, present, list(columns.values()), DRAW_SEED)
+    expected = [draws.summarise(candidate, np.append(present, new)) for candidate, new in columns.items()]
     ranked = sorted(expected, key=lambda candidate: candidate.score)
-    together = min(
-        (draws.summarise(*candidate, together=True) for candidate in _combine_candidates(allowed, columns, present)),
-        key=lambda candidate: candidate.score,
-    )
+    combined = [draws.summarise(*combination, together=True) for combination in _combine_candidates(columns, present)]
+    together = min(combined, key=lambda candidate: candidate.score)
     present_score = draws.summarise(NextCandidate("nothing more"), present, together=True).score
     best = ranked[0] if ranked and ranked[0].score < present_score else None
-    return NextReading(
-        best, together, _write_verdict(best, together, already_identifiable), tuple(ranked[best is not None :]), DRAW_COUNT
-    )
+    advice = _write_verdict(best, together, already_identifiable)
+    return NextReading(best, together, advice, tuple(ranked[best is not None :]), DRAW_COUNT)
 
 
-def _combine_candidates(
-    allowed: Sequence[NextCandidate], columns: Sequence[Ints], present: Ints
-) -> list[tuple[NextCandidate, Ints]]:
+def list_candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, float]) -> tuple[NextCandidate, ...]:
+    """Return the candidates for the next reading: at places on and off the target's axis, with stiffness, baseline, sizes.
+
+    Their noise is the smallest of the present readings. In linear elasticity a reading at another load is the same reading, so
+    that other loads are no candidates; a repetition is one. See ``choose_next_reading`` for the arguments.
+    """
+    data = model.data
+    noise = float(data.noise[data.is_ratio].min())
+    stiffness_noise = float(data.noise[data.is_stiffness].min()) if data.is_stiffness.any() else noise
+    x, y = data.places[0].tolist()
+    templates = {"": Reading(x, y, 1.0, noise)}
+    if model.stiffness_error <= stiffness_noise:
+        templates["stiffness"] = replace(templates[""], stiffness=1.0, stiffness_noise=stiffness_noise)
+    candidates = []
+    for stiffness, template in templates.items():
+        if unknown in TARGET_UNKNOWNS:
+            kind = f"ratio and {stiffness}" if stiffness else "ratio"
+            candidates += [NextCandidate(kind, replace(template, x=x, y=y)) for x, y in _list_places(model)]
+        if nuisances or unknown not in TARGET_UNKNOWNS:
+            candidates.append(NextCandidate(f"blank with {stiffness}" if stiffness else "blank", replace(template, blank=True)))
+    learned = tuple(name for name in ULTRASOUND_NUMBERS if nuisances.get(name, 0.0) > ULTRASOUND_RELATIVE_SD)
+    return (*candidates, NextCandidate("size from ultrasound", None, learned)) if learned else tuple(candidates)
+
+
+def _list_places(model: TargetModel) -> list[tuple[float, float]]:
+    """Return places of the probe on the tissue along x, with several inclusions also along y; present places come first."""
+    target, scene = model.target, model.scene
+    reach = target.depth + scene.probe.tube_radius
+    is_alone = len(scene.inclusion) == 1  # then readings depend on the distance from the target alone
+    directions = (1.0, -1.0) if is_alone else (1.0, -1.0, 1j, -1j)
+    present = model.data.places - [target.x, target.y]
+    offsets = [*(present @ [1.0, 1j]), *(offset * reach * direction for offset in RELATIVE_OFFSETS for direction in directions)]
+    distinct: list[complex] = []  # x + iy
+    for offset in offsets:
+        is_new = all(
+            abs(abs(offset) - abs(other) if is_alone else offset - other) > MIN_RELATIVE_DISTANCE * reach for other in distinct
+        )
+        if is_new and is_on_tissue(scene, target.x + offset.real, target.y + offset.imag):
+            distinct.append(offset)
+    return [(float(target.x + offset.real), float(target.y + offset.imag)) for offset in distinct]
+
+
+def _combine_candidates(columns: Mapping[NextCandidate, Ints], present: Ints) -> list[tuple[NextCandidate, Ints]]:
     """Return all ratios together, and all ratios with stiffness, which the model's error may make worse; both with sizes."""
     combinations = []
-    for width in sorted({len(own_columns) for candidate, own_columns in zip(allowed, columns, strict=True) if candidate.reading}):
-        all_columns = [
-            own_columns
-            for candidate, own_columns in zip(allowed, columns, strict=True)
-            if candidate.reading is None or len(own_columns) == width
-        ]
+    for width in sorted({len(new) for candidate, new in columns.items() if candidate.reading}):
+        chosen = [new for candidate, new in columns.items() if candidate.reading is None or len(new) == width]
         kind = "ratios with stiffness" if width > 1 else "ratios"
-        combinations.append((NextCandidate(f"all {len(all_columns)} together, {kind}"), np.concatenate([present, *all_columns])))
+        combinations.append((NextCandidate(f"all {len(chosen)} together, {kind}"), np.concatenate([present, *chosen])))
     return combinations
 
 
@@ -104,36 +164,36 @@ def _write_verdict(best: ExpectedInterval | None, together: ExpectedInterval, al
     return f"no reading of this probe can, at this noise: {chance}"
 
 
-def _build_track(
-    model: TargetModel, unknown: str, nuisances: Mapping[str, float], allowed: Sequence[NextCandidate]
-) -> tuple[Track, list[Ints]]:
+def _build_track(model: TargetModel, unknown: str, nuisances: Mapping[str, float]) -> tuple[Track, dict[NextCandidate, Ints]]:
     """Return predictions of the present data and of all candidates, and the columns of each candidate."""
-    data, columns = model.data, []
-    for candidate in allowed:
-        new_data = Measurements.from_readings((candidate.reading,)) if candidate.reading is not None else None
-        start = len(data.value)
-        data = data if new_data is None else data.join(new_data)
-        columns.append(np.arange(start, len(data.value)))
+    data, columns = model.data, dict[NextCandidate, Ints]()
+    candidates = list_candidates(model, unknown, nuisances)
+    for candidate in candidates:
+        if candidate.reading is not None:
+            start, data = len(data.value), data.join(Measurements.from_readings((candidate.reading,)))
+            columns[candidate] = np.arange(start, len(data.value))
     track = Track.from_model(replace(model, data=data), unknown).add_nuisances(nuisances)
-    for k, candidate in enumerate(allowed):
+    for candidate in candidates:
         if candidate.learned and track.spread is not None:
-            start = track.predicted.value.shape[1]
-            track = _add_size_columns(
-                track,
-                [list(nuisances).index(name) for name in candidate.learned],
-                [nuisances[name] for name in candidate.learned],
-            )
-            columns[k] = np.arange(start, track.predicted.value.shape[1])
+            columns[candidate] = np.arange(len(data.value), len(data.value) + len(candidate.learned))
+            track = _add_size_columns(track, {list(nuisances).index(name): nuisances[name] for name in candidate.learned})
     return track, columns
 
 
-def _add_size_columns(track: Track, indices: Sequence[int], sds: Sequence[float]) -> Track:
-    """Add a column for each nuisance that ultrasound measures: its prediction is sd times eta at all values of the unknown."""
+def _add_size_columns(track: Track, sds: Mapping[int, float]) -> Track:
+    """Add a column for each nuisance that ultrasound measures: its prediction is sd times eta at all values of the unknown.
+
+    Parameters
+    ----------
+    track
+        With nuisances.
+    sds
+        Relative standard deviation of each such nuisance before, by its index.
+    """
     assert track.spread is not None
-    count, errors, data = len(indices), track.spread.errors, track.model.data
-    wider = errors.transform(lambda part: np.concatenate([part, np.zeros((len(part), count, part.shape[2]))], axis=1))
-    wider.linear[:, np.arange(-count, 0), indices] = sds
-    spread = NuisanceErrors(track.spread.x, wider)
+    count, data, errors = len(sds), track.model.data, track.spread.errors
+    coefficients = np.pad(errors.coefficients, ((0, 0), (0, count), (0, 0)))
+    coefficients[:, np.arange(-count, 0), list(sds)] = list(sds.values())
     zeros, no_flags = np.zeros((len(track.x), count)), np.zeros(count, dtype=bool)
     sizes = Measurements(
         data.places,
@@ -145,18 +205,23 @@ def _add_size_columns(track: Track, indices: Sequence[int], sds: Sequence[float]
         sign=np.zeros(count),
         noise=np.full(count, ULTRASOUND_RELATIVE_SD),
     )
-    predicted = track.predicted.transform_columns(lambda part: np.hstack([part, zeros]))
-    model, slope = replace(track.model, data=data.join(sizes)), np.hstack([track.slope, zeros])
-    return replace(track, model=model, predicted=predicted, slope=slope, spread=spread)
+    return replace(
+        track,
+        model=replace(track.model, data=data.join(sizes)),
+        predicted=track.predicted.transform_columns(lambda part: np.hstack([part, zeros])),
+        derivative=np.hstack([track.derivative, zeros]),
+        spread=NuisanceErrors(track.spread.x, SharedErrors(coefficients, errors.powers)),
+    )
 
 
-def _select_data(track: Track, columns: Ints, finer: int = POINTS_PER_NODE) -> Likelihood:
-    """Return the likelihood of some columns of the data, with ``finer`` points from node to node."""
+def _select_data(track: Track, columns: Ints, points_per_node: int = POINTS_PER_NODE) -> Likelihood:
+    """Return the likelihood of some columns of the data, with so many points from node to node."""
     predicted = track.predicted.transform_columns(lambda part: part[:, columns])
     spread = track.spread
     if spread is not None:
         spread = NuisanceErrors(spread.x, spread.errors.transform(lambda part: part[:, columns]))
-    narrowed = replace(track, predicted=predicted, slope=track.slope[:, columns], spread=spread, finer=finer)
+    derivative = track.derivative[:, columns]
+    narrowed = replace(track, predicted=predicted, derivative=derivative, spread=spread, points_per_node=points_per_node)
     return Likelihood(narrowed, track.model.data.noise[columns])
 
 
@@ -184,30 +249,23 @@ class _Draws:
     separate_noise_data: Floats
 
     @classmethod
-    def from_track(cls, track: Track, present: Ints, columns: Sequence[Ints], seed: int) -> _Draws:
+    def from_track(cls, track: Track, present: Ints, columns: list[Ints], seed: int) -> _Draws:
         """Draw truths and nuisances from eq. ES.11, and simulate the data."""
-        data, k, nuisances = (
-            track.model.data,
-            len(track.model.data.noise),
-            track.compute_shared_errors(track.x[:1]).linear.shape[-1],
-        )
-        fit, present_values = _select_data(track, present), data.value[present]
-        widths = max((len(selected) for selected in columns), default=0)
-        chance = qmc.Sobol(1 + nuisances + widths, rng=seed).random(DRAW_COUNT)
+        data, nuisance_count = track.model.data, track.compute_shared_errors(track.x[:1]).powers.shape[1]
+        present_values, present_noise = data.value[present], data.noise[present]
+        width = max((len(new) for new in columns), default=0)
+        chance = qmc.Sobol(1 + nuisance_count + width, rng=seed).random(DRAW_COUNT)
         normal = norm.ppf(np.clip(chance[:, 1:], 1e-9, 1 - 1e-9))
-        truth = _draw_truths(fit, present_values, chance[:, 0])
+        truth = _draw_truths(_select_data(track, present), present_values, chance[:, 0])
         shared, value = track.compute_shared_errors(truth), track.interpolate(truth)[0]
-        shared = shared.transform(lambda part: np.broadcast_to(part, (DRAW_COUNT, k, part.shape[-1])))
-        selected = shared.transform(lambda part: part[:, present]).divide_by_noise(data.noise[present])
-        eta = _draw_nuisances(selected, (present_values - value[:, present]) / data.noise[present], normal[:, :nuisances])
-        middle = value + shared.evaluate(eta)
-        common_noise_data, separate_noise_data = (
-            middle.copy(),
-            middle + data.noise * np.random.default_rng(seed).normal(size=middle.shape),
-        )
-        for own_columns in columns:
-            noise = normal[:, nuisances : nuisances + len(own_columns)]
-            common_noise_data[:, own_columns] += data.noise[own_columns] * noise
+        present_errors = shared.transform(lambda part: part[..., present, :]).divide_by_noise(present_noise)
+        residual = (present_values - value[:, present]) / present_noise
+        eta = _draw_nuisances(present_errors, residual, normal[:, :nuisance_count])
+        exact_data = value + shared.evaluate(eta)
+        separate_noise_data = exact_data + data.noise * np.random.default_rng(seed).normal(size=exact_data.shape)
+        common_noise_data = exact_data.copy()
+        for new in columns:
+            common_noise_data[:, new] += data.noise[new] * normal[:, nuisance_count : nuisance_count + len(new)]
         common_noise_data[:, present] = separate_noise_data[:, present] = present_values
         return cls(track, truth, common_noise_data, separate_noise_data)
 
@@ -216,20 +274,22 @@ class _Draws:
         fit, unknown = _select_data(self.track, columns, COARSE_POINTS), self.track.unknown
         intervals = compute_hulls(fit, (self.separate_noise_data if together else self.common_noise_data)[:, columns])
         truth, max_ratio = self.track.compute_values(self.truth), get_max_end_ratio(unknown)
-        low, high = (
-            np.array([interval[end] or open_value for interval in intervals]) for end, open_value in ((0, 0.0), (1, np.inf))
-        )
+        low = np.array([0.0 if end is None else end for end, _ in intervals])
+        high = np.array([np.inf if end is None else end for _, end in intervals])
         length = np.log(np.minimum(high, truth * max_ratio)) - np.log(np.maximum(low, truth / max_ratio))
         with np.errstate(divide="ignore"):
             ends, width = (float(np.median(low)), float(np.median(high))), float(np.median(high / low))
         reading = candidate.reading
         return ExpectedInterval(
-            candidate.kind, candidate.kind if together else candidate.description, None if reading is None else reading.x,
-            None if reading is None else reading.y,
-            interval=(ends[0] or None, ends[1] if np.isfinite(ends[1]) else None), width=width if np.isfinite(width) else None,
+            kind=candidate.kind,
+            told=candidate.kind if together else candidate.description,
+            x=None if reading is None else reading.x,
+            y=None if reading is None else reading.y,
+            interval=(ends[0] or None, ends[1] if np.isfinite(ends[1]) else None),
+            width=width if np.isfinite(width) else None,
             identifiable=float(np.mean([is_identifiable(interval, unknown) for interval in intervals])),
             score=float(np.mean(np.maximum(length, 0.0))),
-        )  # fmt: skip
+        )
 
 
 def _draw_truths(fit: Likelihood, y: Floats, probability: Floats) -> Floats:

@@ -1,17 +1,33 @@
-"""Predictions of the measured data, with derivatives and error bounds, for many bodies in the target's place."""
+"""Predictions of the measured data, with derivatives and error bounds, for many bodies in the target's place.
+
+A phase of the ratio, in a scene with lossy materials, is predicted from the ratios of two scenes without losses. With f, v and
+delta of eq. PH.2 of ``solver.phase``, the phase of a ratio r over any body u in the target's place is
+
+    (f(x + v + delta) - f(x + v - delta)) / 2 = arg r(u) + D3f[delta, delta, delta] / 3 + ...              (ES.9)
+
+where f(x + v +- delta) are ln ratios of scenes without losses, whose real moduli are larger or smaller; the body's modulus
+changes with them. Both are predictions with error bounds, whose mean bounds the error of the half difference. The remainder is of
+third order in the spread of the loss angles, and is taken as at most ``THIRD_ORDER_FACTOR`` times the cube of the spread; a phase
+whose standard deviation is smaller is left out. The frequency must be so low that inertia is negligible, which readings do not
+state.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
+from geometry.scenes.scene import Scene
+from geometry.scenes.variables import list_loss_factors
 from probe_design.estimation.measurements import Measurements
 from solver.equivalent_inclusion.readings import Readings
+from solver.phase.losses import compute_angle_spread, compute_log_growths, compute_loss_angles, scale_moduli
 
 MAX_LOG_RATIO_ERROR = 0.3  # bodies with a larger error bound of ln ratio are not searched
+THIRD_ORDER_FACTOR = 0.25  # of the cube of the spread, rad: the largest in tests was 0.16, under a skin
 
 
 @dataclass(frozen=True)
@@ -49,8 +65,8 @@ class Predictions:
     @classmethod
     def empty(cls, n: int, k: int, resolved: bool = True) -> Predictions:
         """Return predictions of zeros, to be filled in, or for bodies that cannot be predicted."""
-        zeros = [np.zeros((n, k)) for _ in range(4)]
-        return cls(zeros[0], zeros[1], zeros[2], zeros[3], resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
+        value, by_modulus, by_diameter, bound = np.zeros((4, n, k))
+        return cls(value, by_modulus, by_diameter, bound, resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
 
     def select_rows(self, which: Ints) -> Predictions:
         """Return the predictions for some of the bodies."""
@@ -68,14 +84,15 @@ class Predictions:
 
     def fill(self, k: int, film_readings: Readings, rows: slice, data: Measurements) -> None:
         """Set datum k of all bodies from some rows of computed readings."""
-        stiffness = bool(data.is_stiffness[k])
-        differentiate = (
-            film_readings.compute_log_stiffness_derivative if stiffness else film_readings.compute_log_ratio_derivative
-        )
+        is_stiffness = bool(data.is_stiffness[k])
         for key, derivatives in (("youngs_modulus", self.by_modulus), ("diameter", self.by_diameter)):
             if key in film_readings.derivatives:
-                derivatives[:, k] = differentiate(key)[rows]
-        if stiffness:
+                derivatives[:, k] = (
+                    film_readings.compute_log_stiffness_derivative(key)[rows]
+                    if is_stiffness
+                    else film_readings.compute_log_ratio_derivative(key)[rows]
+                )
+        if is_stiffness:
             self.value[:, k] = np.log(film_readings.stiffness)[rows]
             self.bound[:, k] = (film_readings.bound.sum(axis=1) / film_readings.stiffness)[rows]
             return
@@ -84,3 +101,68 @@ class Predictions:
         self.bound[:, k] = np.where(resolved, film_readings.log_ratio_bound[rows], 0.0)
         self.resolved[:] &= resolved
         self.agrees[:] &= np.where(resolved & (data.sign[k] != 0), np.sign(ratio) == data.sign[k], True)
+
+
+def select_usable(scene: Scene, data: Measurements) -> tuple[Measurements, tuple[str, ...]]:
+    """Return the data without phases that the model cannot use, with notes: no losses, or too large loss angles."""
+    if not data.is_phase.any():
+        return data, ()
+    if not any(list_loss_factors(scene).values()):
+        reason = "left out: every loss factor of the scene is 0, so that nothing can be concluded from a phase"
+        return data.select(~data.is_phase), (f"{data.is_phase.sum()} phases {reason}",)
+    third_order_bound = THIRD_ORDER_FACTOR * compute_angle_spread(scene) ** 3
+    is_useless = data.is_phase & (data.noise < third_order_bound)
+    if not is_useless.any():
+        return data, ()
+    reason = f"at these loss factors the model's is good to {third_order_bound:.2g} rad only, which is more than their sd"
+    return data.select(~is_useless), (f"{is_useless.sum()} phases left out: {reason}",)
+
+
+def build_turned_scenes(scene: Scene) -> tuple[Scene, Scene]:
+    """Return the stiffer and the softer scene of eq. ES.9."""
+    grown_scene = scale_moduli(scene, compute_log_growths(scene), 1.0)
+    return scale_moduli(grown_scene, compute_loss_angles(scene), 1.0), scale_moduli(grown_scene, compute_loss_angles(scene), -1.0)
+
+
+def build_turned_bodies(scene: Scene, target: Mapping[str, Floats]) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the bodies in the target's place for the stiffer and the softer scene of eq. ES.9."""
+    number = scene.target
+    if number is None or "youngs_modulus" not in target:
+        return dict(target), dict(target)
+    name = "inclusion" if len(scene.inclusion) == 1 else f"inclusion[{number}]"
+    growth, turn = compute_log_growths(scene)[name], compute_loss_angles(scene)[name]
+    moduli = target["youngs_modulus"] * np.exp(growth)
+    stiffer, softer = (dict(target) | {"youngs_modulus": moduli * np.exp(sign * turn)} for sign in (1, -1))
+    return stiffer, softer
+
+
+def insert_phases(
+    predicted: Predictions, stiffer: Predictions, softer: Predictions, is_phase: Bools, angle_spread: float
+) -> Predictions:
+    """Return predictions in which phases, eq. ES.9, replace the ratios that were predicted in their place.
+
+    Parameters
+    ----------
+    predicted
+        For the scene itself.
+    stiffer
+        Predictions for the stiffer scene.
+    softer
+        Predictions for the softer scene.
+    is_phase
+        Which of the data are phases, shape (k,).
+    angle_spread
+        Spread of the loss angles, rad.
+    """
+    is_known = stiffer.resolved & softer.resolved
+    is_known_phase = is_known[:, None] & is_phase
+
+    def insert(key: str, of_phases: Floats) -> Floats:
+        return np.where(is_known_phase, of_phases, np.where(is_phase, 0.0, getattr(predicted, key)))
+
+    value, by_modulus, by_diameter = (
+        insert(key, (getattr(stiffer, key) - getattr(softer, key)) / 2) for key in ("value", "by_modulus", "by_diameter")
+    )
+    bound = insert("bound", (stiffer.bound + softer.bound) / 2 + THIRD_ORDER_FACTOR * angle_spread**3)
+    resolved = predicted.resolved & is_known
+    return Predictions(value, by_modulus, by_diameter, bound, resolved, predicted.agrees)

@@ -3,7 +3,7 @@
 Between nodes the predictions are cubic Hermite polynomials of a coordinate x(unknown), in which the film forces are nearly
 polynomials:
 
-    youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. ES.1 of ``strength.py``
+    youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. ES.1 of ``model.py``
     diameter         x = diameter over the largest that fits
     depth            x = ln depth; likewise a layer's thickness or modulus, the tissue's modulus      (ES.2)
 
@@ -23,28 +23,17 @@ from scipy.interpolate import CubicSpline
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, ProbeError
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
-from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_errors
+from probe_design.estimation.nuisances import NuisanceErrors, SharedErrors, compute_nuisance_errors
 from probe_design.estimation.predictions import Predictions
-from probe_design.estimation.shared_errors import SharedErrors
-from probe_design.estimation.strength import eshelby_beta
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.results.result import Decision
 
-SOFT_CONTRASTS = (
-    0.01,
-    0.04,
-    0.1,
-    0.22,
-    0.45,
-)  # contrasts E_object / E_tissue of the nodes below 1, where predictions change fast
+SOFT_CONTRASTS = (0.01, 0.04, 0.1, 0.22, 0.45)  # E_object / E_tissue of the nodes below 1, where predictions change fast
 STIFF_NODES = 5  # nodes from contrast 1 to the largest
 RELATIVE_DIAMETERS = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
 DEPTH_NODES = 20
 TISSUE_NODES = 17  # nodes along a number of the tissue
-TARGET_SPREAD_NODES, TISSUE_SPREAD_NODES = (
-    6,
-    5,
-)  # nodes at which nuisances are varied: for unknowns of the target, and of the tissue
+TARGET_SPREAD_NODES, TISSUE_SPREAD_NODES = 6, 5  # at which nuisances are varied, for unknowns of the target and of the tissue
 POINTS_PER_NODE = 100  # points of a run from node to node
 
 
@@ -62,15 +51,15 @@ class Track:
         eq. ES.2 at the nodes, increasing, shape (n,).
     predicted
         At the nodes.
-    slope
-        Derivatives of ``predicted.value`` by x, shape (n, k).
+    derivative
+        Derivatives of ``predicted.value`` with respect to x, shape (n, k).
     spread
         eq. ES.7; None without nuisances.
     evaluator
         Its name.
     plan
         Decisions beyond those of ``model``.
-    finer
+    points_per_node
         Points of ``runs`` from node to node.
     """
 
@@ -78,30 +67,26 @@ class Track:
     unknown: str
     x: Floats
     predicted: Predictions
-    slope: Floats
+    derivative: Floats
     spread: NuisanceErrors | None = None
     evaluator: str = EquivalentInclusion.name
     plan: tuple[Decision, ...] = ()
-    finer: int = POINTS_PER_NODE
+    points_per_node: int = POINTS_PER_NODE
 
     @classmethod
     def from_model(cls, model: TargetModel, unknown: str) -> Track:
         """Predict the data at all nodes of the unknown."""
-        if unknown not in TARGET_UNKNOWNS:
-            return cls._from_tissue(model, unknown)
         low, high = model.find_search_range(unknown)
+        if unknown not in TARGET_UNKNOWNS:  # each value needs a new solution of the probe on the tissue
+            x = np.log(np.geomspace(low, high, TISSUE_NODES))
+            predicted = Predictions.join([_predict_tissue(model, unknown, value) for value in np.exp(x)])
+            return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
         x = _choose_nodes(model, unknown, low, high)
         values = _invert_coordinate(model, unknown, x)
         predicted = model.predict({unknown: values})
-        if unknown == "youngs_modulus":
-            return cls(model, unknown, x, predicted, predicted.by_modulus / _differentiate_coordinate(model, values)[:, None])
-        return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
-
-    @classmethod
-    def _from_tissue(cls, model: TargetModel, unknown: str) -> Track:
-        """Predict along a number of the tissue; each value needs a new solution of the probe on the tissue."""
-        x = np.log(np.geomspace(*model.find_search_range(unknown), TISSUE_NODES))
-        predicted = Predictions.join([_predict_tissue(model, unknown, value) for value in np.exp(x)])
+        if unknown == "youngs_modulus":  # d x / d ln E = beta c x^2
+            d_x = model.beta * values / model.host.youngs_modulus * x**2
+            return cls(model, unknown, x, predicted, predicted.by_modulus / d_x[:, None])
         return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
 
     def add_nuisances(self, nuisances: Mapping[str, float]) -> Track:
@@ -113,28 +98,21 @@ class Track:
         if not nuisances or not self.runs:
             return self
         usable_nodes = np.flatnonzero(self.predicted.usable)
-        nodes = np.unique(
-            usable_nodes[
-                np.linspace(
-                    0, len(usable_nodes) - 1, TARGET_SPREAD_NODES if self.unknown in TARGET_UNKNOWNS else TISSUE_SPREAD_NODES
-                )
-                .round()
-                .astype(int)
-            ]
-        )
+        count = TARGET_SPREAD_NODES if self.unknown in TARGET_UNKNOWNS else TISSUE_SPREAD_NODES
+        nodes = np.unique(usable_nodes[np.linspace(0, len(usable_nodes) - 1, count).round().astype(int)])
         try:
-            return replace(self, spread=self._compute_nuisance_errors(nuisances, nodes))
+            return self._add_nuisances(nuisances, nodes)
         except InputError:
             middle = len(self.x) // 2  # the range is about the scene's own value
             if self.unknown in TARGET_UNKNOWNS or middle not in usable_nodes:
                 raise
-            return replace(self, spread=self._compute_nuisance_errors(nuisances, np.array([middle])))
+            return self._add_nuisances(nuisances, np.array([middle]))
 
-    def _compute_nuisance_errors(self, nuisances: Mapping[str, float], nodes: Ints) -> NuisanceErrors:
-        x = self.x[nodes]
-        return compute_nuisance_errors(
-            self.model, nuisances, x, {self.unknown: self.compute_values(x)}, self.predicted.select_rows(nodes)
-        )
+    def _add_nuisances(self, nuisances: Mapping[str, float], nodes: Ints) -> Track:
+        """Return the track with the errors by nuisances, computed at some of its nodes."""
+        x, centre = self.x[nodes], self.predicted.select_rows(nodes)
+        values = {self.unknown: self.compute_values(x)}
+        return replace(self, spread=compute_nuisance_errors(self.model, nuisances, x, values, centre))
 
     def remove_model_error(self) -> Track:
         """Return the track with error bounds of zero."""
@@ -142,7 +120,11 @@ class Track:
 
     def compute_shared_errors(self, x: Floats) -> SharedErrors:
         """Return the errors that the data share at points of shape (s,), eq. ES.7."""
-        return SharedErrors.empty(self.predicted.value.shape[1]) if self.spread is None else self.spread.interpolate(x)
+        return (
+            SharedErrors.from_linear(np.zeros((self.predicted.value.shape[1], 0)))
+            if self.spread is None
+            else self.spread.interpolate(x)
+        )
 
     def compute_values(self, x: Floats) -> Floats:
         """Return values of the unknown, SI, at coordinates x."""
@@ -154,25 +136,25 @@ class Track:
         step = (self.x[cell + 1] - self.x[cell])[:, None]
         t = (x - self.x[cell])[:, None] / step
         low, high = self.predicted.value[cell], self.predicted.value[cell + 1]
-        left, right = self.slope[cell] * step, self.slope[cell + 1] * step
+        left, right = self.derivative[cell] * step, self.derivative[cell + 1] * step
         bend, twist = 3 * (high - low) - 2 * left - right, 2 * (low - high) + left + right
         return low + t * (left + t * (bend + t * twist)), (left + t * (2 * bend + t * 3 * twist)) / step
 
     @cached_property
     def runs(self) -> list[Floats]:
         """Points along the unknown, as one array for each run of neighbouring usable nodes."""
-        fractions = np.arange(self.finer) / self.finer
+        fractions = np.arange(self.points_per_node) / self.points_per_node
         cells = self.x[:-1, None] + np.diff(self.x)[:, None] * fractions
         return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _split_runs(self.predicted.usable) if len(run) > 1]
 
 
 def _differentiate_by_spline(x: Floats, predicted: Predictions) -> Floats:
     """Return derivatives by x at the nodes, of a cubic spline through each run of usable values; 0 elsewhere."""
-    slope = np.zeros_like(predicted.value)
+    derivative = np.zeros_like(predicted.value)
     for run in _split_runs(predicted.usable):
         if len(run) > 1:
-            slope[run] = CubicSpline(x[run], predicted.value[run])(x[run], 1)
-    return slope
+            derivative[run] = CubicSpline(x[run], predicted.value[run])(x[run], 1)
+    return derivative
 
 
 def _predict_tissue(model: TargetModel, unknown: str, value: float) -> Predictions:
@@ -201,26 +183,15 @@ def _choose_nodes(model: TargetModel, unknown: str, low: float, high: float) -> 
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
 
-def _compute_beta(model: TargetModel) -> float:
-    """Return beta of eq. ES.1 for the tissue around the target."""
-    return eshelby_beta(model.host)
-
-
 def compute_coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
     """Return x of eq. ES.2 for values of the unknown, SI, shape (n,)."""
     if unknown == "youngs_modulus":
-        return np.asarray(-1 / (1 + _compute_beta(model) * (values / model.host.youngs_modulus - 1)))
+        return np.asarray(-1 / (1 + model.beta * (values / model.host.youngs_modulus - 1)))
     return np.asarray(values / model.find_search_range("diameter")[1]) if unknown == "diameter" else np.log(values)
 
 
 def _invert_coordinate(model: TargetModel, unknown: str, x: Floats) -> Floats:
     """Return values of the unknown, SI, at coordinates x: the inverse of eq. ES.2."""
     if unknown == "youngs_modulus":
-        return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / _compute_beta(model)))
+        return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / model.beta))
     return np.asarray(x * model.find_search_range("diameter")[1]) if unknown == "diameter" else np.exp(x)
-
-
-def _differentiate_coordinate(model: TargetModel, moduli: Floats) -> Floats:
-    """Return the derivative of x, eq. ES.2, by ln E_object at moduli, Pa: d x / d ln E = beta c x^2, c = E / E_tissue."""
-    x = compute_coordinate(model, "youngs_modulus", moduli)
-    return np.asarray(_compute_beta(model) * moduli / model.host.youngs_modulus * x**2)

@@ -8,17 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Scene
-from probe_design.estimation.intervals import TOLERATED_SHIFT, Piece
+from probe_design.estimation.estimate_result import DepthAndStrength, get_max_end_ratio, is_identifiable
+from probe_design.estimation.intervals import TOLERATED_SHIFT, Interval, Piece
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
+from probe_design.estimation.nuisances import SharedErrors
 from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
 from probe_design.estimation.profile import Track
-from probe_design.estimation.shared_errors import SharedErrors
-from probe_design.estimation.strength import DepthAndStrength, Interval
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.planning.load_check import build_load_notes
-from solver.results.film_forces import Bound, FilmForces, compute_result_fields
 
 MIN_FIT_PROBABILITY = 0.01  # a smaller p-value of the fit contradicts the scene or its noise
 UNKNOWN_NAMES = {"youngs_modulus": "E_object", "diameter": "diameter", "depth": "depth"}
@@ -103,18 +101,16 @@ class Findings:
         return bool(self.track.runs and self.track.runs[end][end] == self.track.x[end])
 
 
-def explain_unidentifiable(findings: Findings, interval: Interval, widest: float, resolved_by_noise: bool) -> str:
-    """Return the reason why the unknown is not identifiable."""
-    text = _explain_interval(findings, interval, widest)
-    if resolved_by_noise and findings.pieces and findings.shift > TOLERATED_SHIFT:
-        low, high = (
-            format_value(findings.unknown, end) for end in (findings.noise_pieces[0].low, findings.noise_pieces[-1].high)
-        )
+def explain_unidentifiable(findings: Findings, interval: Interval, noise_interval: Interval) -> str:
+    """Return the reason why the unknown is not identifiable; ``noise_interval`` is that of a model without error."""
+    text = _explain_interval(findings, interval)
+    if is_identifiable(noise_interval, findings.unknown) and findings.pieces and findings.shift > TOLERATED_SHIFT:
+        low, high = (format_value(findings.unknown, end or 0.0) for end in noise_interval)
         text += f"; by the noise alone it would be {low} to {high}, but the model's own error hides that"
     return text
 
 
-def _explain_interval(findings: Findings, interval: Interval, widest: float) -> str:
+def _explain_interval(findings: Findings, interval: Interval) -> str:
     """Return the reason that the interval shows: no fit, an open end, or too wide."""
     name, data = findings.name, findings.model.data
     if findings.best is None and findings.track.predicted.resolved.any():
@@ -125,19 +121,17 @@ def _explain_interval(findings: Findings, interval: Interval, widest: float) -> 
     if not findings.pieces:
         return _explain_no_fit(findings)
     if low is None and high is None:
-        change = np.expm1(np.ptp(findings.log_ratios))
-        change = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {data.noise[data.first_ratio]:.2g}"
-        return f"any {name} explains the readings: {change}"
-    for end, value, ends in ((0, low, 0), (1, high, -1)):
-        if value is None:
-            return _explain_open_end(findings, END_ADJECTIVES[findings.unknown.rpartition(".")[2]][end], ends)
-    assert low is not None
-    assert high is not None
-    return f"the interval's ends are a factor of {high / low:.3g} apart, more than {widest:g}"
+        change, noise = np.expm1(np.ptp(findings.log_ratios)), data.noise[data.first_ratio]
+        change_text = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {noise:.2g}"
+        return f"any {name} explains the readings: {change_text}"
+    if low is None or high is None:
+        return _explain_open_end(findings, 0 if low is None else -1)
+    return f"the interval's ends are a factor of {high / low:.3g} apart, more than {get_max_end_ratio(findings.unknown):g}"
 
 
-def _explain_open_end(findings: Findings, adjective: str, end: int) -> str:
+def _explain_open_end(findings: Findings, end: int) -> str:
     """Return the reason for an open end, the first (0) or last (-1) of the search range."""
+    adjective = END_ADJECTIVES[findings.unknown.rpartition(".")[2]][end]
     if not findings.is_searched_to_end(end):
         limit = format_value(findings.unknown, float(findings.track.compute_values(findings.track.runs[end][end])))
         return f"the interval reaches {limit}, beyond which {findings.no_model_text.rstrip(',')}"
@@ -163,12 +157,8 @@ def _explain_no_fit(findings: Findings) -> str:
     return f"the reading {reading:.4g} lies {side} {limit:.4g}, {limit_text}: something in the scene is not as stated"
 
 
-def list_warnings(findings: Findings, fitted: DepthAndStrength | None) -> tuple[str, ...]:
-    """Return the warnings of an estimate, one line each."""
-    return tuple(dict.fromkeys(_iterate_warnings(findings, fitted)))
-
-
-def _iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
+def iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
+    """Yield the warnings of an estimate, one line each; some of them twice."""
     yield from findings.model.base.notes  # these are for the place farthest from the tissue's middle
     if findings.best is None:
         yield from build_load_notes(findings.model.scene, findings.model.rule, findings.model.tolerance, promise=False)
@@ -182,15 +172,14 @@ def _iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> It
             "the interval is widened by it and covers more than 95 %; a smaller --accuracy may help"
         )
     if len(findings.pieces) > 1:
-        ends = [
-            (format_value(findings.unknown, piece.low), format_value(findings.unknown, piece.high)) for piece in findings.pieces
-        ]
-        parts = " or ".join(f"{low} to {high}" for low, high in ends)
-        yield f"the interval is the hull of separate parts: {parts}"
+        parts = [[format_value(findings.unknown, end) for end in (piece.low, piece.high)] for piece in findings.pieces]
+        yield f"the interval is the hull of separate parts: {' or '.join(' to '.join(ends) for ends in parts)}"
     yield from _describe_unsearched(findings)
-    if fitted is not None and findings.unknown != "depth" and not _contains(fitted.depth_interval, findings.model.target.depth):
-        stated = format_value("depth", findings.model.target.depth)
-        yield f"the readings fit another depth than the scene's {stated}, with which {findings.name} was estimated"
+    if fitted is not None and findings.unknown != "depth":
+        depth, (low, high) = findings.model.target.depth, fitted.depth_interval
+        if not (low or 0.0) <= depth <= (np.inf if high is None else high):
+            stated = format_value("depth", depth)
+            yield f"the readings fit another depth than the scene's {stated}, with which {findings.name} was estimated"
 
 
 def _describe_unsearched(findings: Findings) -> Iterator[str]:
@@ -207,32 +196,19 @@ def _describe_unsearched(findings: Findings) -> Iterator[str]:
 
 
 def _describe_load(findings: Findings) -> Iterator[str]:
-    """Yield the evaluator's warnings about the scene's load at the best fit."""
-    model, fitted_scene = findings.model, _build_best_scene(findings)
-    if findings.unknown not in TARGET_UNKNOWNS:
-        model = replace(model, scene=fitted_scene)
-    best_readings = compute_readings(model.base, Tumours.from_scene(fitted_scene), fitted_scene.target or 0)
-    slope = best_readings.derivatives["youngs_modulus"][0] if best_readings.derivatives else None
-    films = FilmForces(best_readings.forces[0], Bound(best_readings.bound[0], float(best_readings.log_ratio_bound[0])), slope)
-    yield from compute_result_fields(fitted_scene, films)["warnings"]
-    rule = replace(model.rule, stiffness=float(best_readings.stiffness[0]))
-    yield from build_load_notes(fitted_scene, rule, model.tolerance, promise=False)
-
-
-def _build_best_scene(findings: Findings) -> Scene:
-    """Return the scene with the best fit of the unknown."""
-    scene, unknown, value = findings.model.scene, findings.unknown, findings.best_value
+    """Yield a warning where the scene's load is beyond linear elasticity at the best fit."""
+    model, scene, value = findings.model, findings.model.scene, findings.best_value
     assert value is not None  # the caller has checked it
-    if unknown not in TARGET_UNKNOWNS:
-        return scene.replace({unknown: value})
-    body = findings.model.target.model_copy(update={unknown: value})
-    bodies = tuple(body if index == scene.target else inclusion for index, inclusion in enumerate(scene.inclusion))
-    return scene.model_copy(update={"inclusion": bodies})
-
-
-def _contains(interval: Interval, value: float) -> bool:
-    low, high = interval
-    return (low is None or low <= value) and (high is None or value <= high)
+    if findings.unknown in TARGET_UNKNOWNS:
+        body = model.target.model_copy(update={findings.unknown: value})
+        bodies = tuple(body if index == scene.target else other for index, other in enumerate(scene.inclusion))
+        scene = scene.model_copy(update={"inclusion": bodies})
+    else:
+        scene = scene.replace({findings.unknown: value})
+        model = replace(model, scene=scene)
+    best_readings = compute_readings(model.base, Tumours.from_scene(scene), scene.target or 0)
+    rule = replace(model.rule, stiffness=float(best_readings.stiffness[0]))
+    yield from build_load_notes(scene, rule, model.tolerance, promise=False)
 
 
 def format_value(unknown: str, value: float) -> str:

@@ -166,9 +166,8 @@ def _build_maps(fits: Bools, effects: SphereEffects, thresholds: Thresholds) -> 
         return tuple(tuple(None if np.isnan(value) else float(value) for value in row) for row in table)
 
     def build_verdicts(values: Floats) -> Verdicts:
-        return tuple(
-            tuple(None if value is None else value > 0 for value in row) for row in build_rows(values, effects.has_ratio)
-        )
+        rows = build_rows(values, effects.has_ratio)
+        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows)
 
     has_sensitivity = effects.has_ratio & (effects.sensitivity != 0)
     deviation = thresholds.noise / np.where(has_sensitivity, np.abs(effects.sensitivity), 1.0)
@@ -194,14 +193,14 @@ def _iterate_warnings(effects: SphereEffects, thresholds: Thresholds) -> Iterato
     n = len(effects.change)
     if not n:
         yield "no tumour of these diameters fits at these depths"
-    unknown = int((~effects.has_ratio).sum())
+    unknown = (~effects.has_ratio).sum()
     if unknown:
         yield f"of {unknown} of {n} tumours nothing is known: under one of the blocks the stress is smaller than its own error"
-    hidden = int((effects.has_ratio & ~effects.above_error).sum())
+    hidden = (effects.has_ratio & ~effects.above_error).sum()
     if hidden:
         yield f"{hidden} of {n} tumours change the ratio by less than the model's own error: how much is not known"
-    words = ("detected", "resolved in stiffness")
-    for name, verdict in zip(words, (effects.decide_detection(thresholds), effects.decide_resolution(thresholds)), strict=True):
-        count = int((effects.has_ratio & np.isnan(verdict)).sum())
+    verdicts = {"detected": effects.decide_detection(thresholds), "resolved in stiffness": effects.decide_resolution(thresholds)}
+    for name, verdict in verdicts.items():
+        count = (effects.has_ratio & np.isnan(verdict)).sum()
         if count:
             yield f"whether {count} of {n} tumours are {name} stays open: the model's error is larger than what decides it"

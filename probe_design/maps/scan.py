@@ -126,24 +126,27 @@ def scan(
     load = LoadChanges.from_stiffness(scene, rule, film_readings.stiffness)
     if not linear:
         check_load(scene, load.weakest, accuracy, promise)
-    stress = film_readings.totals * compute_indentation(scene, film_readings)[:, None] / film_readings.areas
+    log_sensitivity: Column = (None,) * len(positions)
+    if film_readings.derivatives:
+        log_sensitivity = _build_column(film_readings.log_sensitivity, film_readings.resolved & has_target)
+    imposed, force = scene.load.indentation, scene.load.force or 0.0
+    indentation = force / film_readings.stiffness if imposed is None else np.full(len(positions), imposed)
+    stress = film_readings.totals * indentation[:, None] / film_readings.areas
     return Scan(
         along=along,
         at=line.offset,
         position=tuple(positions.tolist()),
-        ratio=build_column(film_readings.ratio, film_readings.resolved),
+        ratio=_build_column(film_readings.ratio, film_readings.resolved),
         stiffness=tuple(film_readings.stiffness.tolist()),
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
-        log_sensitivity=build_column(film_readings.log_sensitivity, film_readings.resolved & has_target)
-        if film_readings.derivatives
-        else (None,) * len(positions),
-        error_estimate=build_column(load.add_to_errors(film_readings.error_estimate), film_readings.resolved & load.is_known),
+        log_sensitivity=log_sensitivity,
+        error_estimate=_build_column(load.add_to_errors(film_readings.error_estimate), film_readings.resolved & load.is_known),
         ratio_without=compute_ratio_fields(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         load_limits=build_limits(rule, accuracy, promise),
-        plan=(*farthest.plan, *list_reflection_decisions(base, film_readings)),
+        plan=(*farthest.plan, *_list_reflection_decisions(base, film_readings)),
         warnings=(
             *dict.fromkeys(_iterate_warnings(scene, farthest, film_readings, is_outside, accuracy)),
             *build_load_notes(scene, load.weakest, accuracy, promise),
@@ -153,25 +156,19 @@ def scan(
     )
 
 
-def compute_indentation(scene: Scene, film_readings: Readings) -> Floats:
-    """Return the indentation at the scene's load, m, shape (n,)."""
-    imposed = scene.load.indentation
-    return (scene.load.force or 0.0) / film_readings.stiffness if imposed is None else np.full(len(film_readings.forces), imposed)
-
-
-def build_column(values: Floats, valid: Bools) -> Column:
+def _build_column(values: Floats, valid: Bools) -> Column:
     """Return values as a tuple for JSON, with None where they are not valid."""
     return tuple(value if is_valid else None for value, is_valid in zip(values.tolist(), valid.tolist(), strict=True))
 
 
-def list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> Iterator[Decision]:
+def _list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> Iterator[Decision]:
     """Yield the line of the plan about reflections of the tumours' fields, if there are tumours."""
     if not film_readings.derivatives:
         return
     count, n = int(film_readings.reflected.sum()), len(film_readings.reflected)
     effect = float(min(film_readings.first_share.max(), 1e9))
-    size = f"changes the ratio by at most about {effect:.2g}"
-    reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
+    extent = f"modelled for {count} of {n}, elsewhere counted in error_estimate"
+    reason = f"{extent}: changes the ratio by at most about {effect:.2g}"
     yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
 
 
@@ -197,31 +194,29 @@ def _iterate_warnings(
         count = int(is_outside[:, scene.target].sum())
         yield f"no log-sensitivity is given at {count} of {n} positions: the target lies outside the modelled round tissue"
     if is_outside.any():
-        count = int(is_outside.any(axis=1).sum())
-        left_out = f"left out at {count} of {n} positions, which the error counts"
+        left_out = f"left out at {is_outside.any(axis=1).sum()} of {n} positions, which the error counts"
         yield f"tumours outside the round tissue that is modelled are {left_out}"
     if not film_readings.resolved.all():
-        positions_text = f"{int((~film_readings.resolved).sum())} of {n} positions"
-        yield f"no ratio is given at {positions_text}: under one of the blocks the stress is smaller than its own error"
+        where = f"at {(~film_readings.resolved).sum()} of {n} positions"
+        yield f"no ratio is given {where}: under one of the blocks the stress is smaller than its own error"
     limit = f"the accuracy {accuracy:g}"
     if farthest.accuracy < accuracy:
         limit = f"{farthest.accuracy:.2g}, which the load leaves of {limit}"
-    for quantity, bounds in compute_errors(scene, film_readings).items():
-        exceeding = int((bounds > farthest.accuracy).sum())
+    for quantity, bounds in _compute_errors(scene, film_readings).items():
+        exceeding = (bounds > farthest.accuracy).sum()
         if exceeding:
             bound = f"{bounds.max():.2g}" if bounds.max() < 1 else "1 and more"
-            where = f"at {exceeding} of {n} positions, more than {limit}"
-            yield f"the error of {quantity} is up to {bound} {where}"
+            yield f"the error of {quantity} is up to {bound} at {exceeding} of {n} positions, more than {limit}"
     if film_readings.derivatives and scene.target is not None:
         tolerance = compute_sensitivity_tolerance(farthest.accuracy, film_readings.log_sensitivity)
         is_worse = film_readings.resolved & (film_readings.sensitivity_error > tolerance)
         if is_worse.any():
-            max_error = f"{film_readings.sensitivity_error[is_worse].max():.1g} (absolute)"
-            positions_text = f"{int(is_worse.sum())} of {n} positions"
-            yield f"the error of the log-sensitivity is up to {max_error} at {positions_text}, more than 5 times the accuracy"
+            bound = f"{film_readings.sensitivity_error[is_worse].max():.1g} (absolute)"
+            where = f"at {is_worse.sum()} of {n} positions"
+            yield f"the error of the log-sensitivity is up to {bound} {where}, more than 5 times the accuracy"
 
 
-def compute_errors(scene: Scene, film_readings: Readings) -> dict[str, Floats]:
+def _compute_errors(scene: Scene, film_readings: Readings) -> dict[str, Floats]:
     """Return the relative error bounds of ratio, stiffness and, at a given indentation, stresses, shape (n,) each."""
     bounds = {
         "the ratio": film_readings.error_estimate[film_readings.resolved],

@@ -23,9 +23,7 @@ from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
 
-SQUARE_LAW_ERROR = (
-    0.3  # of the effect of the sides between two positions: error of its interpolation with the square of the distance
-)
+SQUARE_LAW_ERROR = 0.3  # of the effect of the sides between two positions: error of interpolating with the square of the distance
 MAX_SPLITS = 3  # halvings of the positions for closer bounds: up to 8 solutions
 CLOSE_BOUND_FRACTION = 0.5  # of the accuracy: error bounds that need no further halving
 
@@ -75,19 +73,13 @@ class ScanLine:
         max_position = self.max_position * (1 - 1e-9)
         reason = f"the whole probe, of radius {format_mm(self.scene.probe.tube_radius)}, has to stand on the tissue"
         if max_position <= 0:
-            max_offset = replace(self, axis=self.cross_axis, offset=0.0).max_position
-            raise InputError(
-                "at", format_mm(self.offset), f"less than {format_maximum_mm(max_offset)} from the tissue's middle ({reason})"
-            )
+            max_offset = format_maximum_mm(replace(self, axis=self.cross_axis, offset=0.0).max_position)
+            raise InputError("at", format_mm(self.offset), f"less than {max_offset} from the tissue's middle ({reason})")
         for key, end in (("from", positions.min()), ("to", positions.max())):
             if abs(end) >= max_position:
+                limit = format_maximum_mm(max_position)
                 offset_text = f" at {self.cross_axis} = {format_mm(self.offset)}" if self.offset else ""
-                raise InputError(
-                    key,
-                    format_mm(end),
-                    f"positions between -{format_maximum_mm(max_position)} and "
-                    f"{format_maximum_mm(max_position)}{offset_text} ({reason})",
-                )
+                raise InputError(key, format_mm(end), f"positions between -{limit} and {limit}{offset_text} ({reason})")
 
     def build_tumours(self, positions: Floats) -> Tumours:
         """Return the inclusions relative to each position of the probe, shape (n, inclusions)."""

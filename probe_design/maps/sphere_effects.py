@@ -88,10 +88,9 @@ class SphereEffects:
 
     def add_load_changes(self, load: LoadChanges) -> SphereEffects:
         """Return the effects with error bounds that count the load's effect on R, R_0 and S."""
-        ratio, slope = load.ratio[:-1], load.log_sensitivity[:-1]
-        factor = (1 + ratio) * (1 + load.ratio[-1])
+        factor, sensitivity_change = (1 + load.ratio[:-1]) * (1 + load.ratio[-1]), load.log_sensitivity[:-1]
         error = self.error * factor + np.abs(1 + self.change) * (factor - 1)
-        sensitivity_error = self.sensitivity_error * (1 + slope) + np.abs(self.sensitivity) * slope
+        sensitivity_error = self.sensitivity_error * (1 + sensitivity_change) + np.abs(self.sensitivity) * sensitivity_change
         return replace(self, error=error, sensitivity_error=sensitivity_error)
 
     def replace_rows(self, rows: Ints, replacements: SphereEffects) -> SphereEffects:
@@ -127,19 +126,16 @@ def _decide(value: Floats, error: Floats, threshold: float) -> Floats:
 def compute_effects(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> SphereEffects:
     """Return the effects of spheres from the readings with and without them."""
     has_ratio = np.asarray(readings_with.resolved & readings_without.resolved)
-    change = np.where(has_ratio, readings_with.ratio / np.where(readings_without.resolved, readings_without.ratio, 1.0) - 1, 0.0)
-    error = np.where(
-        has_ratio,
-        np.abs(1 + change) * np.expm1(np.minimum(_bound_log_error(base, readings_with, readings_without), 700.0)),
-        np.inf,
-    )
+    ratio_without = np.where(readings_without.resolved, readings_without.ratio, 1.0)
+    change = np.where(has_ratio, readings_with.ratio / ratio_without - 1, 0.0)
+    log_error = np.minimum(_bound_log_error(base, readings_with, readings_without), 700.0)  # so that its exponential is finite
     return SphereEffects(
-        has_ratio,
-        change,
-        error,
-        readings_with.log_sensitivity,
-        np.where(has_ratio, readings_with.sensitivity_error, np.inf),
-        readings_with.stiffness,
+        has_ratio=has_ratio,
+        change=change,
+        error=np.where(has_ratio, np.abs(1 + change) * np.expm1(log_error), np.inf),
+        sensitivity=readings_with.log_sensitivity,
+        sensitivity_error=np.where(has_ratio, readings_with.sensitivity_error, np.inf),
+        stiffness=readings_with.stiffness,
     )
 
 

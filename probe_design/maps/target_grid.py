@@ -16,10 +16,7 @@ from solver.inclusions.tumours import Tumours
 
 MIN_COVER_FRACTION = 0.025  # of the diameter: thinnest tissue between a sphere and a face for which the evaluator is accurate
 MAX_FILL_FRACTION = 1 - 1e-9  # of the free distance: largest radius of a sphere
-DEPTH_RANGE_RADII, DIAMETER_RANGE_RADII = (
-    4.0,
-    2.5,
-)  # outer radii: ranges of depth and diameter unless the scene's tumour needs more
+DEPTH_RANGE_RADII, DIAMETER_RANGE_RADII = 4.0, 2.5  # outer radii: ranges unless the scene's tumour needs more
 SCENE_SIZE_FACTOR = 1.5  # times the scene's depth and diameter: smallest ranges
 RANGE_DIVISOR = 50  # largest over smallest depth and diameter
 
@@ -58,19 +55,13 @@ class Spheres:
     @cached_property
     def fits(self) -> Bools:
         """Whether each sphere lies within one layer, below enough tissue, and apart from other inclusions; shape (k, m)."""
-        body, tissue, placement, depth = find_target(self.scene), self.scene.tissue, self.scene.placement, self.depth
+        body, placement, depth = find_target(self.scene), self.scene.placement, self.depth
         side_distance = self.radius - np.hypot(body.x - placement.x, body.y - placement.y)
-        if tissue.shape == "cylinder":
-            side_distance = min(side_distance, tissue.radius - np.hypot(body.x, body.y))
-        elif tissue.shape == "block":
-            side_distance = min(side_distance, tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y))
-        free_radius = np.minimum(depth, side_distance)
-        if tissue.shape != "half-space":
-            free_radius = np.minimum(free_radius, tissue.depth - depth)
-        for neighbour in list_other_inclusions(self.scene):
-            distance = np.sqrt((neighbour.x - body.x) ** 2 + (neighbour.y - body.y) ** 2 + (neighbour.depth - depth) ** 2)
-            free_radius = np.minimum(free_radius, distance - (neighbour.diameter or 0.0) / 2)
-        radius, face_distances = self.diameter / 2, [np.abs(depth - interface) for interface in (0.0, *tissue.interfaces)]
+        free_radius = np.minimum(compute_free_radii(self.scene, depth), side_distance)
+        radius, face_distances = (
+            self.diameter / 2,
+            [np.abs(depth - interface) for interface in (0.0, *self.scene.tissue.interfaces)],
+        )
         cover = np.min(face_distances, axis=0)[:, None] - radius
         return np.asarray((radius < free_radius[:, None] * MAX_FILL_FRACTION) & (cover >= MIN_COVER_FRACTION * self.diameter))
 
@@ -95,14 +86,25 @@ def check_spheres(scene: Scene, command: str) -> None:
     for index, body in enumerate(scene.inclusion):
         if body.diameter is None:
             shape = Words("diameters" if body.diameters is not None else "surface")
-            raise Refusal(
-                f"inclusion[{index}]", shape, f"a diameter, as {command} is built for spheres so far (evaluate takes ellipsoids)"
-            )
+            allowed = f"a diameter, as {command} is built for spheres so far (evaluate takes ellipsoids)"
+            raise Refusal(f"inclusion[{index}]", shape, allowed)
 
 
-def list_other_inclusions(scene: Scene) -> list[Inclusion]:
-    """Return all inclusions but the target."""
-    return [body for index, body in enumerate(scene.inclusion) if index != scene.target]
+def compute_free_radii(scene: Scene, depth: Floats) -> Floats:
+    """Return the distances, m, shape (n,), of the target at some depths to surface, sides, bottom and other inclusions."""
+    body, tissue = find_target(scene), scene.tissue
+    radius = np.asarray(depth, dtype=float)
+    if tissue.shape == "cylinder":
+        radius = np.minimum(radius, tissue.radius - np.hypot(body.x, body.y))
+    elif tissue.shape == "block":
+        radius = np.minimum(radius, min(tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y)))
+    if tissue.shape != "half-space":
+        radius = np.minimum(radius, tissue.depth - depth)
+    for index, neighbour in enumerate(scene.inclusion):
+        if index != scene.target:
+            distance = np.sqrt((neighbour.x - body.x) ** 2 + (neighbour.y - body.y) ** 2 + (neighbour.depth - depth) ** 2)
+            radius = np.minimum(radius, distance - (neighbour.diameter or 0.0) / 2)
+    return radius
 
 
 def find_target(scene: Scene) -> Inclusion:

@@ -73,13 +73,10 @@ def _iterate_pairs(recorded: Any, repeated: Any, place: str, errors: Errors = (N
         for key in [key for key in {**recorded, **repeated} if key not in IGNORED_KEYS]:
             yield from _iterate_pairs(recorded.get(key), repeated.get(key), f"{place}.{key}".lstrip("."), estimates)
     elif isinstance(recorded, list) and isinstance(repeated, list) and len(recorded) == len(repeated):
+        count = len(recorded)
         for k, (left, right) in enumerate(zip(recorded, repeated, strict=True)):
-            yield from _iterate_pairs(
-                left,
-                right,
-                f"{place}[{k}]",
-                (_select_error(errors[0], k, len(recorded)), _select_error(errors[1], k, len(recorded))),
-            )
+            entry_errors = (_select_error(errors[0], k, count), _select_error(errors[1], k, count))
+            yield from _iterate_pairs(left, right, f"{place}[{k}]", entry_errors)
     elif recorded is not None or repeated is not None:
         yield place, recorded, repeated, _compute_allowed(place, errors)
 

@@ -65,12 +65,12 @@ class Rerun:
 
     def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design rerun``."""
-        places = [
+        differences = [
             {"place": difference.place, "before": difference.recorded, "now": difference.repeated}
             for difference in self.differences
         ]
         return {
-            "agrees": self.agrees, "numbers": self.numbers, "differences": places, "command": list(self.command),
+            "agrees": self.agrees, "numbers": self.numbers, "differences": differences, "command": list(self.command),
             "warnings": list(self.warnings), "provenance": self.provenance,
         }  # fmt: skip
 
@@ -97,25 +97,20 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
     if not words or not isinstance(words, list):
         raise InputError("file", str(file), "made by a command line (this was made by a Python program)")
     with tempfile.TemporaryDirectory() as folder:
-        file_folder = file if file.is_dir() else file.parent
-        new_words = build_rerun_words(
-            cli, [str(word) for word in words], block.get("inputs") or {}, file_folder.absolute(), Path(folder)
-        )
-        printed_object = _run_program(new_words)
+        file_folder, inputs = file if file.is_dir() else file.parent, block.get("inputs") or {}
+        new_words = build_rerun_words(cli, [str(word) for word in words], inputs, file_folder.absolute(), Path(folder))
+        repeated = _run_program(new_words)
+        new_block = repeated.get("provenance") or build_provenance()
         new_file = _find_counterpart(file, Path(folder))
-        new_block, repeated = (
-            (printed_object.get("provenance") or build_provenance(), printed_object)
-            if new_file is None
-            else _read_numbers(new_file)
-        )
+        if new_file is not None:
+            new_block, repeated = _read_numbers(new_file)
     if block.get("scene") != new_block.get("scene"):
         raise InputError("scene", Words("another one now"), f"the scene of the file, {block.get('scene')}")
     count = count_numbers(recorded, repeated)
     if count == 0:
         raise InputError("file", str(file), "a file with numbers beside its block of provenance")
-    return Rerun(
-        tuple(words), count, tuple(find_differences(recorded, repeated)), tuple(_compare_versions(block, new_block)), new_block
-    )
+    differences, version_changes = find_differences(recorded, repeated), _compare_versions(block, new_block)
+    return Rerun(tuple(words), count, tuple(differences), tuple(version_changes), new_block)
 
 
 def _read_numbers(file: Path) -> tuple[Provenance, JsonObject]:
@@ -148,10 +143,10 @@ def _run_program(words: list[str]) -> JsonObject:
     if process.returncode not in (0, NEGATIVE_EXIT_CODE):
         raise RerunError(f"the command that made the file ends now with exit code {process.returncode}: see above")
     try:
-        answer = json.loads(process.stdout)
+        printed = json.loads(process.stdout)
     except ValueError:
         raise RerunError("the command that made the file fails now: see above") from None
-    return answer if isinstance(answer, dict) else {}
+    return printed if isinstance(printed, dict) else {}
 
 
 def _find_counterpart(file: Path, folder: Path) -> Path | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from probe_design.estimation.estimate_result import Estimate, ExpectedInterval
+from probe_design.estimation.intervals import Interval
 from probe_design.estimation.reasons import UNKNOWN_NAMES, format_value
-from probe_design.estimation.strength import Interval
 from probe_design.reporting.table import Table
 
 

@@ -24,7 +24,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
@@ -72,13 +71,11 @@ class BudgetPart:
 
 
 @dataclass(frozen=True)
-class BudgetLine:
+class BudgetLine(UncertainNumber):
     """One line of the budget: an uncertain number and its effects.
 
     Attributes
     ----------
-    name, kind, value, sd, source
-        See ``UncertainNumber``.
     held
         eq. TO.5, SI: the standard deviation needed for the requested one of ln ratio; None if it is exact or has no effect.
     alone
@@ -87,11 +84,6 @@ class BudgetLine:
         By name.
     """
 
-    name: str
-    kind: str
-    value: float
-    sd: float
-    source: str
     held: float | None
     alone: float | None
     outputs: dict[str, BudgetPart]
@@ -198,19 +190,20 @@ def tolerances(
     contributions = derivatives * [item.sd for item in variables]
     refusal = ClosedForm().refusal(scene)
     statistics = sample_probes(scene, variables, samples, seed) if refusal is None else None
-    notes = [str(item) for item in result.warnings]
+    notes = tuple(str(item) for item in result.warnings)
     if statistics is None:
-        notes.append(
-            f"no samples: closed-form takes {refusal}"
-            if refusal
-            else "no samples: the closed form has no result for some built probes"
-        )
+        reason = f"closed-form takes {refusal}" if refusal else "the closed form has no result for some built probes"
+        notes = (*notes, f"no samples: {reason}")
     return ToleranceBudget(
-        evaluator_name, perf_counter() - start, ratio,
-        {key: getattr(result, key) for key in ("ratio", "stiffness", "log_sensitivity")},
-        _build_scatter(contributions, statistics, result), _build_lines(variables, derivatives, statistics, ratio),
-        0 if statistics is None else statistics.designs, tuple(notes),
-    )  # fmt: skip
+        evaluator=evaluator_name,
+        seconds=perf_counter() - start,
+        ratio=ratio,
+        nominal={key: getattr(result, key) for key in ("ratio", "stiffness", "log_sensitivity")},
+        outputs=_build_scatter(contributions, statistics, result),
+        lines=_build_lines(variables, derivatives, statistics, ratio),
+        samples=0 if statistics is None else statistics.designs,
+        warnings=notes,
+    )
 
 
 def split_heights(scene: Scene) -> Scene:
@@ -224,11 +217,11 @@ def split_heights(scene: Scene) -> Scene:
 
 def allocate_tolerances(sds: Floats, contributions: Floats, allowed: float) -> Floats:
     """Return the standard deviations of minimum cost, eq. TO.5; infinite for numbers without contribution; shapes (v,)."""
-    magnitude = np.abs(contributions)
-    scale = np.power(magnitude, -2 / 3, out=np.full_like(magnitude, np.inf), where=magnitude > 0)
-    return np.where(
-        magnitude > 0, np.where(magnitude > 0, sds, 1.0) * allowed * scale / np.sqrt((magnitude ** (2 / 3)).sum() or 1.0), np.inf
-    )
+    is_used = contributions != 0
+    magnitude = np.abs(contributions[is_used])
+    allocated = np.full(len(sds), np.inf)
+    allocated[is_used] = sds[is_used] * allowed * magnitude ** (-2 / 3) / np.sqrt((magnitude ** (2 / 3)).sum())
+    return allocated
 
 
 def _check_request(ratio: float, samples: int) -> None:
@@ -262,29 +255,20 @@ def _build_lines(
     """Build the lines of the budget, the largest contribution to ln ratio first."""
     sds = np.array([variable.sd for variable in variables])
     contributions = derivatives * sds
+    variances = (contributions**2).sum(axis=1)
     allocated = allocate_tolerances(sds, contributions[0], ratio)
     lines = []
     for j, variable in enumerate(variables):
         parts = {
-            name: _build_part(derivatives[k], contributions[k], j, _read_indices(statistics, k, j))
+            name: BudgetPart(
+                derivative=float(derivatives[k, j]),
+                contribution=abs(float(contributions[k, j])),
+                share=float(contributions[k, j] ** 2 / variances[k]) if variances[k] else 0.0,
+                **({} if statistics is None else statistics.get_indices(k, j)),
+            )
             for k, name in enumerate(OUTPUT_NAMES)
         }
+        held = float(allocated[j]) if contributions[0, j] else None
         alone = float(ratio / abs(derivatives[0, j])) if derivatives[0, j] else None
-        fields = (variable.name, variable.kind, variable.value, variable.sd, variable.source)
-        lines.append(BudgetLine(*fields, held=float(allocated[j]) if contributions[0, j] else None, alone=alone, outputs=parts))
+        lines.append(BudgetLine(**vars(variable), held=held, alone=alone, outputs=parts))
     return tuple(sorted(lines, key=lambda line: -line.outputs[OUTPUT_NAMES[0]].contribution))
-
-
-def _build_part(derivatives: Floats, contributions: Floats, j: int, indices: JsonObject) -> BudgetPart:
-    """Build the effect of number ``j`` on one output; ``derivatives`` and ``contributions`` are rows of that output."""
-    variance = float((contributions**2).sum())
-    share = float(contributions[j] ** 2 / variance) if variance else 0.0
-    return BudgetPart(float(derivatives[j]), abs(float(contributions[j])), share, **indices)
-
-
-def _read_indices(statistics: SampleStatistics | None, k: int, j: int) -> JsonObject:
-    """Return the Sobol indices of output ``k`` and number ``j``; empty without samples."""
-    if statistics is None or statistics.sd[k] == 0:
-        return {}
-    values = {key: part[k, j].tolist() for key, part in statistics.indices.items()}
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}

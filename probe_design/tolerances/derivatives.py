@@ -57,23 +57,21 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
         See ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
     """
     names = tuple(dict.fromkeys([*(variable.name for variable in variables if variable.kind != "gain"), GAP_KEY]))
-    scene_gradients = _compute_gradients(scene, names, accuracy)
-    inner = scene_gradients.values["stress_inner"][0] * scene.probe.inner_area
-    outer = scene_gradients.values["stress_outer"][0] * scene.probe.outer_area
-    shares = np.array([inner, outer]) / (inner + outer)
-    columns = [
-        _differentiate_gain(variable, shares)
-        if variable.kind == "gain"
-        else _differentiate_length(scene, variable.name, scene_gradients)
-        for variable in variables
-    ]
-    return np.array(columns).T
-
-
-def _differentiate_length(scene: Scene, name: str, scene_gradients: Gradients) -> Floats:
-    """Return the derivatives of the outputs with respect to a length as the workshop makes it, SI: eq. TO.6."""
-    derivative = _differentiate_number(scene, name, scene_gradients)
-    return derivative - _differentiate_number(scene, GAP_KEY, scene_gradients) if name == RADIUS_KEY else derivative
+    gradients = _compute_gradients(scene, names, accuracy)
+    indices = [gradients.variables.index(name) for name in names]
+    values = {output: float(part[0]) for output, part in gradients.values.items()}
+    derivatives = {output: part[0, indices] for output, part in gradients.derivatives.items()}
+    ln_ratio = derivatives["ratio"] / values["ratio"]
+    ln_drawn_ratio = ln_ratio + [differentiate_area_ratio(scene.probe, name) for name in names]
+    ln_stiffness = derivatives["stiffness"] / values["stiffness"]
+    outputs = np.array([ln_ratio, ln_drawn_ratio, ln_stiffness, derivatives["log_sensitivity"]])
+    columns = dict(zip(names, outputs.T, strict=True))
+    if RADIUS_KEY in columns:  # as the workshop makes it, eq. TO.6
+        columns[RADIUS_KEY] = columns[RADIUS_KEY] - columns[GAP_KEY]
+    forces = np.array([values["stress_inner"] * scene.probe.inner_area, values["stress_outer"] * scene.probe.outer_area])
+    for name, sign, fraction in zip(GAIN_NAMES, (1.0, -1.0), forces / forces.sum(), strict=True):  # eq. TO.3
+        columns[name] = np.array([sign, sign, fraction, 0.0])
+    return np.array([columns[variable.name] for variable in variables]).T
 
 
 def _compute_gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
@@ -81,31 +79,8 @@ def _compute_gradients(scene: Scene, names: tuple[str, ...], accuracy: float) ->
     with threadpool_limits(1, user_api="blas"):
         if choose_evaluator(scene) == "equivalent-inclusion":
             return compute_tumour_gradients(scene, solve_first_order(scene, build_sections(scene)), names)
-        scene_gradients = compute_gradients(scene, Axisymmetric().compute_converged(scene, accuracy).sample)
-    missing = [name for name in names if name not in scene_gradients.variables]
+        gradients = compute_gradients(scene, Axisymmetric().compute_converged(scene, accuracy).sample)
+    missing = [name for name in names if name not in gradients.variables]
     if missing:
         raise Refusal(missing[0], "a tolerance of its own", "a rigid base, or one height for both blocks")
-    return scene_gradients
-
-
-def _differentiate_number(scene: Scene, name: str, scene_gradients: Gradients) -> Floats:
-    """Return the derivatives of the outputs with respect to a number of the scene, SI."""
-    index = scene_gradients.variables.index(name)
-    derivatives = {output: float(part[0, index]) for output, part in scene_gradients.derivatives.items()}
-    value = {output: float(part[0]) for output, part in scene_gradients.values.items()}
-    ratio = derivatives["ratio"] / value["ratio"]
-    return np.array(
-        [
-            ratio,
-            ratio + differentiate_area_ratio(scene.probe, name),
-            derivatives["stiffness"] / value["stiffness"],
-            derivatives["log_sensitivity"],
-        ],
-        dtype=float,
-    )
-
-
-def _differentiate_gain(variable: UncertainNumber, shares: Floats) -> Floats:
-    """Return the derivatives with respect to a gain, eq. TO.3; ``shares`` are the films' shares of the total force."""
-    index = GAIN_NAMES.index(variable.name)
-    return np.array([1.0 - 2 * index, 1.0 - 2 * index, shares[index], 0.0])
+    return gradients

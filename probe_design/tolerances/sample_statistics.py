@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import norm, qmc, sobol_indices, t
 
 from geometry.common.arrays import Floats
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, UncertainNumber
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_forces
@@ -60,6 +61,13 @@ class SampleStatistics:
     sd_error: Floats
     indices: dict[str, Floats]
     designs: int
+
+    def get_indices(self, output: int, variable: int) -> JsonObject:
+        """Return the indices of one output and variable, and their intervals, by name; none where no variable affects it."""
+        if self.sd[output] == 0:
+            return {}
+        values = {name: part[output, variable].tolist() for name, part in self.indices.items()}
+        return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
 
     @property
     def curvature_factor(self) -> Floats:

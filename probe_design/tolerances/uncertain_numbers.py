@@ -99,14 +99,16 @@ def list_uncertain_numbers(
     """
     workshop, channels = (Workshop(), Channels()) if bench is None else (bench.workshop, bench.channels)
     origin = "built-in bench" if bench is None else "bench"
-    numbers = {
-        name: _build_number(name, value, workshop, origin) for name, value in list_values(scene).items() if _is_of_block(name)
-    }
+    numbers = {name: _build_number(name, value, workshop, origin) for name, value in _list_block_values(scene).items()}
     if bench is None:
         numbers |= {name: _apply_process(scene, number) for name, number in numbers.items() if name in LENGTH_BLOCKS}
     numbers |= {name: UncertainNumber(name, "gain", 1.0, channels.gain, f"{origin}, [channels] gain") for name in GAIN_NAMES}
-    for block, material_name in {**find_catalogue_materials(scene), **(materials or {})}.items():
-        numbers |= _apply_material(numbers, block, material_name)
+    # of each block whose modulus comes from the catalogue and is not measured
+    catalogue_entries = {"inner": scene.probe.inner.unmeasured_entry, "outer": scene.probe.outer.unmeasured_entry}
+    named_materials = {block: material.name for block, material in catalogue_entries.items() if material is not None}
+    for block, material_name in (named_materials | dict(materials or {})).items():
+        number = _apply_material(numbers, block, material_name)
+        numbers[number.name] = number
     for name, entry in (given or {}).items():
         if name not in numbers:
             raise InputError("tolerance", name, describe_choices(name, numbers))
@@ -114,10 +116,20 @@ def list_uncertain_numbers(
     return tuple(numbers.values())
 
 
-def find_catalogue_materials(scene: Scene) -> dict[str, str]:
-    """Return, by block, the names of materials whose moduli come from the catalogue and are not measured."""
-    blocks = {"inner": scene.probe.inner.unmeasured_entry, "outer": scene.probe.outer.unmeasured_entry}
-    return {block: material.name for block, material in blocks.items() if material is not None}
+def _list_block_values(scene: Scene) -> dict[str, float]:
+    """Return the numbers of the blocks by name, SI; films and base are bought, or hardly matter."""
+    others = ("probe.film.", "probe.base.", "probe.area_ratio")
+    return {
+        name: value for name, value in list_values(scene).items() if name.startswith("probe.") and not name.startswith(others)
+    }
+
+
+def _build_number(name: str, value: float, workshop: Workshop, origin: str) -> UncertainNumber:
+    """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
+    kinds: dict[str, Kind] = {"youngs_modulus": "modulus", "poisson_ratio": "poisson_ratio"}
+    kind = kinds.get(name.rpartition(".")[2], "length")
+    sd = {"modulus": workshop.modulus * value, "poisson_ratio": workshop.poisson_ratio, "length": workshop.length}[kind]
+    return UncertainNumber(name, kind, value, sd, f"{origin}, [workshop] {kind}")
 
 
 def _apply_process(scene: Scene, number: UncertainNumber) -> UncertainNumber:
@@ -126,44 +138,23 @@ def _apply_process(scene: Scene, number: UncertainNumber) -> UncertainNumber:
     process = find_part_materials(scene.probe)[block].process
     radius = scene.probe.hole_radius if number.name == GAP_KEY else number.value
     factor = 1 if closure else 2
-    process_tolerance = find_tolerance(factor * MM_PER_M * radius, process=process, closure=closure)
-    sd = process_tolerance.deviation / (factor * MM_PER_M * DEVIATION_PER_SD)
-    source = (
-        f"{process}, {process_tolerance.source}: "
-        f"\N{PLUS-MINUS SIGN}{format_deviation(process_tolerance.deviation)} mm of the {'height' if closure else 'diameter'}"
-    )
-    return replace(number, sd=sd, source=source)
+    tolerance = find_tolerance(factor * MM_PER_M * radius, process=process, closure=closure)
+    deviation = f"\N{PLUS-MINUS SIGN}{format_deviation(tolerance.deviation)} mm of the {'height' if closure else 'diameter'}"
+    sd = tolerance.deviation / (factor * MM_PER_M * DEVIATION_PER_SD)
+    return replace(number, sd=sd, source=f"{process}, {tolerance.source}: {deviation}")
 
 
-def _is_of_block(name: str) -> bool:
-    """Return whether a number belongs to a block: films and base are bought, or hardly matter."""
-    return name.startswith("probe.") and not name.startswith(("probe.film.", "probe.base.")) and name != "probe.area_ratio"
-
-
-def _build_number(name: str, value: float, workshop: Workshop, origin: str) -> UncertainNumber:
-    """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
-    if name.endswith("modulus"):
-        return UncertainNumber(name, "modulus", value, workshop.modulus * value, f"{origin}, [workshop] modulus")
-    if name.endswith("poisson_ratio"):
-        return UncertainNumber(name, "poisson_ratio", value, workshop.poisson_ratio, f"{origin}, [workshop] poisson_ratio")
-    return UncertainNumber(name, "length", value, workshop.length, f"{origin}, [workshop] length")
-
-
-def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material_name: str) -> dict[str, UncertainNumber]:
+def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material_name: str) -> UncertainNumber:
     """Return a block's modulus with the standard deviation of a material in the catalogue."""
-    name = f"probe.{block}.youngs_modulus"
-    if name not in numbers:
+    number = numbers.get(f"probe.{block}.youngs_modulus")
+    if number is None:
         raise InputError("material", f"{block}={material_name}", "inner=NAME or outer=NAME, of a block")
     material = find_material(material_name)
-    if material.kind == "film" or not material.admits(numbers[name].value):
-        allowed = (
-            f"a material of about {numbers[name].value:.4g} Pa, as the block; {material.name} has "
-            f"{material.youngs_modulus:.4g} Pa"
-        )
+    if material.kind == "film" or not material.admits(number.value):
+        modulus = f"{material.name} has {material.youngs_modulus:.4g} Pa"
+        allowed = f"a material of about {number.value:.4g} Pa, as the block; {modulus}"
         raise InputError("material", f"{block}={material_name}", allowed)
-    return {
-        name: replace(numbers[name], sd=material.log_sd * numbers[name].value, source=f"{material.name}: {material.tolerance}")
-    }
+    return replace(number, sd=material.log_sd * number.value, source=f"{material.name}: {material.tolerance}")
 
 
 def _read_sd(number: UncertainNumber, entry: object) -> float:

@@ -21,7 +21,6 @@ from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood, compute
 from probe_design.estimation.measurements import Measurements, Reading, build_single_reading, read_readings
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track, compute_coordinate
-from probe_design.estimation.strength import compute_strength
 from solver import evaluate
 from tests.support.load_paths import added_by_blocks
 from tests.support.paths import EXAMPLES, REFERENCE
@@ -120,7 +119,7 @@ def test_coverage_of_depth_and_strength_together(partner: str) -> None:
     value = np.where(dark[..., None], 1e9, value)
     mean = plane.model.predict({partner: np.array([value_of(truth, partner)])}, reflect=False).value[0]
     assert plane.interpolate(*(np.array([interval_value]) for interval_value in centre))[0][0, 0] == pytest.approx(mean, abs=1e-4)
-    S, wanted = plane.compute_strengths(u, v), float(compute_strength(truth.tissue, truth.inclusion[0]))
+    S, wanted = plane.compute_strengths(u, v), float(model(truth, 0.05).compute_strength())
     close = np.abs(S / wanted - 1) < 0.02
     hits = np.zeros((1000, 2), dtype=bool)
     for hit, y in zip(hits, mean + noise * np.random.default_rng(5).normal(size=(1000, len(mean))), strict=True):
@@ -179,7 +178,7 @@ def test_what_cannot_be_told_is_said_plainly() -> None:
     assert open_above.depth_interval is None
     low, high = open_above.strength_interval or (None, None)
     assert low is not None
-    assert high == pytest.approx(float(compute_strength(truth.tissue, truth.inclusion[0], modulus=np.inf)), rel=1e-4)
+    assert high == pytest.approx(float(model(truth, 0.05).compute_strength(modulus=np.inf)), rel=1e-4)
     upper = estimate(truth, build_single_reading(truth, 2.0, 0.01))
     assert upper.interval == (None, None)
     assert "above" in str(upper.reason)
@@ -201,7 +200,7 @@ def test_a_scan_tells_depth_and_strength() -> None:
     assert estimated.identifiable
     for value, interval in (
         (9e-3, estimated.depth_interval),
-        (float(compute_strength(truth.tissue, truth.inclusion[0])), estimated.strength_interval),
+        (float(model(truth, 0.05).compute_strength()), estimated.strength_interval),
     ):
         low, high = interval or (None, None)
         assert low is not None

@@ -14,16 +14,14 @@ from geometry.common.arrays import Floats
 from geometry.scenes import fit_check as placement
 from geometry.scenes.scene import Placement
 from geometry.scenes.scene_file import scene_from_dict
-from probe_design.estimation.candidates import NextCandidate, list_candidates
 from probe_design.estimation.estimate_result import is_identifiable
 from probe_design.estimation.intervals import Likelihood
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.next_reading import _Draws, choose_next_reading
-from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_errors
+from probe_design.estimation.next_reading import NextCandidate, _Draws, choose_next_reading, list_candidates
+from probe_design.estimation.nuisances import NuisanceErrors, SharedErrors, compute_nuisance_errors
 from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.profile import Track
-from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import TumourDraw
@@ -104,7 +102,7 @@ def linear(slope: Floats, shared: Floats, noise: Floats) -> Track:
     x = np.linspace(np.log(6e-3), np.log(24e-3), 9)
     predicted = Predictions.empty(len(x), len(noise))
     predicted.value[:] = (x - np.log(12e-3))[:, None] * slope
-    spread = NuisanceErrors(x[:1], SharedErrors(shared[None], np.zeros_like(shared)[None])) if shared.size else None
+    spread = NuisanceErrors(x[:1], SharedErrors.from_linear(shared[None])) if shared.size else None
     linear_model = TargetModel(SCENE, Measurements.from_readings(spots), 0.01)
     return Track(linear_model, "depth", x, predicted, np.tile(slope, (len(x), 1)), spread)
 

@@ -23,9 +23,8 @@ from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood
 from probe_design.estimation.measurements import Measurements, Reading, read_readings
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.nuisances import check_nuisances, compute_nuisance_errors
+from probe_design.estimation.nuisances import SharedErrors, check_nuisances, compute_nuisance_errors
 from probe_design.estimation.profile import Track, compute_coordinate
-from probe_design.estimation.shared_errors import SharedErrors
 from solver import evaluate
 from tests.support.paths import SCENE
 from tests.support.program import refused, run
@@ -54,7 +53,7 @@ def test_shared_errors_are_those_of_the_covariance() -> None:
     chance = np.random.default_rng(0)
     v, A = chance.normal(size=(5, 4)), chance.normal(size=(5, 4, 2))
     wanted = np.array([np.linalg.solve(np.eye(4) + a @ a.T, vector) for vector, a in zip(v, A, strict=True)])
-    errors = SharedErrors(A, np.zeros_like(A))
+    errors = SharedErrors.from_linear(A)
     assert errors.decorrelate(v) == pytest.approx(wanted, rel=1e-12)
     assert errors.compute_misfit(v) == pytest.approx((v * wanted).sum(axis=1), rel=1e-12)
 
@@ -66,7 +65,9 @@ def test_the_misfit_is_the_least_over_what_is_not_known() -> None:
     misfit = minimize(
         lambda eta: ((residual - line @ eta - bend @ eta**2) ** 2).sum() + (eta**2).sum(), np.zeros(2), tol=1e-14
     ).fun
-    assert SharedErrors(line, bend).compute_misfit(residual) == pytest.approx(misfit, rel=1e-6)
+    assert SharedErrors(np.hstack([line, bend]), np.vstack([np.eye(2, dtype=int), 2 * np.eye(2, dtype=int)])).compute_misfit(
+        residual
+    ) == pytest.approx(misfit, rel=1e-6)
 
 
 def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back() -> None:

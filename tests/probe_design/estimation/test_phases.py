@@ -14,7 +14,7 @@ from geometry import InputError, Scene, read_scene
 from probe_design.estimation.estimate import estimate
 from probe_design.estimation.measurements import Measurements, Reading, read_readings
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.phases import THIRD_ORDER_FACTOR, select_usable
+from probe_design.estimation.predictions import THIRD_ORDER_FACTOR, select_usable
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.phase.losses import compute_angle_spread
 from tests.support.complex_states import complex_ratio

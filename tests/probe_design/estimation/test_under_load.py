@@ -10,8 +10,7 @@ import pytest
 from geometry import Load, Scene, read_scene
 from geometry.common.errors import Refusal
 from probe_design.estimation.estimate import estimate
-from probe_design.estimation.loaded_model import LoadedModel, LogPrediction
-from probe_design.estimation.loaded_track import add_load
+from probe_design.estimation.loaded_track import LoadedModel, LogPrediction, add_load
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
