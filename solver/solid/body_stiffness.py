@@ -167,3 +167,12 @@ def _list_entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Int
     # sliding nodes share u_z: their one entry stands for two
     values = np.where((row == column) & (part.rows != part.columns)[np.nonzero(inside)[0]], 2 * values, values)
     return values, np.maximum(row, column), np.minimum(row, column)
+
+
+def integrate_parts(
+    nodes: Floats, elements: Ints, body: Ints, averaged: bool = False, known: Mapping[int, Part] | None = None
+) -> Mapping[int, Part]:
+    """Integrate the stiffness of every body that is not in ``known``."""
+    known = known or {}
+    numbers = [int(b) for b in np.unique(body)]
+    return {b: known[b] if b in known else integrate_part(nodes, elements[body == b], averaged) for b in numbers}

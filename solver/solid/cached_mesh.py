@@ -6,7 +6,9 @@ R K^-1 R^T is the inverse of the stiffness in use plus that of the other regions
 store a bounded multiple of the energy next to them. Conjugate gradients with this preconditioner therefore take a bounded number
 of steps on any mesh.
 
-For other moduli, their change bounds the condition number k of the preconditioned matrix. Conjugate gradients then take
+Meshes with the same elements, made by moving the nodes of one mesh, may share the factor: an element's energy changes at most by
+the fourth power of the ratio of its principal stretches. That and the change of the moduli bound the condition number k of the
+preconditioned matrix. Conjugate gradients then take
 
     n <= ln(2 / e) / ln((sqrt k + 1) / (sqrt k - 1))  steps to a relative error e;                  (SO.8)
 
@@ -30,6 +32,7 @@ from solver.linalg.conjugate_gradients import MAX_RESIDUAL_FACTOR, TARGET_RESIDU
 from solver.linalg.workspace import get_workspace
 from solver.materials.linear import Isotropic, LinearLaw
 from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
+from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid, Supports
 from solver.solid.regions import Region
 
@@ -75,30 +78,75 @@ class RestrictedFactor:
 
 @dataclass(frozen=True)
 class FactorisedRegions:
-    """All regions of a mesh, the laws they had, and the factor."""
+    """All regions of a mesh, the laws and nodes they had, and the factor."""
 
     laws: Laws
+    nodes: Floats
     supports: Supports
     factor: Factor
 
 
 @dataclass
+class SharedFactor:
+    """Factor and states that meshes with the same elements share.
+
+    Attributes
+    ----------
+    regions
+        The factorised problem, or None.
+    solid
+        The mesh integrated last.
+    latest
+        The last solution of each kind of states, from which others start.
+    lock
+        Held while states are solved.
+    """
+
+    regions: FactorisedRegions | None = None
+    solid: Solid | None = None
+    latest: dict[str, Floats] = field(default_factory=dict)
+    lock: RLock = field(default_factory=RLock)
+
+    def find_factor(self, problem: Problem, base: Laws) -> Factor:
+        """Return a factor near a problem's matrix; factorise again if the cached one is too far away."""
+        if self.regions is None or not self._is_worth_reusing(problem, base, self.regions):
+            like = None if self.regions is None else get_analysis(self.regions.factor)
+            self.regions = None  # frees it before the next is made
+            whole = problem if problem.laws == base else Problem.assemble(problem.solid, base)
+            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
+        return RestrictedFactor.restrict(self.regions.factor, self.regions.supports, problem.supports)
+
+    @staticmethod
+    def _is_worth_reusing(problem: Problem, base: Laws, regions: FactorisedRegions) -> bool:
+        """Return whether iterating with a factor costs less than a new one; the inclusions' contrast adds to both alike."""
+        solid = problem.solid
+        stretch = 1.0
+        if regions.nodes is not solid.nodes:
+            lengths = compute_stretches(solid.elements, regions.nodes, solid.nodes)
+            stretch = float(lengths.max() / lengths.min())
+        step_count = SOLVES_PER_FACTOR * estimate_steps(compute_modulus_spread(regions.laws, base) * stretch**4)
+        return bool(step_count <= REUSE_STEPS_COEFFICIENT * regions.supports.unknowns ** (2 / 3))
+
+    def find_start(self, kind: str, unknowns: int) -> Floats | None:
+        """Return the last solution of this kind, or of another one with as many unknowns."""
+        of_kinds = (self.latest.get(kind), *self.latest.values())
+        return next((v for v in of_kinds if v is not None and len(v) == unknowns), None)
+
+
+@dataclass
 class CachedMesh:
-    """A mesh with its factor and last solutions; scenes that differ in moduli, Poisson's ratios and loads share it.
+    """A mesh with its last solutions; scenes that differ in moduli, Poisson's ratios and loads share it.
 
     Attributes
     ----------
     solid
         The mesh, integrated.
-    regions
-        The factorised problem, or None.
-    lock
-        Held while states are solved.
+    shared
+        Factor and states shared with other meshes of the same elements.
     """
 
     solid: Solid
-    regions: FactorisedRegions | None = None
-    lock: RLock = field(default_factory=RLock)
+    shared: SharedFactor
     _states: dict[str, SolidStates] = field(default_factory=dict)
     _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states for which the shared factor was too far away
 
@@ -123,34 +171,20 @@ class CachedMesh:
         LimitReached
             A factor would exceed the limits of memory or time.
         """
-        with self.lock:
+        with self.shared.lock:
             previous = self._states.get(kind)
             if previous is not None and previous.problem.laws == laws and previous.residual <= MAX_RESIDUAL_FACTOR * target:
-                factor = self._own_factors.get(kind) or self._find_factor(previous.problem, base)
+                factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base)
                 return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
             problem = self._assemble_problem(laws)
-            shared_factor = self._find_factor(problem, base)
-            known = [states.v for states in (previous, *self._states.values()) if states is not None]
-            start = next((v for v in known if len(v) == problem.supports.unknowns), None)
+            shared_factor, start = (
+                self.shared.find_factor(problem, base),
+                self.shared.find_start(kind, problem.supports.unknowns),
+            )
             states = solid_states(problem, factor=shared_factor, start=start, target=target)
-            self._states[kind] = states.bare_states
+            self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states
-
-    def _find_factor(self, problem: Problem, base: Laws) -> Factor:
-        """Return a factor near a problem's matrix; factorise again if iterating with the cached one costs more than a new one.
-
-        The inclusions' contrast adds to the steps of both alike.
-        """
-        if self.regions is not None:
-            step_count = SOLVES_PER_FACTOR * estimate_steps(compute_modulus_spread(self.regions.laws, base))
-            worth_reusing = step_count <= REUSE_STEPS_COEFFICIENT * self.regions.supports.unknowns ** (2 / 3)
-        if self.regions is None or not worth_reusing:
-            like = None if self.regions is None else get_analysis(self.regions.factor)
-            self.regions = None  # frees it before the next is made
-            whole = problem if problem.laws == base else Problem.assemble(problem.solid, base)
-            self.regions = FactorisedRegions(base, whole.supports, factor_of(whole, like))
-        return RestrictedFactor.restrict(self.regions.factor, self.regions.supports, problem.supports)
 
     def _assemble_problem(self, laws: Laws) -> Problem:
         """Assemble a problem, by the difference from earlier states of the same regions if rounding allows it."""
@@ -174,10 +208,23 @@ def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
     SolveError
         An element is turned inside out.
     """
-    digest = hashlib.sha256(f"{frictionless} {mesh.half}".encode())
-    for array in (mesh.elements, mesh.body, mesh.beyond, mesh.layer, mesh.nodes):
+    elements = _compute_digest(f"{frictionless} {mesh.half}", mesh.elements, mesh.body, mesh.beyond, mesh.layer)
+    shared = get_workspace().keep((SharedFactor, elements), SharedFactor)
+    nodes = _compute_digest(elements, mesh.nodes)
+
+    def build() -> CachedMesh:
+        shared.solid = Solid.from_mesh(mesh, frictionless, like=shared.solid)
+        return CachedMesh(shared.solid, shared)
+
+    return get_workspace().keep((CachedMesh, nodes), build)
+
+
+def _compute_digest(head: str, *arrays: np.ndarray) -> str:
+    """Return a hash of a text and some arrays."""
+    digest = hashlib.sha256(head.encode())
+    for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
-    return get_workspace().keep((CachedMesh, digest.hexdigest()), lambda: CachedMesh(Solid.from_mesh(mesh, frictionless)))
+    return digest.hexdigest()
 
 
 def estimate_steps(condition: float) -> float:

@@ -22,9 +22,10 @@ from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 from solver.results.result import Decision
 from solver.results.warnings import Note
 from solver.solid.base_states import SolidStates
+from solver.solid.cost import UNKNOWNS_PER_TETRAHEDRON, check_mesh, check_unknowns
 from solver.solid.difference import SceneDifference, difference
 from solver.solid.domain import Domain
-from solver.solid.domain_mesh import check_cost, mesh_domain
+from solver.solid.domain_mesh import is_meshed, mesh_domain, move_meshes
 from solver.solid.mesh_agreement import ERROR_FLOOR_RELATIVE, FORCE_SAFETY_FACTOR, bound_film_forces
 from solver.solid.symmetric_part import FAR_TISSUE_PRODUCT_SHARE, SymmetricPart, compute_symmetric_part
 
@@ -166,9 +167,15 @@ def _may_suffice(scene: Scene, symmetric: SymmetricPart, differences: list[Scene
 
 
 def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
-    """Yield meshes, made in parallel."""
+    """Yield meshes moved from those of a similar scene, or made in parallel."""
+    moved = move_meshes(domain, finenesses)
+    if moved is not None:
+        for mesh in moved:
+            check_unknowns(UNKNOWNS_PER_TETRAHEDRON * len(mesh.elements))
+        yield from moved
+        return
     for fineness in finenesses:
-        check_cost(domain, fineness)
+        _check_cost(domain, fineness)
     tell(
         "meshing twice"
         if len(finenesses) > 1
@@ -179,6 +186,14 @@ def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -
     with ChildThreads(len(finenesses)) as threads:
         for made in [threads.submit(mesh_domain, domain, fineness) for fineness in finenesses]:
             yield made.result()
+
+
+def _check_cost(domain: Domain, fineness: TetraFineness) -> None:
+    """Refuse a mesh, or the equations of a cached mesh, that would exceed the limits."""
+    if is_meshed(domain, fineness):
+        check_unknowns(UNKNOWNS_PER_TETRAHEDRON * len(mesh_domain(domain, fineness).elements))
+    else:
+        check_mesh(domain, fineness)
 
 
 def _may_improve(films: FilmForces, scene: Scene, accuracy: float, max_excess: float = MAX_SENSITIVITY_EXCESS) -> bool:

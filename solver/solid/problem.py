@@ -23,7 +23,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
 from solver.materials.linear import Isotropic
-from solver.solid.body_stiffness import Part, assemble, assemble_changes, integrate_part
+from solver.solid.body_stiffness import Part, assemble, assemble_changes, integrate_parts
 from solver.solid.regions import number_elements
 
 STATE_NAMES = ("inner", "outer", "tilt")
@@ -59,8 +59,10 @@ class Solid:
     parts: Mapping[int, Part]
 
     @classmethod
-    def from_mesh(cls, mesh: TetMesh, frictionless: bool = False) -> Solid:
-        """Integrate a mesh; each element's dilation is its mean, which avoids locking near nu = 1/2.
+    def from_mesh(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
+        """Integrate a mesh; with ``averaged``, each element's dilation is its mean, which avoids locking near nu = 1/2.
+
+        ``like`` is a solid of the same elements and kind; bodies with unmoved nodes are copied from it.
 
         Raises
         ------
@@ -71,8 +73,14 @@ class Solid:
             _split_sliding_nodes(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
         )
         body = number_elements(mesh)
-        parts = {int(b): integrate_part(nodes, elements[body == b], averaged=True) for b in np.unique(body)}
-        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts)
+        known = {} if like is None else like.find_unmoved_parts(nodes)
+        body_parts = integrate_parts(nodes, elements, body, averaged, known)
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=body_parts)
+
+    def find_unmoved_parts(self, nodes: Floats) -> dict[int, Part]:
+        """Return the parts whose nodes all equal the given nodes of another solid with the same elements."""
+        moved = (nodes != self.nodes).any(axis=1)
+        return {body: part for body, part in self.parts.items() if not moved[self.elements[self.body == body]].any()}
 
     def find_nodes(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
         """Return the mask of nodes that belong to some bodies, shape (n,)."""

@@ -11,7 +11,7 @@ as A, and the mesh's error at the blocks' rims, which grows with the forces, doe
 the same in both, so that it cancels in a difference of compliances. With R the mesh's forces of the reference, and B those of the
 same blocks on the whole tissue with its edges but without inclusions, A is replaced by
 
-    (A^-1 + B^-1 - R^-1)^-1                                                                        (SO.9)
+    (A^-1 + B^-1 - R^-1)^-1                                                                        (SO.10)
 
 and D by the change of B by inclusions. A groove changes a rim and so the mesh's error there: then eq. SO.5 is used alone.
 """
@@ -83,7 +83,7 @@ class SymmetricPart:
     edges: float
 
     def correct_forces(self, difference: SceneDifference) -> Floats:
-        """Return the film forces by eq. SO.5, with eq. SO.9 if the mesh has edges, N/m, shape (k, 2, 2)."""
+        """Return the film forces by eq. SO.5, with eq. SO.10 if the mesh has edges, N/m, shape (k, 2, 2)."""
         return np.asarray(np.linalg.inv(np.linalg.inv(self._compute_bare_forces(difference)) + self.compliance))
 
     def propagate_change(self, difference: SceneDifference, small: Floats) -> Floats:

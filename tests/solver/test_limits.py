@@ -83,7 +83,8 @@ def test_a_finer_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
         if fineness is film_forces.FINE_FINENESS:
             raise LimitReached("memory", "2 GB", "more")
 
-    monkeypatch.setattr(film_forces, "check_cost", forbidden)
+    monkeypatch.setattr(film_forces, "is_meshed", lambda *_: False)
+    monkeypatch.setattr(film_forces, "check_mesh", forbidden)
     monkeypatch.setattr(film_forces, "_may_improve", lambda *_: True)
     two = evaluate(scene, "solid", 0.01, said.append)
     assert two.error_estimate < 0.02

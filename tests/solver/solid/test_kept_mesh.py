@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
+from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.linalg.workspace import Workspace, use_workspace
 from solver.materials.linear import Isotropic
 from solver.solid import cached_mesh as kept_mesh_module
 from solver.solid.base_states import solid_states
 from solver.solid.cached_mesh import CachedMesh, compute_modulus_spread, estimate_steps, find_cached_mesh
-from solver.solid.problem import Problem
+from solver.solid.moved_mesh import compute_stretches
+from solver.solid.problem import Problem, Solid
 from tests.support.meshes import stored_mesh
 
 WHOLE = (INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY)
@@ -87,9 +88,27 @@ def test_other_tissue_uses_the_factor_while_moduli_are_near(kept: CachedMesh, fa
         assert len(factors) == expected
 
 
+@pytest.mark.slow
+def test_moved_nodes_share_the_factor_but_not_the_states(workspace: Workspace, factors: list[Problem]) -> None:
+    mesh = stored_mesh("probe")
+    thicker = replace(mesh, nodes=np.where(mesh.nodes[:, 2:] < 0, mesh.nodes * [1.0, 1.0, 1.02], mesh.nodes))
+    solutions = [states_on(tetrahedra) for tetrahedra in (mesh, thicker)]
+    assert len(factors) == 1
+    assert solutions[1] == pytest.approx(own_states_on(thicker), rel=1e-7)
+    assert abs(solutions[1][0, 0] / solutions[0][0, 0] - 1) > 1e-5
+
+
+def states_on(mesh: TetMesh) -> np.ndarray:
+    return find_cached_mesh(mesh, frictionless=False).find_states("scene", materials(SCENE, 6e4), materials(WHOLE)).forces
+
+
+def own_states_on(mesh: TetMesh) -> np.ndarray:
+    return solid_states(Problem.assemble(Solid.from_mesh(mesh), materials(SCENE, 6e4))).forces
+
+
 def test_what_is_kept_is_counted_and_may_go(workspace: Workspace, kept: CachedMesh) -> None:
     kept.find_states("scene", materials(SCENE, 6e4), materials(WHOLE))
-    factor = kept.regions.factor  # type: ignore[union-attr]
+    factor = kept.shared.regions.factor  # type: ignore[union-attr]
     assert workspace.bytes_held > getattr(factor, "foreign_bytes", 0) > 0
     workspace.limit = 0.0
     workspace.begin()
@@ -116,3 +135,11 @@ def test_expected_steps_are_those_that_conjugate_gradients_take() -> None:
             p, r, count = new + (new @ new) / (r @ r) * p, new, count + 1
         assert count <= np.ceil(estimate_steps(condition)) + 1
         assert count >= estimate_steps(condition) / 2
+
+
+def test_stretches_of_a_shear() -> None:
+    """Of x -> x + g z the principal stretches are those of the right Cauchy-Green tensor: sqrt(1 + g^2/4) +- g/2, and 1."""
+    nodes, g = np.vstack([np.zeros(3), np.eye(3)]), 0.7
+    computed = np.sort(compute_stretches(np.arange(4)[None], nodes, nodes + g * nodes[:, [2]] * [1.0, 0.0, 0.0])[0])
+    root = np.sqrt(1 + g**2 / 4)
+    assert computed == pytest.approx([root - g / 2, 1.0, root + g / 2])
