@@ -1,4 +1,4 @@
-"""Describe a table of texts once, for the terminal, a page, a notebook or a CSV file."""
+"""Describe a table of texts once, for the terminal, a page, a notebook, a Markdown page or a CSV file."""
 
 from __future__ import annotations
 
@@ -77,6 +77,14 @@ class Table:
 
         body = "\n".join(f"<tr>{join('td', row)}</tr>" for row in self.rows)
         return f"<table><thead><tr>{join('th', self.headings)}</tr></thead>\n<tbody>{body}</tbody></table>"
+
+    def to_markdown(self) -> str:
+        """Return headings and rows as a Markdown table."""
+        rule = ["---"] * len(self.headings)
+        return "".join(
+            f"| {' | '.join(escape(cell).replace('|', '&#124;') for cell in row)} |\n"
+            for row in (self.headings, rule, *self.rows)
+        )
 
     def to_csv(self) -> str:
         """Return headings and rows as comma-separated values."""

@@ -17,7 +17,7 @@ from probe_design.tradeoffs.plot import plot_tradeoff
 from probe_design.tradeoffs.rows import Row, Setting
 from probe_design.tradeoffs.study import Tradeoff
 
-FILE_NAMES = ("tradeoff.png", "tradeoff.json", "report.html")
+FILE_NAMES = ("tradeoff.png", "tradeoff.md", "tradeoff.json", "report.html")
 Cells = tuple[str, ...]
 SUMMARY_HEADINGS = (
     "evaluator", "accuracy requested", "scenes", "worst stated error", "worst true error", "log-sensitivity error",
@@ -42,7 +42,7 @@ probe. Slowest: of the new probes. Times are medians of wall clock; only their r
 
 
 def write_files(study: Tradeoff, folder: Path) -> list[Path]:
-    """Write picture, JSON file and page into ``folder``, all or none; return their paths.
+    """Write picture, table of all settings, JSON file and page into ``folder``, all or none; return their paths.
 
     Raises
     ------
@@ -52,8 +52,9 @@ def write_files(study: Tradeoff, folder: Path) -> list[Path]:
     files = [folder / name for name in FILE_NAMES]
     summary = study.as_dict() | {"files": [str(file) for file in files], "provenance": build_provenance()}
     with write_together(folder, FILE_NAMES) as new_folder:
-        picture, data, page = (new_folder / name for name in FILE_NAMES)
+        picture, table, data, page = (new_folder / name for name in FILE_NAMES)
         plot_tradeoff(study, picture)
+        table.write_text(Table(SUMMARY_HEADINGS, build_summary_cells(study)).to_markdown(), encoding="utf-8")
         data.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         page.write_text(_build_page(study, picture, summary), encoding="utf-8")
     return files

@@ -8,6 +8,7 @@ import math
 from xml.etree import ElementTree
 
 import pytest
+from markdown_it import MarkdownIt
 from rich.console import Console
 
 from probe_design.reporting.table import Table, format_number
@@ -44,6 +45,11 @@ def test_the_first_or_the_last_row_is_kept() -> None:
 
 def test_no_digits_of_what_is_no_number() -> None:
     assert [format_number(value, 3) for value in (None, math.nan, math.inf, 1234.5)] == ["-", "-", "-", "1.23e+03"]
+
+
+def test_markdown_is_a_table() -> None:
+    tokens = MarkdownIt("gfm-like", {"linkify": False}).parse(Table(("a", "b"), [("x|y<b>", "1")]).to_markdown())
+    assert [token.content for token in tokens if token.type == "inline"] == ["a", "b", "x&#124;y&lt;b&gt;", "1"]
 
 
 def test_a_narrow_terminal_gets_thinner_lines() -> None:

@@ -207,13 +207,14 @@ def test_files_and_one_json_object(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     output = json.loads(ended.stdout)
     assert set(output) == {"scenes", "rows", "cheapest", "skipped", "warnings", "files", "provenance"}
     assert output["warnings"] == []
-    assert [Path(file).name for file in output["files"]] == ["tradeoff.png", "tradeoff.json", "report.html"]
+    assert [Path(file).name for file in output["files"]] == ["tradeoff.png", "tradeoff.md", "tradeoff.json", "report.html"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "report.html",
         "tradeoff.json",
+        "tradeoff.md",
         "tradeoff.png",
     ]
-    assert json.loads(Path(output["files"][1]).read_text()) == output
+    assert json.loads(Path(output["files"][2]).read_text()) == output
     assert all(set(entry) == KEYS for entry in output["rows"])
     assert [(entry["evaluator"], entry["accuracy"]) for entry in output["rows"]][: len(TIMED_SETTINGS)] == [
         (entry.evaluator, entry.accuracy) for entry in TIMED_SETTINGS
@@ -224,7 +225,8 @@ def test_files_and_one_json_object(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert {entry["tolerance"] for entry in output["cheapest"]} == {0.05, 0.01, 0.001}
     picture = matplotlib.image.imread(output["files"][0])
     assert picture.std() > 0.05
-    page = Path(output["files"][2]).read_text()
+    assert Path(output["files"][1]).read_text().splitlines()[0] == f"| {' | '.join(SUMMARY_HEADINGS)} |"
+    page = Path(output["files"][3]).read_text()
     assert all(heading in page for heading in SUMMARY_HEADINGS)
     assert "published: " in page
     assert "warning" not in ended.stderr
