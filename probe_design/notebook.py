@@ -12,7 +12,7 @@ import numpy as np
 from probe_design.reporting.table import Table, format_number, format_unit
 
 if TYPE_CHECKING:
-    from probe_design.design_search.tumour_optimum import TumourOptimum
+    from probe_design.design_search.optimum import TumourOptimum
     from solver.results.record import Record
 
 MAX_TABLE_ROWS = 12  # rows of a long table that a notebook shows
@@ -24,7 +24,7 @@ def register_displays() -> None:
     if shell is not None:
         formatter = shell.display_formatter.formatters["text/html"]
         formatter.for_type_by_name("solver.results.record", "Record", format_record)
-        formatter.for_type_by_name("probe_design.design_search.tumour_optimum", "TumourOptimum", format_optimum)
+        formatter.for_type_by_name("probe_design.design_search.optimum", "TumourOptimum", format_optimum)
 
 
 def format_record(record: Record) -> str:

@@ -18,8 +18,8 @@ from time import process_time
 from geometry import Scene, read_scene
 from geometry.common.resources import Limits, use_limits
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load
-from probe_design.design_search.optimize import optimize
-from probe_design.design_search.tumour_verification import TumourVerification
+from probe_design.design_search.tumour_study import optimize_for_tumour
+from probe_design.design_search.verification import TumourVerification
 from tests.support.scenes import nodule
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
@@ -45,7 +45,7 @@ def _describe(design: TumourVerification) -> str:
 def row(name: str, force: float, starts: int) -> str:
     """Return the line of one scene under one largest force."""
     begin, scene = process_time(), SCENES[name]().model_copy(update={"load": Load(force=force)})
-    optimum = optimize(scene, starts=starts)
+    optimum = optimize_for_tumour(scene, lambda stage, done, total: None, starts=starts)
     best, start = optimum.best_tried, optimum.start
     linear_best = min((design.linear or design for design in optimum.finalists), key=lambda design: design.value)
     gain, error = best.compute_gain(linear_best)

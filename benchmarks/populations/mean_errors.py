@@ -17,8 +17,7 @@ from scipy.special import logsumexp
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load, Scene
-from probe_design.design_search.design_source import read_builtin_design
-from probe_design.populations.design_file import Design
+from probe_design.populations.design_file import Design, read_builtin_design
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours

@@ -20,8 +20,8 @@ from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
-from probe_design.design_search.optimize import optimize
 from probe_design.design_search.population_objective import PopulationObjective
+from probe_design.design_search.population_study import optimize_for_population
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.populations.design_file import Design, design_from_dict
 
@@ -86,7 +86,7 @@ def judge_populations() -> MeasuredTable:
     columns = ("population", "start", "one tumour", "population optimum", "gain", "error of the gain", "search, s", "all, s")
     table = MeasuredTable("probability of detection on tumours that the search has not seen", columns)
     for name in POPULATIONS:
-        optimum = optimize(design(name))
+        optimum = optimize_for_population(design(name), lambda stage, done, total: None)
         cells = [
             "-" if candidate is None else "{:.3f} +- {:.3f}".format(*candidate.objective)
             for candidate in (optimum.start, optimum.single, optimum.best_tried)

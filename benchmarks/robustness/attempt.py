@@ -21,7 +21,7 @@ from pathlib import Path
 from probe_design.commands.main import main
 
 NEEDED_MODULES = (
-    "h5py", "hw.reader", "matplotlib.figure", "probe_design.design_search.optimize", "probe_design.doctor.self_test",
+    "h5py", "hw.reader", "matplotlib.figure", "probe_design.design_search.tumour_study", "probe_design.doctor.self_test",
     "probe_design.estimation.estimate", "probe_design.maps.scan", "probe_design.probe_check.check", "probe_design.sweeps.run",
     "probe_design.terminal.console", "probe_design.tolerances.budget", "solver.closed_form.evaluator", "solver.contact.evaluator",
     "solver.equivalent_inclusion.evaluator", "solver.planning.plan",

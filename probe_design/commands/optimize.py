@@ -19,10 +19,8 @@ from probe_design.commands.request import Option, use_request
 from probe_design.data.noise import DEFAULT_NOISE
 
 if TYPE_CHECKING:
-    from probe_design.design_search.design_source import DesignSource
-    from probe_design.design_search.population_optimum import PopulationOptimum
-    from probe_design.design_search.tumour_optimum import TumourOptimum
-    from probe_design.populations.design_file import Design
+    from probe_design.design_search.optimum import PopulationOptimum, TumourOptimum
+    from probe_design.populations.design_file import Design, DesignSource
 
 SCENE_OPTIONS = ("outer_radius", "starts", "evaluator", "noise")  # a design file states these by its own keys
 IGNORED_FIELDS = {
@@ -86,11 +84,10 @@ class OptimizeRequest(LimitedRequest):
 
     def run(self) -> None:
         """Search, verify, write the files and report; exit with 1 where no gain counts."""
-        from probe_design.design_search.design_source import read_design_source
-        from probe_design.populations.design_file import Design
+        from probe_design.populations.design_file import Design, read_design_source
 
         if self.template:
-            from probe_design.design_search.template import build_design_template
+            from probe_design.populations.template import build_design_template
 
             print(build_design_template(), end="")
             return
@@ -108,7 +105,6 @@ class OptimizeRequest(LimitedRequest):
 
     def _optimize(self, question: Scene | Design, folder: Path, settings: JsonMapping) -> None:
         from probe_design.design_report.build import build_report
-        from probe_design.design_search.optimize import optimize as run
         from probe_design.design_search.pareto import compute_front
         from probe_design.populations.design_file import Design
         from probe_design.terminal.console import show_stages, show_table, warn, write_message
@@ -116,7 +112,7 @@ class OptimizeRequest(LimitedRequest):
 
         question_digest, fronts = self._check_output(question, folder), []
         with show_stages() as progress:
-            optimum = run(question, progress, **settings)
+            optimum = _run_search(question, progress, settings)
             if isinstance(question, Design):
                 fronts = [compute_front(question, cost, partial(progress, f"front: {cost}")) for cost in self.pareto]
             report = build_report(optimum, tuple(fronts))
@@ -185,8 +181,7 @@ def optimize(
         The closed form or the verifying evaluator cannot model the scene.
     """
     from geometry.common.files import check_writable
-    from probe_design.design_search.design_source import read_design_source
-    from probe_design.design_search.optimize import optimize as run
+    from probe_design.populations.design_file import read_design_source
 
     tell, question = progress or ignore_stage, read_design_source(design)
     folder = None if output is None else Path(output)
@@ -196,12 +191,21 @@ def optimize(
     if not isinstance(question, Scene):
         settings = {key: value for key, value in settings.items() if value != OptimizeRequest.model_fields[key].default}
         refuse_options(settings)
-    optimum = run(question, tell, **settings)
+    optimum = _run_search(question, tell, settings)
     if folder is not None:
         from probe_design.design_report.build import build_report
 
         build_report(optimum).write(folder, tell, force=force)
     return optimum
+
+
+def _run_search(question: Scene | Design, tell: Stages, settings: JsonMapping) -> PopulationOptimum | TumourOptimum:
+    from probe_design.design_search.population_study import optimize_for_population
+    from probe_design.design_search.tumour_study import optimize_for_tumour
+
+    if isinstance(question, Scene):
+        return optimize_for_tumour(question, tell, **settings)
+    return optimize_for_population(question, tell)
 
 
 def refuse_options(options: Mapping[str, object]) -> None:

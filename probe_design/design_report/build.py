@@ -5,9 +5,8 @@ from __future__ import annotations
 from probe_design.design_report.population_report import build_population_report
 from probe_design.design_report.report import Report
 from probe_design.design_report.tumour_report import build_tumour_report
+from probe_design.design_search.optimum import PopulationOptimum, TumourOptimum
 from probe_design.design_search.pareto import Front
-from probe_design.design_search.population_optimum import PopulationOptimum
-from probe_design.design_search.tumour_optimum import TumourOptimum
 
 
 def build_report(optimum: PopulationOptimum | TumourOptimum, fronts: tuple[Front, ...] = ()) -> Report:

@@ -15,8 +15,8 @@ from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, M_PER_MM, PA_PER_KPA, Report, Writer, format_heights
+from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
-from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation

@@ -8,9 +8,9 @@ from functools import partial
 
 from geometry.provenance.block import build_provenance
 from probe_design.design_report.report import M_PER_MM, PA_PER_KPA, Report, format_heights
-from probe_design.design_search.tumour_optimum import TumourOptimum
-from probe_design.design_search.tumour_verification import TumourVerification
+from probe_design.design_search.optimum import TumourOptimum
 from probe_design.design_search.variables import Limit
+from probe_design.design_search.verification import TumourVerification
 from probe_design.reporting.page import Chapter
 from probe_design.reporting.scene_sections import build_scene_section
 from probe_design.reporting.table import Table, format_number

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 
@@ -49,12 +50,15 @@ class ChoiceSearch:
         Whether every combination was tried.
     best
         The best objective of each combination tried, by ``Combination.description``.
+    seconds
+        Time of the search, s.
     """
 
     choices: tuple[Choice, ...]
     how: str
     exhaustive: bool
     best: dict[str, float]
+    seconds: float = 0.0
 
 
 def iterate_distinct(choices: Iterable[Choice], search_space: SearchSpace, tolerance: float) -> Iterator[tuple[Choice, Scene]]:
@@ -87,17 +91,18 @@ def search_combinations(objective: SearchObjective, search_space: SearchSpace, p
     InputError
         No combination gives a probe with a finite objective.
     """
+    begin = perf_counter()
     if search_space.combinations <= MAX_ENUMERATED:
         combinations = list(search_space.iterate_combinations())
         choices = _search_all(objective, search_space, combinations, progress)
         how = f"all {len(combinations)} combinations of choices tried" if len(combinations) > 1 else "all variables continuous"
-        return _sort_choices(choices, how, True)
+        return _sort_choices(choices, how, True, perf_counter() - begin)
     choices, count = _search_relaxed(objective, search_space, progress)
     how = (
         f"{search_space.combinations} combinations of choices, more than {MAX_ENUMERATED}: not all tried but {count} near what a "
         "search without steps found, until none beside the best was better"
     )
-    return _sort_choices(choices, how, False)
+    return _sort_choices(choices, how, False, perf_counter() - begin)
 
 
 def search_combination(
@@ -181,11 +186,11 @@ def _average_poisson(search_space: SearchSpace) -> tuple[float, float]:
     return mean, mean
 
 
-def _sort_choices(choices: list[Choice], how: str, exhaustive: bool) -> ChoiceSearch:
+def _sort_choices(choices: list[Choice], how: str, exhaustive: bool, seconds: float) -> ChoiceSearch:
     if not choices:
         raise InputError("variables", Words("no design with a finite objective"), "a wider choice, or wider limits")
     order = sorted(choices, key=lambda choice: -choice.value)
     best: dict[str, float] = {}
     for choice in order:
         best.setdefault(choice.combination.description, choice.value)
-    return ChoiceSearch(tuple(order), how, exhaustive, best)
+    return ChoiceSearch(tuple(order), how, exhaustive, best, seconds)

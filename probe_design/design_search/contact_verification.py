@@ -18,8 +18,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene import Load, Scene
-from probe_design.design_search.loads import round_load_down
-from probe_design.design_search.pressing import (
+from probe_design.design_search.loads import (
     BEST_LOAD,
     GAP_CLOSURE,
     LAST_CONVERGED,
@@ -28,9 +27,10 @@ from probe_design.design_search.pressing import (
     TIME_LIMIT,
     Pressing,
     compute_force,
+    round_load_down,
 )
 from probe_design.design_search.tumour_objective import Noise
-from probe_design.design_search.tumour_verification import (
+from probe_design.design_search.verification import (
     VERIFICATION_ACCURACY,
     TumourVerification,
     bound_objective,

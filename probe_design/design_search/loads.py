@@ -1,20 +1,27 @@
-"""Compute the force on a design over a population: the largest that file, scene and linear elasticity allow.
+"""Compute the load on a design: the largest that design file, scene and linear elasticity allow.
 
-One force holds for all tumours and tissues, which are unknown beforehand. It is the smallest of the scene's force, of those that
-the limits of force, indentation, tissue strain and charge allow, of 1/20 of the force that closes the gap, and of the force that
-keeps the ratio within ``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest and thinnest cover
-(``solver.planning.loads``, PL.7).
+For one tumour, the load of verification is the smaller of the scene's (its force, or its indentation times the design's
+stiffness) and the largest for which finite strain changes the ratio by at most ``MAX_RATIO_CHANGE_RELATIVE``, by the rule of
+``solver.planning.loads``. The change of the log-sensitivity by finite strain does not limit the load; it is counted in the
+evaluator's error.
+
+Over a population, one force holds for all tumours and tissues, which are unknown beforehand. It is the smallest of the scene's
+force, of those that the limits of force, indentation, tissue strain and charge allow, of 1/20 of the force that closes the gap,
+and of the force that keeps the ratio within ``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest
+and thinnest cover (``solver.planning.loads``, PL.7).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.data.noise import find_charge_per_force
@@ -25,7 +32,7 @@ from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.law_factor import compute_law_factor
-from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, find_largest_x
+from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
     compute_block_strain,
@@ -37,10 +44,75 @@ from solver.planning.strains import (
 
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # largest allowed relative change of the ratio by finite strain
 LOAD_DIGITS = 3  # significant digits of a load that a limit determines
-COVER_SAMPLES = (
-    1024  # tumours whose worst cover limits the force; with sixteen times as many it is 4 % worse on the built-in ranges
-)
+COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as many are 4 % worse on the built-in ranges
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
+SCENE_LOAD, STRAIN_LIMIT, GAP_CLOSURE = "scene", "strain", "gap closure"  # limits of a load
+MAX_DEPTH, LAST_CONVERGED, TIME_LIMIT = "depth", "last converged load", "time limit"  # limits beyond linear elasticity
+BEST_LOAD = "more tells less"  # beyond linear elasticity: a larger load has a worse objective
+LIMIT_OF_RULE = {"ratio": STRAIN_LIMIT, "strain limit": STRAIN_LIMIT, "gap closure": GAP_CLOSURE}
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """The load on a design.
+
+    Attributes
+    ----------
+    load
+        The scene's load, or the smaller one of the same kind that is allowed, of ``LOAD_DIGITS`` digits.
+    force
+        Force on the base under this load, N.
+    x
+        Strain in the rule for loads, see ``LoadRule``.
+    change
+        Bound on the relative change of the ratio by finite strain; 0 where finite strain is modelled.
+    limited_by
+        The limit of the load: ``SCENE_LOAD``, ``STRAIN_LIMIT`` or ``GAP_CLOSURE``; beyond linear elasticity ``SCENE_LOAD``,
+        ``GAP_CLOSURE``, ``MAX_DEPTH`` (half an outer radius), ``LAST_CONVERGED`` (0.9 of the last load at which a step
+        converges), ``TIME_LIMIT`` or ``BEST_LOAD``.
+    """
+
+    load: Load
+    force: float
+    x: float
+    change: float
+    limited_by: str
+
+
+def compute_pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
+    """Return the load on a scene's probe: the scene's, or the largest at which finite strain changes the ratio little enough.
+
+    Parameters
+    ----------
+    scene
+        Scene with a load above 0.
+    stiffness
+        Force per unit indentation by an evaluator, N/m.
+    rule
+        Rule for the scene's load, see ``solver.planning.load_limits``.
+    """
+    largest, load, limited_by = rule.find_largest_load(MAX_RATIO_CHANGE_RELATIVE, promise=False), scene.load, SCENE_LOAD
+    if largest.force < rule.compute_force(scene):
+        limited_by = LIMIT_OF_RULE[largest.by]
+        allowed = round_load_down(largest.force if load.indentation is None else largest.indentation)
+        load = Load(force=allowed) if load.indentation is None else Load(indentation=allowed)
+    force = compute_force(load, rule.stiffness)
+    return Pressing(
+        load, float(compute_force(load, stiffness)), rule.compute_x(force), rule.bound_ratio_change(force), limited_by
+    )
+
+
+def compute_force(load: Load, stiffness: Any) -> Any:
+    """Return the force of a load, N: a force itself, or an indentation times the stiffness, N/m; floats or arrays."""
+    return load.force if load.indentation is None else load.indentation * stiffness
+
+
+def check_load(scene: Scene) -> None:
+    """Raise ``InputError`` for a load of 0, which yields no charge."""
+    load = scene.load
+    key = "force" if load.indentation is None else "indentation"
+    if not getattr(load, key):
+        raise InputError(f"load.{key}", 0, f"a {key} above 0: at 0 the films give no charge to read")
 
 
 @dataclass(frozen=True)
@@ -105,10 +177,10 @@ class PressingRule:
         many = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
         bodies = [
             Inclusion(diameter=d, depth=z, youngs_modulus=1e4, poisson_ratio=0.45)
-            for tumour_draw in (many, draw, unseen)
-            for d, z in zip(tumour_draw.diameter.tolist(), tumour_draw.depth.tolist(), strict=True)
+            for tumours in (many, draw, unseen)
+            for d, z in zip(tumours.diameter.tolist(), tumours.depth.tolist(), strict=True)
         ]
-        tissues = (*draw.tissues, *(tumour_draw for tumour_draw in unseen.tissues if tumour_draw not in draw.tissues))
+        tissues = (*draw.tissues, *(tissue for tissue in unseen.tissues if tissue not in draw.tissues))
         return cls(design, tissues, compute_cover_factor(bodies), _compute_approach_ratio(draw.tissues[0]))
 
     @classmethod
@@ -136,24 +208,22 @@ class PressingRule:
         Refusal
             A tissue is so extreme that it cannot be solved, or a film is in tension.
         """
-        per_tissue: list[tuple[dict[str, float], Floats]] = []
+        sizes, limits, per_force = ProbeSizes.from_scene(scene), list[dict[str, Any]](), list[Floats]()
         for tissue in self.tissues:
             coarse = CoarseModel.from_scene(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
             check_films_compressed(totals, tissue)
-            per_tissue.append(
-                (self._compute_allowed_forces(scene, ProbeSizes.from_scene(scene), totals, coarse.closure_force, tissue), totals)
-            )
-        allowed = {key: float(min(limits[key] for limits, _ in per_tissue)) for key in per_tissue[0][0]}
+            limits.append(self._compute_allowed_forces(scene, sizes, totals, coarse.closure_force, tissue))
+            strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
+            per_force.append(np.array([1.0, strain, *(totals * self.charge_per_force)]) / totals.sum())
+        allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force = round_load_down(allowed[limited_by])
-        deepest = max(force / float(totals.sum()) for _, totals in per_tissue)
-        shares = np.array([totals / totals.sum() for _, totals in per_tissue]) * force * self.charge_per_force
-        strain = max(
-            float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue)) * force / float(totals.sum())
-            for tissue, (_, totals) in zip(self.tissues, per_tissue, strict=True)
+        indentation, tissue_strain, *charges = np.array(per_force).T * force
+        weakest, strongest = float(np.min(charges)), float(np.max(charges))
+        return PressedDesign(
+            force, float(indentation.max()), float(tissue_strain.max()), (weakest, strongest), limited_by, allowed
         )
-        return PressedDesign(force, deepest, strain, (float(shares.min()), float(shares.max())), limited_by, allowed)
 
     def apply_force(self, scene: Scene) -> tuple[Scene, PressedDesign]:
         """Return a scene under the force of the rule, with the details of this force."""
@@ -172,22 +242,17 @@ class PressingRule:
         which
             Number of each tumour's tissue, shape (m,).
         """
-        min_force: Any = None
+        forces: list[Array] = []
         for number, tissue in enumerate(self.tissues):  # the tissues of the search come first
             column = np.flatnonzero(which == number)
             if not len(column):
                 continue
             film_totals = np.moveaxis(totals[:, column[0]], 1, 0)
-            closure = (
-                film_totals.sum(axis=0) * sizes.gap / (self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals))
-            )
-            for force in self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue).values():
-                min_force = (
-                    force + 0 * film_totals[0]
-                    if min_force is None
-                    else minimum_by_real_part(min_force, force + 0 * film_totals[0])
-                )
-        return np.repeat(min_force[:, None], totals.shape[1], axis=1)
+            approach = self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals)
+            closure = film_totals.sum(axis=0) * sizes.gap / approach
+            allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue)
+            forces += [force + 0 * film_totals[0] for force in allowed.values()]
+        return np.repeat(reduce(minimum_by_real_part, forces)[:, None], totals.shape[1], axis=1)
 
     def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name."""

@@ -1,25 +1,35 @@
-"""Define the result of an optimisation: start, verified designs, and the recommended one with the reason."""
+"""Define the result of an optimisation: start, verified designs, and the recommended one with the reason and warnings."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Generic, Literal, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Generic, Literal, Self, TypeVar
 
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.search_space import SearchSpace
-from probe_design.design_search.tumour_verification import replace_non_finite
+from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE, Limit
-from probe_design.design_search.verification import VerifiedDesign
+from probe_design.design_search.verification import (
+    GAIN_SIGNIFICANCE,
+    PopulationVerification,
+    TumourVerification,
+    replace_non_finite,
+)
+from probe_design.design_search.workshop import Robustness
 from probe_design.populations.design_file import Design
+from probe_design.populations.performance import Performance
+from probe_design.populations.tables import DesignLimits
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 LIMIT_KEYS = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
-Verified = TypeVar("Verified", bound=VerifiedDesign)
+LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force due to linear elasticity
+Verified = TypeVar("Verified", PopulationVerification, TumourVerification)
 
 
 @dataclass(frozen=True)
@@ -120,6 +130,10 @@ class Optimum(ABC, Generic[Verified]):
         if start > limit * (1 + SAME_DESIGN_TOLERANCE_RELATIVE):
             yield f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"
 
+    def set_seconds(self, total: float) -> Self:
+        """Return the optimum with the times of search and verification, given the total, s."""
+        return replace(self, seconds={"search": self.search.seconds, "judge": total - self.search.seconds, "all": total})
+
     def build_summary(self, files: list[str]) -> JsonObject:
         """Return the JSON object of ``probe-design optimize``; a number is null where it is unknown."""
         pairs = {"objective": self.best.objective, "baseline_objective": self.start.objective, "gain": self.gain}
@@ -143,3 +157,216 @@ class Optimum(ABC, Generic[Verified]):
             "seconds": self.seconds,
             "files": files,
         }
+
+
+@dataclass(frozen=True)
+class TumourOptimum(Optimum[TumourVerification]):
+    """The result of an optimisation for one tumour.
+
+    Attributes
+    ----------
+    noise
+        Noise of a reading.
+    linear_evaluator
+        Evaluator for verification within linear elasticity; beyond it ``contact`` is used.
+    """
+
+    noise: Noise
+    linear_evaluator: str
+
+    @property
+    def evaluators(self) -> tuple[str, ...]:
+        """The evaluators of the best design tried and of the start."""
+        return tuple(dict.fromkeys(verified.evaluator for verified in (self.best_tried, self.start)))
+
+    @property
+    def verdict(self) -> str:
+        """See ``Optimum``."""
+        best_value, start = _format_objective(self.best_tried), f"the start's {_format_objective(self.start)}"
+        evaluators = f"by {' and '.join(self.evaluators)}"
+        if self.winner is not None:
+            return (
+                f"improved: standard deviation of ln E_object {best_value} of the recommended design in place of "
+                f"{start}, {evaluators}"
+            )
+        reduction = 1 - self.best_tried.value / self.start.value
+        if not reduction > 0:
+            best = f": the best tried has {best_value}" if self.finalists else ""
+            comparison = f"none of {len(self.finalists)} designs has a standard deviation of ln E_object"
+            return f"{NO_GAIN}; {comparison} below {start}, {evaluators}{best}"
+        return (
+            f"{NO_GAIN}; the standard deviation of ln E_object of the best design tried is {best_value}, "
+            f"{100 * reduction:.2g} % less than "
+            f"{start}, {evaluators}, which is within its errors"
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """See ``Optimum``."""
+        return tuple(self._iterate_warnings())
+
+    def _iterate_warnings(self) -> Iterator[str]:
+        recommended = () if self.winner is None else (("the recommended design", self.winner),)
+        for name, verified in (*recommended, ("the start", self.start)):
+            if verified.linear_design is not None:
+                yield f"{name} {_describe_load_gain(verified, verified.linear_design)}"
+        refused = self.start.refused or self.best.refused
+        if refused is not None:
+            yield (
+                f"closed-form refuses this scene, which is one for {refused}; the search used its formulas all the same: "
+                f"only the results of {self.linear_evaluator} are valid"
+            )
+        if self.winner is None:
+            yield from self.warn_wide_start()
+
+    def build_summary(self, files: list[str]) -> JsonObject:
+        """See ``Optimum``."""
+        best, start = self.best, self.start
+        return super().build_summary(files) | {
+            "linear_evaluator": self.linear_evaluator,
+            "noise": self.noise.ratio,
+            "charge_noise": self.noise.charge,
+            "searched_objective": replace_non_finite(best.formula_value),
+            "baseline_searched_objective": replace_non_finite(start.formula_value),
+            "result": best.result.as_dict(),
+            "baseline_result": start.result.as_dict(),
+            "under_load": best.summarize_load_gain(),
+            "baseline": start.as_dict(),
+            "candidates": [finalist.as_dict() for finalist in self.finalists],
+        }
+
+
+@dataclass(frozen=True)
+class PopulationOptimum(Optimum[PopulationVerification]):
+    """The result of an optimisation for a population.
+
+    Attributes
+    ----------
+    single
+        The verified optimum for one tumour in the middle of the population; None if there is none.
+    robust
+        Effect of workshop tolerances on start and finalists, by the closed form.
+    why_no_single
+        The reason why there is no ``single``, in words.
+    """
+
+    single: PopulationVerification | None
+    robust: tuple[Robustness, ...]
+    why_no_single: str = ""
+
+    @property
+    def others(self) -> dict[str, PopulationVerification]:
+        """See ``Optimum``."""
+        return {} if self.single is None else {"one tumour": self.single}
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """See ``Optimum``; with the limits of the force."""
+        pressed, given = self.best.pressed, self.design.limits
+        rows = [limit for limit in super().limits if not (self.search_space.shelf and "modulus" in limit.name)]
+        rows += [
+            Limit(name, _get_limit_value(given, name, pressed.allowed[name]), pressed.limited_by == name)
+            for name in pressed.allowed
+        ]
+        if given.charge is not None:
+            min_charge = given.charge[0]
+            active = abs(pressed.charge[0] - min_charge) <= SAME_DESIGN_TOLERANCE_RELATIVE * min_charge
+            rows.append(Limit("least charge", min_charge, active))
+        return tuple(rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """See ``Optimum``."""
+        texts = [note for item in (self.start, self.best) if (note := item.performance.draw.note)]
+        texts += self.warn_wide_start()
+        texts += self._warn_unused_force()
+        if (warning := explain_low_detection(self.best.performance)) is not None:
+            texts.append(warning)
+        texts += self._warn_missing_channels()
+        if self.why_no_single:
+            texts.append(f"no design for one tumour to compare with: {self.why_no_single}")
+        return tuple(dict.fromkeys(texts))
+
+    def _warn_missing_channels(self) -> Iterator[str]:
+        """Yield a warning that names the channels without results because their noise is too small."""
+        missing = [name for name, performance in self.best.performance.by_observable.items() if performance is None]
+        if missing:
+            named = " and ".join(missing)
+            yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"
+
+    def _warn_unused_force(self) -> Iterator[str]:
+        """Yield a warning if linear elasticity limits the force below the allowed one; ``contact`` takes no off-axis tumours."""
+        pressed = self.best.pressed
+        key = next(name for name in ("scene", "force") if name in pressed.allowed)
+        if pressed.limited_by in LINEARITY_LIMITS:
+            named = "limits.force" if key == "force" else "the scene's load"
+            yield (
+                f"{named} of {pressed.allowed[key]:.3g} N is more than linear elasticity allows: searched and verified under "
+                f"{pressed.force:.3g} N (limited by {pressed.limited_by}); contact, which models larger loads, takes "
+                "no tumours off the axis"
+            )
+
+    @property
+    def verdict(self) -> str:
+        """See ``Optimum``."""
+        kind, (gain, error) = self.design.objective.maximise, self.gain
+        start, best = ("{:.3f} ± {:.2g}".format(*verified.objective) for verified in (self.start, self.best_tried))
+        change = f"a gain of {gain:.3g}; twice its error is {GAIN_SIGNIFICANCE * error:.2g}"
+        if self.winner is not None:
+            return f"improved: {kind} {best} of the recommended design, {start} of the start, {change}"
+        if not self.finalists:
+            return f"{NO_GAIN}; no other design within the limits could be verified, {kind} of the start is {start}"
+        return f"{NO_GAIN}; {kind} {best} of the best design tried, {start} of the start, {change}"
+
+    def build_summary(self, files: list[str]) -> JsonObject:
+        """See ``Optimum``."""
+        named = {"start": self.start, "single": self.single, "optimum": self.best, "found": self.best_tried}
+        return super().build_summary(files) | {
+            "maximise": self.design.objective.maximise,
+            "statistic": self.design.objective.statistic,
+            "population": {name: None if item is None else item.performance.as_dict() for name, item in named.items()},
+            "single_reason": self.why_no_single or None,
+            "pressing": {name: None if item is None else item.summarize_pressing() for name, item in named.items()},
+            "designs": {name: None if item is None else scene_to_dict(item.scene) for name, item in named.items()},
+            "materials": list(self.best.materials),
+            "tolerances": [item.as_dict() for item in self.robust],
+        }
+
+
+def _format_objective(verified: TumourVerification) -> str:
+    """Format an objective with its bounds by errors."""
+    ends = f"above {verified.lower:.3g}" if math.isinf(verified.upper) else f"{verified.lower:.3g} to {verified.upper:.3g}"
+    return f"{verified.value:.3g} ({ends} within its errors)"
+
+
+def _describe_load_gain(verified: TumourVerification, linear: TumourVerification) -> str:
+    """Describe the gain of a load beyond linear elasticity."""
+    gain, error = verified.compute_gain(linear)
+    return (
+        f"under {verified.pressing.force:.3g} N (limited by {verified.pressing.limited_by}): "
+        f"{_format_objective(verified)} in place of {_format_objective(linear)} under "
+        f"{linear.pressing.force:.3g} N, where linear elasticity ends ({linear.pressing.limited_by}): a gain of "
+        f"{100 * gain:.2g} %, "
+        f"error {100 * error:.2g} %"
+    )
+
+
+def explain_low_detection(performance: Performance) -> str | None:
+    """Return a warning if no more tumours are detected than false alarms would give, else None."""
+    lower_limit = performance.means["detection"] - GAIN_SIGNIFICANCE * performance.errors["detection"].total
+    if lower_limit > performance.false_alarm:
+        return None
+    detected = f"{100 * performance.means['detection']:.3g} ± {100 * performance.errors['detection'].total:.2g} of 100 tumours"
+    alarms = f"{100 * performance.false_alarm:g} of 100"
+    return (
+        f"the recommended design detects {detected}, no more than false alarms alone may, {alarms}; "
+        "the report's 'What would help most' says what to change"
+    )
+
+
+def _get_limit_value(given: DesignLimits, name: str, force: float) -> float:
+    """Return the value of a limit in the design file; for a limit without a number, the force that it allows, N."""
+    stated = getattr(given, name, None)
+    if stated is None or isinstance(stated, bool):
+        return force
+    return float(stated[1] if name == "charge" else stated)

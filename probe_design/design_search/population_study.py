@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from time import perf_counter
 
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
-from probe_design.design_search.loads import PressingRule
+from probe_design.design_search.loads import PressingRule, check_load
+from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.population_objective import MAX_SEARCH_TUMOURS, PopulationObjective
-from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.refinement import refine_design
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.tumour_objective import Noise, TumourObjective
@@ -23,11 +24,29 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.examination import examine
 from probe_design.populations.population import ScenePopulation
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], None]  # called with the name of a stage, the number of steps done and their total
 MAX_VERIFIED = 2  # designs that are verified, besides start and single-tumour optimum
 MAX_TRIED = 100  # best designs among which these are selected
 SINGLE_STARTS = 4  # local searches for one tumour
 MIN_SINGLE_NOISE = 1e-6
+
+
+def optimize_for_population(design: Design, tell: Progress) -> PopulationOptimum:
+    """Find the best probe for a design file's population: verify the start, search with the closed form, verify the best.
+
+    Raises
+    ------
+    InputError
+        A load of 0, no allowed design, or a population that does not fit the tissue.
+    Refusal
+        The evaluators cannot model the scene.
+    """
+    begin = perf_counter()
+    check_load(design.scene)
+    study = PopulationStudy.from_design(design, tell)
+    start = study.verify_start(tell)
+    search = search_combinations(study.objective, study.search_space, partial(tell, "searching with the closed form"))
+    return study.verify_choices(start, search, tell).set_seconds(perf_counter() - begin)
 
 
 @dataclass(frozen=True)

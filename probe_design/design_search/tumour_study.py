@@ -16,6 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
+from time import perf_counter
+from typing import Any
 
 from geometry.common.errors import InputError, Refusal, SolveError, describe_choices
 from geometry.scenes.scene import Load, Scene
@@ -28,12 +30,12 @@ from probe_design.design_search.contact_verification import (
     needs_contact,
     optimize_load,
 )
-from probe_design.design_search.loads import PressingRule
-from probe_design.design_search.pressing import check_load
+from probe_design.design_search.loads import PressingRule, check_load
+from probe_design.design_search.optimum import TumourOptimum
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.tumour_objective import FiniteElementObjective, Noise, TumourObjective
-from probe_design.design_search.tumour_optimum import TumourOptimum
-from probe_design.design_search.tumour_verification import (
+from probe_design.design_search.variables import read_vector
+from probe_design.design_search.verification import (
     FINER_ACCURACY,
     VERIFICATION_ACCURACY,
     TumourVerification,
@@ -41,7 +43,6 @@ from probe_design.design_search.tumour_verification import (
     merge_designs,
     verify_tumour_design,
 )
-from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import Design
 from probe_design.populations.tables import DesignLimits, NoiseModel, PopulationRanges, Protocol
 from solver import evaluator as find_evaluator
@@ -58,6 +59,18 @@ STARTS_WITHIN_RADIUS = 2  # local searches within each
 MAX_SENSITIVITY_GROWTH = 2.5  # of the log-sensitivity by load; 1.3 to 2 were observed
 UNLIMITED_FORCE_N = 1e9  # N: the largest force that a scene may have
 Progress = Callable[[str, int, int], None]
+
+
+def optimize_for_tumour(scene: Scene, tell: Progress, **settings: Any) -> TumourOptimum:
+    """Find the best probe for a single reading of a scene's target: verify the start, search, then verify the best designs.
+
+    Settings and exceptions are those of ``TumourStudy.from_scene``.
+    """
+    begin = perf_counter()
+    study = TumourStudy.from_scene(scene, **settings)
+    start = study.verify_start(tell)
+    search = search_combinations(study.objective, study.search_space, partial(tell, "searching with the closed form"))
+    return study.verify_choices(start, search, tell).set_seconds(perf_counter() - begin)
 
 
 @dataclass(frozen=True)

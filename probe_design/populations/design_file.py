@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 
 from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from geometry.common.errors import InputError, Words, describe_choices
-from geometry.common.text_files import read_tables
+from geometry.common.text_files import parse_tables, read_tables, read_text
 from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_file import find_scene
+from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import find_model
 from probe_design.populations.tables import DesignLimits, NoiseModel, Objective, PopulationRanges, Protocol
 from probe_design.populations.variables import DesignVariables
 
 DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
+
+ALLOWED_SOURCES = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
 
 
 class Design(Frozen):
@@ -42,9 +45,44 @@ class Design(Frozen):
     objective: Objective = Field(default_factory=Objective)
 
 
+DesignSource = Design | Scene | Path | str | Mapping[str, object] | None
+
+
 def is_design(tables: Mapping[str, object]) -> bool:
     """Return whether the tables of a file are those of a design file; a scene has the tables probe and tissue itself."""
     return "scene" in tables or (bool(set(DESIGN_SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
+
+
+def read_builtin_design_text() -> str:
+    """Return the text of the built-in design file."""
+    return files("probe_design.data").joinpath("builtin_design.toml").read_text(encoding="utf-8")
+
+
+def read_builtin_design() -> Design:
+    """Return the built-in design; its file states the source of every number."""
+    return design_from_dict(parse_tables(read_builtin_design_text(), "built-in design", "a design file"), units_required=True)
+
+
+def read_design_source(source: DesignSource) -> Design | Scene:
+    """Return the design or scene of any source, by default the built-in design; in tables from Python numbers are in SI units.
+
+    A file is recognised by its tables as a design file or a scene file.
+
+    Raises
+    ------
+    InputError
+        The source is none of ``ALLOWED_SOURCES``, or contains a value that is not allowed.
+    """
+    if source is None:
+        return read_builtin_design()
+    if isinstance(source, Design | Scene):
+        return source
+    if isinstance(source, Mapping):
+        return design_from_dict(source)
+    if not isinstance(source, Path | str):
+        raise InputError("design", source, ALLOWED_SOURCES)
+    tables = parse_tables(read_text(source, "scene file"), str(source), "a TOML scene or design file")
+    return _check_file(tables, Path(source)) if is_design(tables) else read_scene(source)
 
 
 def read_design(path: Path | str) -> Design:
@@ -55,10 +93,10 @@ def read_design(path: Path | str) -> Design:
     InputError
         The file is missing, is not TOML, or contains a value that is not allowed.
     """
-    return design_from_tables(read_tables(path, "design file"), Path(path))
+    return _check_file(read_tables(path, "design file"), Path(path))
 
 
-def design_from_tables(tables: Mapping[str, object], path: Path) -> Design:
+def _check_file(tables: Mapping[str, object], path: Path) -> Design:
     """Check the tables of a design file. Raises ``InputError``, which for another command's file names that command."""
     check_kind(tables, str(path), "design file", "a design file, with [population], or a scene file, with [probe]")
     return design_from_dict(tables, path.parent, units_required=True)

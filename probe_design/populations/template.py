@@ -7,20 +7,33 @@ from collections.abc import Iterator
 import tomli_w
 from pydantic import BaseModel
 
-from probe_design.populations.design_file import DESIGN_SECTIONS, Design
+from probe_design.populations.design_file import DESIGN_SECTIONS, Design, read_builtin_design_text
 from probe_design.populations.tables import LayerRanges
 
 FILE_HEADER = """\
 # A design file: `probe-design optimize DESIGN.toml -o DIR` designs a probe for these tumours, readings, noise and limits.
 # A key that is a comment shows an example: without it the default holds that its line tells. Quantities have their units.
 
+"""
+SCENE_LINE = """\
 scene = "scene.toml"   # its probe is the start; its tissue and inclusion hold for what [population] leaves out
+"""
+BUILTIN_SCENE_COMMENT = """\
+# The initial scene stands at the end of this file, [scene.probe] and so on. In its place there may be the name of a scene file:
+# scene = "scene.toml" before the first table.
 """
 
 
 def build_template() -> str:
     """Return a commented design file with the defaults, which refers to ``scene.toml`` in the same folder."""
-    return "\n".join([FILE_HEADER, *(_format_section(name) for name in DESIGN_SECTIONS)])
+    return "\n".join([FILE_HEADER + SCENE_LINE, *(_format_section(name) for name in DESIGN_SECTIONS)])
+
+
+def build_design_template() -> str:
+    """Return a commented design file with the defaults, which runs as it is since it contains the built-in scene."""
+    builtin_text = read_builtin_design_text()
+    scene_tables = builtin_text[builtin_text.index("[scene.probe]") :]
+    return build_template().replace(SCENE_LINE, BUILTIN_SCENE_COMMENT) + "\n" + scene_tables
 
 
 def _format_section(name: str) -> str:

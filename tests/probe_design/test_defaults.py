@@ -11,8 +11,8 @@ from geometry.scenes.probe import Film
 from probe_design.built_probe.bench import Amplifier, Channels, ReferenceForce, Sampling, Shaker, Workshop, read_builtin_bench
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE, find_charge_per_force
-from probe_design.design_search.design_source import read_builtin_design
 from probe_design.design_search.tumour_objective import Noise
+from probe_design.populations.design_file import read_builtin_design
 from probe_design.populations.tables import NoiseModel, Protocol
 
 BENCH, DESIGN, SCENE = read_builtin_bench(), read_builtin_design(), read_builtin_scene()

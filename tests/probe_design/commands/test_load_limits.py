@@ -12,7 +12,7 @@ from geometry import Scene, read_scene
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_to_toml
 from probe_design.design_search.tumour_objective import Noise
-from probe_design.design_search.tumour_verification import verify_tumour_design
+from probe_design.design_search.verification import verify_tumour_design
 from solver import evaluate, load, plan
 from solver.contact.load_curve import find_load_ends
 from tests.support.paths import EXAMPLES, REFERENCE

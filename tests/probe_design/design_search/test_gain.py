@@ -12,16 +12,16 @@ from geometry import Load, Refusal, Scene, read_scene
 from geometry.scenes.probe import Probe
 from probe_design.design_report.tumour_report import build_comparison_table, build_tumour_report
 from probe_design.design_search.choices import ChoiceSearch
+from probe_design.design_search.optimum import TumourOptimum
 from probe_design.design_search.tumour_objective import Noise
-from probe_design.design_search.tumour_optimum import TumourOptimum
 from probe_design.design_search.tumour_study import TumourStudy
-from probe_design.design_search.tumour_verification import (
+from probe_design.design_search.variables import build_space, read_vector
+from probe_design.design_search.verification import (
     FINER_ACCURACY,
     TumourVerification,
     merge_designs,
     verify_tumour_design,
 )
-from probe_design.design_search.variables import build_space, read_vector
 from tests.support.paths import EXAMPLES, SCENE
 from tests.support.scenes import nodule
 

@@ -14,12 +14,11 @@ from typing import Any
 import pytest
 
 from geometry import read_scene
-from probe_design.design_search.design_source import read_builtin_design
-from probe_design.design_search.population_optimum import explain_low_detection
-from probe_design.design_search.template import build_design_template
-from probe_design.populations.design_file import Design, design_from_dict, read_design
+from probe_design.design_search.optimum import explain_low_detection
+from probe_design.populations.design_file import Design, design_from_dict, read_builtin_design, read_design
 from probe_design.populations.performance import MeanError
 from probe_design.populations.population import ScenePopulation
+from probe_design.populations.template import build_design_template
 from tests.support.program import run
 
 SMALL = """

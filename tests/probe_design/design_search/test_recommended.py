@@ -11,12 +11,12 @@ from geometry.scenes.scene import Scene
 from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_report.population_report import build_population_table, describe_conditions
 from probe_design.design_search.choices import ChoiceSearch
-from probe_design.design_search.design_source import read_builtin_design
 from probe_design.design_search.loads import PressedDesign
-from probe_design.design_search.population_optimum import PopulationOptimum
+from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.design_search.workshop import Robustness
+from probe_design.populations.design_file import read_builtin_design
 from probe_design.populations.examination import examine
 from probe_design.populations.performance import MeanError, Performance
 from probe_design.populations.tables import CHANNEL_INDICES

@@ -16,8 +16,8 @@ from probe_design.design_search.choices import iterate_distinct, search_combinat
 from probe_design.design_search.closed_search import screen
 from probe_design.design_search.tumour_objective import FiniteElementObjective, Noise
 from probe_design.design_search.tumour_study import MIN_LOG_DISTANCE, TumourStudy
-from probe_design.design_search.tumour_verification import verify_tumour_design
 from probe_design.design_search.variables import ProbeSizes, read_vector
+from probe_design.design_search.verification import verify_tumour_design
 from tests.support.paths import REFERENCE, ROOT
 from tests.support.program import Ended, run
 from tests.support.references import named

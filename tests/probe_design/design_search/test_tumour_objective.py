@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from geometry import Film, InputError, Load, read_scene
+from probe_design import optimize
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD, compute_channel_noise
-from probe_design.design_search.optimize import optimize
-from probe_design.design_search.pressing import compute_pressing
+from probe_design.design_search.loads import compute_pressing
 from probe_design.design_search.tumour_objective import Noise, standard_deviation
 from probe_design.design_search.tumour_study import TumourStudy
-from probe_design.design_search.tumour_verification import evaluate_films, verify_tumour_design
 from probe_design.design_search.variables import ProbeSizes
+from probe_design.design_search.verification import evaluate_films, verify_tumour_design
 from probe_design.maps.sphere_effects import Thresholds
 from solver import evaluate
 from solver.planning.coarse_model import CoarseModel

@@ -10,12 +10,12 @@ from itertools import pairwise
 import pytest
 
 from geometry import Load, Scene
+from probe_design import optimize
 from probe_design.design_report.tumour_report import build_comparison_table
 from probe_design.design_search.contact_verification import needs_contact, optimize_load
-from probe_design.design_search.optimize import optimize
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.tumour_study import TumourStudy, remove_load_limit
-from probe_design.design_search.tumour_verification import TumourVerification, verify_tumour_design
+from probe_design.design_search.verification import TumourVerification, verify_tumour_design
 from solver import evaluate
 from tests.support.load_paths import FOLDER, scene_of
 from tests.support.scenes import nodule

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from geometry import InputError, read_scene
+from probe_design import optimize
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.design_search.closed_search import screen
-from probe_design.design_search.optimize import optimize
 from probe_design.design_search.variables import ProbeSizes, build_space
 from tests.support.paths import SCENE
 from tests.support.program import run

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
-from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations import inclusion_scan
+from probe_design.populations.design_file import read_builtin_design
 from probe_design.populations.examination import Examination, examine
 from probe_design.populations.noise import build_difference_noise
 from probe_design.populations.scan_errors import ERROR_CAUSES, GROOVE_SAFETY_FACTOR, bound_groove_change
