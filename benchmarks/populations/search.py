@@ -49,17 +49,16 @@ def design(name: str) -> Design:
 
 def find_evolved_objective(objective: PopulationObjective, search_space: SearchSpace) -> float:
     """Return the best objective that differential evolution finds in ``EVALUATIONS``; designs beyond constraints are worth 0."""
-    space = search_space.space
 
     def worth(x: Floats) -> float:
         design_column = np.exp(x)[:, None]
         return (
             -float(objective.evaluate_designs(design_column, search_space.start_poisson)[0])
-            if space.admits(design_column)[0]
+            if search_space.admits(design_column)[0]
             else 0.0
         )
 
-    bounds = Bounds(np.log(space.low), np.log(space.high))
+    bounds = Bounds(np.log(search_space.low), np.log(search_space.high))
     settings: dict[str, Any] = {"polish": False, "tol": 0.0, "seed": 1, "popsize": MEMBERS // 6}
     return -float(differential_evolution(worth, bounds, maxiter=EVALUATIONS // MEMBERS - 1, **settings).fun)
 
@@ -71,7 +70,7 @@ def closed_form() -> MeasuredTable:
     for name in POPULATIONS:
         population_design = design(name)
         search_space = build_search_space(population_design)
-        objective = PopulationObjective.from_design(population_design, search_space.space.outer_radius)
+        objective = PopulationObjective.from_design(population_design, search_space.outer_radius)
         start = perf_counter()
         mine = search_combinations(objective, search_space, lambda done, total: None).choices[0].value
         middle = perf_counter()

@@ -63,7 +63,7 @@ def _explain_verification(optimum: TumourOptimum) -> str:
 
 def build_comparison_table(optimum: TumourOptimum) -> Table:
     """Return the table that compares start and other designs, the recommended one last, with the limits of the quantities."""
-    designs, limits = list(optimum.list_columns().values()), optimum.search_space.space.list_limits(optimum.best.scene)
+    designs, limits = list(optimum.list_columns().values()), optimum.search_space.list_limits(optimum.best.scene)
     linear, others = optimum.linear_evaluator, [name for name in optimum.evaluators if name != optimum.linear_evaluator]
 
     def build_rows(list_cells: Callable[[TumourVerification], Cells], suffix: str = "") -> list[tuple[str, ...]]:

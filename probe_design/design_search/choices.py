@@ -76,7 +76,7 @@ def iterate_distinct(choices: Iterable[Choice], search_space: SearchSpace, toler
     scenes: list[Scene] = []
     for choice in choices:
         scene = search_space.build_scene(choice.design, choice.combination)
-        if scene is None or not search_space.space.admits_scene(scene):
+        if scene is None or not search_space.admits_scene(scene):
             continue
         if not any(is_same_design(scene, earlier, tolerance) for earlier in scenes):
             scenes.append(scene)
@@ -109,7 +109,7 @@ def search_combination(
     objective: SearchObjective, search_space: SearchSpace, combination: Combination, *, thorough: bool
 ) -> list[Choice]:
     """Return the designs of one combination, best first."""
-    space = search_space.pin_combination(combination)
+    space = search_space.pin(combination.pinned)
     designs = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
     pairs = zip(designs.designs.T, designs.values.tolist(), strict=True)
     return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:MAX_CHOICES]
@@ -118,7 +118,7 @@ def search_combination(
 def _search_all(
     objective: SearchObjective, search_space: SearchSpace, combinations: list[Combination], progress: Progress
 ) -> list[Choice]:
-    thorough = len(combinations) <= MAX_THOROUGH_COMBINATIONS or not search_space.pin_combination(combinations[0]).free
+    thorough = len(combinations) <= MAX_THOROUGH_COMBINATIONS or not search_space.pin(combinations[0].pinned).free
     choices: list[Choice] = []
     for k, combination in enumerate(combinations):
         progress(k, len(combinations))
@@ -136,7 +136,7 @@ def _repeat_search(objective: SearchObjective, search_space: SearchSpace, choice
 
 def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:
     """Search with continuous variables, round the best designs, then move to the best neighbour until none is better."""
-    relaxed = search(objective, search_space.space, _average_poisson(search_space))
+    relaxed = search(objective, search_space, _average_poisson(search_space))
     progress(1, 2 + NEIGHBOUR_ROUNDS)
     tried: dict[str, list[Choice]] = {}
     for design in relaxed.designs.T[:ROUNDED_DESIGNS]:

@@ -16,7 +16,8 @@ from scipy.stats import qmc
 from geometry.common.arrays import Floats, Ints
 from geometry.common.json_types import JsonObject
 from probe_design.design_search.objective import ExactGradients, SearchEffort, SearchObjective
-from probe_design.design_search.variables import ProbeSizes, VariableSpace
+from probe_design.design_search.search_space import SearchSpace
+from probe_design.design_search.variables import ProbeSizes
 from solver.casadi_functions.base import DifferentiableFunction
 
 SOBOL_SEED = 21
@@ -71,7 +72,7 @@ class ObjectiveFunction(DifferentiableFunction):
 
 
 def search(
-    objective: SearchObjective, space: VariableSpace, poisson: tuple[float, float], effort: SearchEffort | None = None
+    objective: SearchObjective, space: SearchSpace, poisson: tuple[float, float], effort: SearchEffort | None = None
 ) -> FoundDesigns:
     """Search designs within bounds and return local optima and screened designs together, best first.
 
@@ -101,7 +102,7 @@ def search(
     return _sort_designs(all_designs[:, keeps], all_values[keeps])
 
 
-def screen(space: VariableSpace, count: int) -> Floats:
+def screen(space: SearchSpace, count: int) -> Floats:
     """Return the admissible designs of Sobol sequences, uniform in the logarithms, for each shell of outer radii.
 
     The design at the lower bounds is added, and the one in the middle of all bounds if no other is admissible.
@@ -123,7 +124,7 @@ def screen(space: VariableSpace, count: int) -> Floats:
     return np.concatenate([candidates[:, space.admits(candidates)], designs[:, inside]], axis=1)
 
 
-def _thin_wall(space: VariableSpace, design: Floats) -> Floats:
+def _thin_wall(space: SearchSpace, design: Floats) -> Floats:
     """Return a design with the area ratio of the thinnest wall that its bounds allow."""
     sizes, k = ProbeSizes.from_vector(design), space.names.index("area_ratio")
     hole = sizes.inner_radius + sizes.gap
@@ -132,7 +133,7 @@ def _thin_wall(space: VariableSpace, design: Floats) -> Floats:
     return design
 
 
-def _sample_shell(space: VariableSpace, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
+def _sample_shell(space: SearchSpace, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
     """Sample designs with outer radii between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m; fixed variables take precedence."""
     inner_index, ratio_index = (space.names.index(name) for name in ("inner_radius", "area_ratio"))
     designs: Floats = np.exp(np.log(low) + sample * (np.log(high) - np.log(low))).T
@@ -162,7 +163,7 @@ def _order_starts(designs: Floats, values: Floats) -> Ints:
 
 def refine_by_ipopt(
     objective: ExactGradients,
-    space: VariableSpace,
+    space: SearchSpace,
     start: Floats,
     *,
     poisson: tuple[float, float],

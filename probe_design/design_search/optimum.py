@@ -94,7 +94,7 @@ class Optimum(ABC, Generic[Verified]):
         """All limits by their keys in a design file, bounds such as ``least gap``, and which are active."""
         return tuple(
             Limit(LIMIT_KEYS.get(limit.name, limit.name), limit.value, limit.active)
-            for limit in self.search_space.space.list_limits(self.best.loaded_scene)
+            for limit in self.search_space.list_limits(self.best.loaded_scene)
         )
 
     @property
@@ -126,7 +126,7 @@ class Optimum(ABC, Generic[Verified]):
 
     def warn_wide_start(self) -> Iterator[str]:
         """Yield a warning if the start is wider than the limit."""
-        start, limit = self.design.scene.probe.tube_radius, self.search_space.space.outer_radius
+        start, limit = self.design.scene.probe.tube_radius, self.search_space.outer_radius
         if start > limit * (1 + SAME_DESIGN_TOLERANCE_RELATIVE):
             yield f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"
 

@@ -91,7 +91,7 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
 def _list_designs(design: Design, against: str) -> Any:
     """Yield each cost, the smallest first, with the design file limited to it."""
     if against == "outer_radius":
-        max_cost = build_search_space(design).space.outer_radius
+        max_cost = build_search_space(design).outer_radius
         for limit in np.linspace(MIN_RADIUS_FRACTION * max_cost, max_cost, POINTS_PER_FRONT).tolist():
             yield limit, design.model_copy(update={"limits": design.limits.model_copy(update={"outer_radius": limit})})
     elif against == "force":

@@ -81,7 +81,7 @@ class PopulationStudy:
         search_space = build_search_space(design)
         tell("drawing the population", 0, 1)
         objective = PopulationObjective.from_design(
-            design, max(search_space.space.outer_radius, design.scene.probe.tube_radius), max_tumours
+            design, max(search_space.outer_radius, design.scene.probe.tube_radius), max_tumours
         )
         tell("drawing the population", 1, 1)
         return cls(design, search_space, objective)
@@ -156,7 +156,7 @@ class PopulationStudy:
 
         It is a candidate like those of the search: if it is verified to be the best, it is recommended.
         """
-        if not self.search_space.space.free:
+        if not self.search_space.free:
             return None, "no variable left to choose"
         try:
             scene = build_middle_scene(self.design)

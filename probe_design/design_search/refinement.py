@@ -133,7 +133,7 @@ def refine_design(objective: PopulationObjective, search_space: SearchSpace, sta
             return -np.inf if scene is None else compute_inclusion_objective(objective, scene)
         return -np.inf
 
-    space, poisson = search_space.pin_combination(start.combination), start.combination.poisson
+    space, poisson = search_space.pin(start.combination.pinned), start.combination.poisson
     free, start_value = space.free, evaluate(start.design)
     if not free or not np.isfinite(start_value):
         return None

@@ -1,31 +1,34 @@
 """The designs that a search may choose from: bounds, constraints, discrete values and materials.
 
 Variables that a design file does not give vary around the start, within what a workshop can make. Limits remove designs and add
-none.
+none: each follows from the start and from what a workshop can make, none from another.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.catalogue import CatalogueMaterial, find_material, set_number
-from geometry.scenes.probe import format_mm
+from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import BLOCK_NAMES
 from probe_design.design_search.variables import (
     MODULUS_NAMES,
+    SAME_DESIGN_TOLERANCE_RELATIVE,
     SEPARATE_HEIGHT_NAMES,
     SHARED_HEIGHT_NAMES,
-    VariableSpace,
-    build_space,
+    VARIABLES,
+    Limit,
+    ProbeSizes,
     format_variable,
     has_separate_heights,
     read_vector,
@@ -33,7 +36,13 @@ from probe_design.design_search.variables import (
 from probe_design.populations.design_file import Design
 from probe_design.populations.variables import DesignVariable
 
-MOST_STEPS = 10_000
+MIN_WALL_M = 0.5e-3  # m
+MIN_INNER_RADIUS_PER_GROOVE_WIDTH, MIN_HEIGHT_PER_GROOVE_DEPTH = 0.55, 1.25
+DEFAULT_RADIUS_FACTOR = 1.4  # times the start's outer radius: its limit unless one is given
+MAX_TISSUE_FRACTION = 0.95  # of the tissue's radius or half breadth that a probe may cover
+MODULUS_DIGITS = 3  # of moduli; lengths are rounded to 0.01 mm
+BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
+MAX_STEPS = 10_000  # values of a variable with a step
 
 
 @dataclass(frozen=True)
@@ -64,41 +73,130 @@ class Combination:
         ]
         return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
 
-    def set_materials(self, scene: Scene | None) -> Scene | None:
-        """Return a scene whose blocks have these Poisson's ratios and materials' names; None where that breaks a rule."""
-        if scene is None:
-            return None
-        probe = scene.probe.model_dump(exclude_unset=True)
-        for block, poisson in zip(BLOCK_NAMES, self.poisson, strict=True):
-            set_number(probe[block], "poisson_ratio", poisson)
-        for block, name in zip(BLOCK_NAMES, self.materials, strict=False):
-            probe[block]["material"] = name
-        try:
-            return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
-        except ValueError:
-            return None
-
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """The designs of a design file.
+    """The designs of a design file: the limits of the variables, SI, the constraints between them, and discrete values.
 
     Attributes
     ----------
-    space
-        Bounds and constraints of the relaxed variables, every one continuous.
+    scene
+        The scene whose probe is varied; everything else in it stays.
+    names
+        Names of the variables.
+    low, high
+        Bounds of the relaxed variables, every one continuous, shape (variables,).
+    outer_radius
+        Limit of the outer block's radius, m.
+    wall
+        Minimum thickness of the outer block, m.
     grids
         The allowed values of variables with steps or choices, increasing, by the variable's name.
     shelf
         The materials allowed for a block; empty if the moduli are variables themselves.
-    start_poisson
-        The start's Poisson's ratios.
     """
 
-    space: VariableSpace
+    scene: Scene
+    names: tuple[str, ...]
+    low: Floats
+    high: Floats
+    outer_radius: float
+    wall: float
     grids: Mapping[str, tuple[float, ...]]
     shelf: tuple[CatalogueMaterial, ...]
-    start_poisson: tuple[float, float]
+
+    @property
+    def start_poisson(self) -> tuple[float, float]:
+        """The start's Poisson's ratios."""
+        return self.scene.probe.inner.poisson_ratio, self.scene.probe.outer.poisson_ratio
+
+    @property
+    def free(self) -> list[int]:
+        """Indices of the variables whose bounds are not one value."""
+        return [k for k in range(len(self.low)) if self.low[k] < self.high[k] * (1 - BOUNDS_TOLERANCE_RELATIVE)]
+
+    def pin(self, values: Mapping[str, float]) -> SearchSpace:
+        """Return the space with some variables, by name, held at a value."""
+        low, high = self.low.copy(), self.high.copy()
+        for name, value in values.items():
+            k = self.names.index(name)
+            low[k] = high[k] = value
+        return replace(self, low=low, high=high)
+
+    def admits(self, x: Floats, tolerance: float = 0.0) -> NDArray[np.bool_]:
+        """Return which designs x, shape (variables, n), meet the constraints of outer radius and wall."""
+        sizes = ProbeSizes.from_vector(x)
+        return np.asarray(
+            (sizes.outer_radius <= self.outer_radius * (1 + tolerance)) & (sizes.wall >= self.wall * (1 - tolerance))
+        )
+
+    def admits_scene(self, scene: Scene) -> bool:
+        """Return whether a scene's probe is within the limits of outer radius and wall and the bounds, allowing for rounding."""
+        vector, probe = read_vector(scene, self.names), scene.probe
+        inside: NDArray[np.bool_] = (vector >= 0.995 * self.low) & (vector <= 1.005 * self.high)
+        wall = probe.tube_radius - probe.hole_radius
+        return bool(
+            inside.all() and probe.tube_radius <= self.outer_radius * (1 + 1e-9) and wall >= self.wall * (1 - 1e-9) - 1e-9
+        )
+
+    def build_scene(self, x: Floats, combination: Combination | None = None) -> Scene | None:
+        """Return the scene with a design rounded to what is ordered from a workshop; None where that breaks a rule.
+
+        Values of a combination are not rounded.
+        """
+        sizes, exact = ProbeSizes.from_vector(x), {} if combination is None else combination.pinned
+        numbers = zip(self.names, x.tolist(), strict=True)
+        lengths = {name: round(value, 5) for name, value in numbers if name == "gap" or "height" in name}
+        lengths["outer_radius"] = _round_length_down(float(sizes.outer_radius))
+        lengths["inner_radius"] = min(
+            round(float(sizes.inner_radius), 5), _round_length_down(lengths["outer_radius"] - lengths["gap"] - self.wall)
+        )  # or rounding would thin a wall of the least thickness
+        if set(exact) - {"area_ratio"}:
+            lengths |= {name: value for name, value in exact.items() if name not in MODULUS_NAMES}
+        if "area_ratio" in lengths:
+            del lengths["outer_radius"]
+        starting = (block.youngs_modulus for block in (self.scene.probe.inner, self.scene.probe.outer))
+        moduli = [
+            exact.get(name, start if _round_modulus(value) == _round_modulus(start) else _round_modulus(value))
+            for name, value, start in zip(MODULUS_NAMES, sizes.moduli, starting, strict=True)
+        ]  # the start's own stays as it is, and so does its material's name
+        return self._replace_probe(lengths, moduli, combination)
+
+    def build_exact_scene(self, x: Floats, combination: Combination | None = None) -> Scene | None:
+        """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
+        numbers = dict(zip(self.names, x.tolist(), strict=True))
+        moduli = [numbers.pop(name) for name in MODULUS_NAMES]
+        return self._replace_probe(numbers, moduli, combination)
+
+    def _replace_probe(self, lengths: Mapping[str, float], moduli: list[float], combination: Combination | None) -> Scene | None:
+        """Return the scene with these numbers of the probe, and with a combination's Poisson's ratios and names of materials."""
+        replaced = {"area_ratio", "outer_radius", "height", "inner_height", "outer_height"}
+        probe = self.scene.probe.model_dump(exclude=replaced, exclude_unset=True) | dict(lengths)
+        for k, (block, modulus) in enumerate(zip(BLOCK_NAMES, moduli, strict=True)):
+            set_number(probe[block], "youngs_modulus", modulus)
+            if combination is not None:
+                set_number(probe[block], "poisson_ratio", combination.poisson[k])
+            if combination is not None and combination.materials:
+                probe[block]["material"] = combination.materials[k]
+        try:
+            return Scene.model_validate(self.scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
+        except ValueError:
+            return None
+
+    def list_limits(self, scene: Scene) -> tuple[Limit, ...]:
+        """Return all limits, and whether a scene's probe reaches them."""
+        probe, vector = scene.probe, read_vector(scene, self.names)
+        rows = [
+            ("largest outer_radius", self.outer_radius, probe.tube_radius),
+            ("least wall", self.wall, probe.tube_radius - probe.hole_radius),
+            ("least inner_radius", self.low[0], vector[0]),
+        ]
+        for name, low, high, value in list(zip(self.names, self.low, self.high, vector, strict=True))[1:]:
+            rows += [(f"least {name}", low, value), (f"largest {name}", high, value)]
+        return tuple(
+            Limit(name, float(limit), bool(abs(value - limit) <= SAME_DESIGN_TOLERANCE_RELATIVE * limit))
+            for name, limit, value in rows
+        )
 
     @property
     def combinations(self) -> int:
@@ -121,23 +219,11 @@ class SearchSpace:
 
     def iterate_nearest(self, design: Floats, count: int = 2) -> Iterator[Combination]:
         """Yield the combinations nearest to a design: of each grid and of the materials of each block, the nearest values."""
-        numbers = dict(zip(self.space.names, design.tolist(), strict=True))
+        numbers = dict(zip(self.names, design.tolist(), strict=True))
         grids = {name: _find_nearest_values(values, numbers[name], count) for name, values in self.grids.items()}
         shelves = [self._find_nearest_materials(numbers[name], count) for name in MODULUS_NAMES]
         for values in product(*grids.values()):
             yield from self._iterate_pairs(dict(zip(grids, values, strict=True)), *shelves)
-
-    def pin_combination(self, combination: Combination) -> VariableSpace:
-        """Return the bounds with a combination's values as both ends."""
-        return self.space.pin(combination.pinned)
-
-    def build_scene(self, design: Floats, combination: Combination) -> Scene | None:
-        """Return the scene with a design rounded as a workshop makes it; None where that breaks a rule."""
-        return combination.set_materials(self.space.build_scene(design, combination.pinned))
-
-    def build_exact_scene(self, design: Floats, combination: Combination) -> Scene | None:
-        """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
-        return combination.set_materials(self.space.build_exact_scene(design))
 
     def _iterate_pairs(
         self, pinned: Mapping[str, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
@@ -161,25 +247,25 @@ def _find_nearest_values(values: tuple[float, ...], value: float, count: int) ->
 def build_search_space(design: Design) -> SearchSpace:
     """Build the search space of a design file: bounds that follow from the start, then the file's own, then its limits.
 
+    If the start is beyond a bound that the file does not give, this bound is moved to the start.
+
     Raises
     ------
     InputError
         A variable has no value within the limits, a material is not one for blocks, or no probe fits.
     """
-    scene, given, limits = design.scene, design.variables, design.limits
+    scene, given = design.scene, design.variables
     names = SEPARATE_HEIGHT_NAMES if _check_heights(design) else SHARED_HEIGHT_NAMES
-    try:
-        base = build_space(scene, limits.outer_radius, names)
-    except InputError as fault:
-        raise InputError("limits.outer_radius", fault.value, fault.allowed) from None
-    start, low, high = (
-        read_vector(scene, names),
-        dict(zip(names, base.low, strict=True)),
-        dict(zip(names, base.high, strict=True)),
-    )
+    outer_radius, min_wall = _find_max_radius(design), min(MIN_WALL_M, scene.probe.tube_radius - scene.probe.hole_radius)
+    start = dict(zip(names, read_vector(scene, names).tolist(), strict=True))
+    low = {name: max(min(VARIABLES[name].low, value), _find_groove_limit(scene.probe, name)) for name, value in start.items()}
+    high = {name: max(VARIABLES[name].high, value) for name, value in start.items()}
+    high["inner_radius"] = outer_radius - low["gap"] - min_wall
+    if high["inner_radius"] <= low["inner_radius"]:
+        raise _build_radius_error(format_mm(outer_radius), low["inner_radius"] + low["gap"] + min_wall)
     grids: dict[str, tuple[float, ...]] = {}
     shelf = tuple(_find_block_material(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
-    for name, start_value in zip(names, start.tolist(), strict=True):
+    for name, start_value in start.items():
         variable: DesignVariable = getattr(given, name)
         if shelf and name in MODULUS_NAMES:
             if variable != DesignVariable():
@@ -192,16 +278,47 @@ def build_search_space(design: Design) -> SearchSpace:
             low[name], high[name], values = _limit_height(design, name, low[name], high[name], values)
         if values:
             grids[name] = values
-    wall = base.wall if limits.wall is None else limits.wall
-    widest = base.outer_radius - low["gap"] - wall
-    if low["inner_radius"] + low["gap"] + wall > base.outer_radius * (1 + 1e-9):
-        limit = Words(f"{format_mm(base.outer_radius)}{'' if limits.outer_radius else ', as it is left out'}")
-        min_radius = format_mm(low["inner_radius"] + low["gap"] + wall)
-        raise InputError("limits.outer_radius", limit, f"above {min_radius}: inner block, gap and wall need as much")
-    high["inner_radius"] = max(low["inner_radius"], min(high["inner_radius"], widest))
+    wall = min_wall if design.limits.wall is None else design.limits.wall
+    min_radius = low["inner_radius"] + low["gap"] + wall
+    if min_radius > outer_radius * (1 + 1e-9):
+        stated = "" if design.limits.outer_radius else ", as it is left out"
+        raise _build_radius_error(Words(f"{format_mm(outer_radius)}{stated}"), min_radius)
+    high["inner_radius"] = max(low["inner_radius"], min(high["inner_radius"], outer_radius - low["gap"] - wall))
     lower, upper = (np.array([ends[name] for name in names]) for ends in (low, high))
-    poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
-    return SearchSpace(VariableSpace(scene, names, lower, upper, base.outer_radius, wall), grids, shelf, poisson)
+    return SearchSpace(scene, names, lower, upper, outer_radius, wall, grids, shelf)
+
+
+def _find_max_radius(design: Design) -> float:
+    """Return the limit of the outer radius, m: the file's, by default 1.4 times the start's; and within the tissue."""
+    tissue, limit = design.scene.tissue, design.limits.outer_radius
+    radius = DEFAULT_RADIUS_FACTOR * design.scene.probe.tube_radius if limit is None else limit
+    if tissue.shape == "half-space":
+        return radius
+    return min(radius, MAX_TISSUE_FRACTION * (tissue.radius if tissue.shape == "cylinder" else tissue.breadth / 2))
+
+
+def _build_radius_error(limit: Words, min_radius: float) -> InputError:
+    allowed = f"above {format_mm(min_radius)}: inner block, gap and wall need as much"
+    return InputError("limits.outer_radius", limit, allowed)
+
+
+def _find_groove_limit(probe: Probe, name: str) -> float:
+    """Return the smallest value of a variable for which the probe's groove fits; 0 without a groove."""
+    if probe.groove is None:
+        return 0.0
+    if name == "inner_radius":
+        return MIN_INNER_RADIUS_PER_GROOVE_WIDTH * probe.groove.width
+    return MIN_HEIGHT_PER_GROOVE_DEPTH * probe.groove.depth if name in ("height", "outer_height") else 0.0
+
+
+def _round_modulus(modulus: float) -> float:
+    """Return the modulus to ``MODULUS_DIGITS`` figures."""
+    return float(f"{modulus:.{MODULUS_DIGITS}g}")
+
+
+def _round_length_down(length: float) -> float:
+    """Return the next shorter length in steps of 0.01 mm."""
+    return math.floor(length * 1e5 + 1e-6) / 1e5
 
 
 def _check_heights(design: Design) -> bool:
@@ -235,8 +352,8 @@ def _find_bounds(
 def _list_steps(name: str, step: float, low: float, high: float) -> tuple[float, ...]:
     """Return the multiples of a step that lie between the bounds."""
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    if last - first >= MOST_STEPS or last < first:
-        requirement = f"wide enough for at most {MOST_STEPS} values" if last >= first else "with a multiple between the bounds"
+    if last - first >= MAX_STEPS or last < first:
+        requirement = f"wide enough for at most {MAX_STEPS} values" if last >= first else "with a multiple between the bounds"
         ends = f"{format_variable(name, low)} to {format_variable(name, high)}"
         raise InputError(f"variables.{name}.step", format_variable(name, step), f"a step {requirement} of {ends}")
     return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))

@@ -38,7 +38,8 @@ from probe_design.design_search.objective import (
     SearchObjective,
     build_complex_steps,
 )
-from probe_design.design_search.variables import VARIABLES, ProbeSizes, VariableSpace, read_vector
+from probe_design.design_search.search_space import SearchSpace
+from probe_design.design_search.variables import VARIABLES, ProbeSizes, read_vector
 from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_forces
@@ -166,7 +167,7 @@ class FiniteElementObjective:
         The evaluator cannot model the scene.
     """
 
-    def __init__(self, formulas: TumourObjective, space: VariableSpace, start: Scene, evaluator: str) -> None:
+    def __init__(self, formulas: TumourObjective, space: SearchSpace, start: Scene, evaluator: str) -> None:
         scene = space.build_exact_scene(read_vector(start, space.names))
         assert scene is not None
         pressed = scene.model_copy(update={"load": Load(indentation=UNIT_INDENTATION_M)})

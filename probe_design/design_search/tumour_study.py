@@ -187,7 +187,7 @@ class TumourStudy:
     def replace_scene(self, scene: Scene) -> TumourStudy:
         """Return the study of another scene within the same limits."""
         design = self.design.model_copy(update={"scene": scene})
-        space = replace(self.search_space, space=replace(self.search_space.space, scene=scene))
+        space = replace(self.search_space, scene=scene)
         objective = replace(self.objective, rule=replace(self.objective.rule, design=design))
         return replace(self, design=design, search_space=space, objective=objective)
 
@@ -226,7 +226,7 @@ class TumourStudy:
         Refusal
             The evaluator cannot take the scene.
         """
-        space = self.search_space.space
+        space = self.search_space
         optimum = refine_by_ipopt(
             FiniteElementObjective(self.objective, space, scene, self.evaluator),
             space,
@@ -250,7 +250,7 @@ class TumourStudy:
             with suppress(Refusal):
                 yield self.restore_load(item)
         stage, best = "pressing finalists by contact", math.inf
-        radii = [radius for radius in OUTER_RADII_M[::-1] if radius < self.search_space.space.outer_radius]
+        radii = [radius for radius in OUTER_RADII_M[::-1] if radius < self.search_space.outer_radius]
         finalists: tuple[TumourVerification | float, ...] = (*unlimited[:PRESSED_DESIGNS], *radii)
         for k, source in enumerate(finalists):
             tell(stage, k, PRESSED_DESIGNS + len(radii))

@@ -15,7 +15,7 @@ from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.optimum import TumourOptimum
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.tumour_study import TumourStudy
-from probe_design.design_search.variables import build_space, read_vector
+from probe_design.design_search.variables import read_vector
 from probe_design.design_search.verification import (
     FINER_ACCURACY,
     TumourVerification,
@@ -24,6 +24,7 @@ from probe_design.design_search.verification import (
 )
 from tests.support.paths import EXAMPLES, SCENE
 from tests.support.scenes import nodule
+from tests.support.searches import build_space
 
 NOISE = Noise()
 

@@ -45,23 +45,23 @@ def build_objective(**tables: Any) -> PopulationObjective:
 
 def test_a_key_of_either_height_frees_both() -> None:
     search_space = build_search_space(design(variables={"inner_height": [2e-3, 4e-3]}, limits={"height": 6e-3}))
-    assert search_space.space.names[3] == "inner_height"
-    assert search_space.space.names[OUTER_HEIGHT_INDEX] == "outer_height"
-    assert (search_space.space.low[3], search_space.space.high[3], search_space.space.high[OUTER_HEIGHT_INDEX]) == (
+    assert search_space.names[3] == "inner_height"
+    assert search_space.names[OUTER_HEIGHT_INDEX] == "outer_height"
+    assert (search_space.low[3], search_space.high[3], search_space.high[OUTER_HEIGHT_INDEX]) == (
         2e-3,
         4e-3,
         6e-3,
     )
     held = build_search_space(design(variables={"inner_height": "fixed", "outer_height": {"choices": [2e-3, 5e-3]}}))
-    assert held.space.low[3] == held.space.high[3] == SCENE.probe.core_height
+    assert held.low[3] == held.high[3] == SCENE.probe.core_height
     assert held.grids == {"outer_height": (2e-3, 5e-3)}
     assert "outer_height 5 mm" in [*held.iterate_combinations()][1].description
 
 
 def test_what_a_start_of_two_heights_leaves_out_stays_of_two() -> None:
-    assert len(build_search_space(design(scene=stepped())).space.low) == 7
-    assert len(build_search_space(design(scene=stepped(), variables={"height": [2e-3, 5e-3]})).space.low) == 6
-    assert len(build_search_space(design()).space.low) == 6
+    assert len(build_search_space(design(scene=stepped())).low) == 7
+    assert len(build_search_space(design(scene=stepped(), variables={"height": [2e-3, 5e-3]})).low) == 6
+    assert len(build_search_space(design()).low) == 6
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:
     scene = search_space.build_scene(best.design, best.combination)
     assert scene is not None
     assert (scene.probe.core_height, scene.probe.tube_height) == (best.design[3], best.design[OUTER_HEIGHT_INDEX])
-    assert search_space.space.admits_scene(scene)
+    assert search_space.admits_scene(scene)
 
 
 def test_a_search_of_two_heights_ends_no_lower_than_one_of_one() -> None:
@@ -142,9 +142,7 @@ def test_rounded_and_exact_scenes_have_both_heights() -> None:
     assert made is not None
     assert list_values(exact)["probe.outer_height"] == 4.4444e-3
     assert (made.probe.core_height, made.probe.tube_height) == (3e-3, 4.44e-3)
-    lying = {
-        combination.name for combination in search_space.space.list_limits(exact.model_copy(deep=True)) if combination.active
-    }
+    lying = {combination.name for combination in search_space.list_limits(exact.model_copy(deep=True)) if combination.active}
     assert not lying & {"least outer_height", "largest outer_height"}
 
 

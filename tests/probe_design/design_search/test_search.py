@@ -29,7 +29,7 @@ def make_design(**tables: Any) -> Design:
 
 def ready(made: Design) -> tuple[PopulationObjective, SearchSpace]:
     search_space = build_search_space(made)
-    return PopulationObjective.from_design(made, max(search_space.space.outer_radius, 7.6e-3)), search_space
+    return PopulationObjective.from_design(made, max(search_space.outer_radius, 7.6e-3)), search_space
 
 
 def ignore_progress(done: int, total: int) -> None:
@@ -74,7 +74,7 @@ def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> Non
     designs = np.array(list(product(*grids.values()))).T
     values = objective.evaluate_designs(designs, search_space.start_poisson)
     values[ProbeSizes.from_vector(designs).outer_radius > 6e-3] = -np.inf
-    values[ProbeSizes.from_vector(designs).wall < search_space.space.wall] = -np.inf
+    values[ProbeSizes.from_vector(designs).wall < search_space.wall] = -np.inf
     assert chosen.choices[0].value == pytest.approx(values.max(), rel=1e-9)
     np.testing.assert_allclose(chosen.choices[0].design, designs[:, values.argmax()], rtol=1e-9)
 
@@ -124,7 +124,7 @@ def test_many_combinations_are_branched_and_it_is_said() -> None:
     assert "not all tried" in chosen.how
     best = chosen.choices[0]
     for name, values in search_space.grids.items():
-        assert best.design[search_space.space.names.index(name)] in values
+        assert best.design[search_space.names.index(name)] in values
     relaxed = make_design(variables={"height": "fixed"}, limits={"force": 5e-3})
     free = search_combinations(*ready(relaxed), ignore_progress).choices[0].value
     assert best.value <= free + 1e-6

@@ -43,7 +43,7 @@ def test_search_cost_is_the_closed_forms_objective() -> None:
     scene = named("axisymmetric", "nearly-incompressible").scene
     study = TumourStudy.from_scene(scene)
     design = np.array([3.5e-3, 0.5, 0.2e-3, 5e-3, 3e5, 2e4])  # far from the tissue's sides, as the scene's probe is
-    made = study.search_space.space.build_scene(design)
+    made = study.search_space.build_scene(design)
     assert made is not None
     objective = float(np.exp(-study.objective.evaluate_designs(design[:, None], study.search_space.start_poisson)[0]))
     verified = verify_tumour_design(made, NOISE, "axisymmetric")
@@ -55,7 +55,7 @@ def test_gradients_are_those_of_differences() -> None:
     scene = named("axisymmetric", "nearly-incompressible").scene
     for force in (1e-4, 10.0):
         study = TumourStudy.from_scene(scene.model_copy(update={"load": Load(force=force)}))
-        space, poisson = study.search_space.space, study.search_space.start_poisson
+        space, poisson = study.search_space, study.search_space.start_poisson
         design = read_vector(scene, space.names) * np.array([1.0, 1.1, 1.0, 0.9, 1.1, 0.9])
         elements = FiniteElementObjective(study.objective, space, scene, "axisymmetric")
         for objective, step, accuracy in ((study.objective, 1e-4, 1e-4), (elements, 1e-3, 0.01)):
@@ -68,7 +68,7 @@ def test_gradients_are_those_of_differences() -> None:
 
 def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:
     study = TumourStudy.from_scene(named("axisymmetric", "nearly-incompressible").scene, 8e-3, starts=2)
-    space, poisson = study.search_space.space, study.search_space.start_poisson
+    space, poisson = study.search_space, study.search_space.start_poisson
     search = search_combinations(study.objective, study.search_space, lambda done, total: None)
     designs = np.array([choice.design for choice in search.choices]).T
     values = study.objective.evaluate_designs(designs, poisson)

@@ -11,10 +11,11 @@ from geometry import InputError, read_scene
 from probe_design import optimize
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.design_search.closed_search import screen
-from probe_design.design_search.variables import ProbeSizes, build_space
+from probe_design.design_search.variables import ProbeSizes
 from tests.support.paths import SCENE
 from tests.support.program import run
 from tests.support.scenes import nodule
+from tests.support.searches import build_space
 
 
 def test_rounding_keeps_the_limit() -> None:
@@ -82,5 +83,5 @@ def test_help_and_table_print_the_limits() -> None:
 
 
 def test_no_room_is_refused() -> None:
-    with pytest.raises(InputError, match="outer-radius"):
+    with pytest.raises(InputError, match="outer_radius"):
         build_space(read_builtin_scene(), 1e-3)
