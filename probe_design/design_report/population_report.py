@@ -36,8 +36,8 @@ LIMITS_NOTE = (
 )
 OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
 FORCE_LIMIT_LABELS = {
-    "scene": "load", "force": "force limit", "linearity": "linearity", "indentation": "indentation",
-    "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
+    "scene": "load", "force": "force limit", "largest force": "largest force", "linearity": "linearity",
+    "indentation": "indentation", "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
 }  # fmt: skip
 
 

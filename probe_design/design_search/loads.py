@@ -8,7 +8,9 @@ evaluator's error.
 Over a population, one force holds for all tumours and tissues, which are unknown beforehand. It is the smallest of the scene's
 force, of those that the limits of force, indentation, tissue strain and charge allow, of 1/20 of the force that closes the gap,
 and of the force that keeps the ratio within ``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest
-and thinnest cover (``solver.planning.loads``, PL.7).
+and thinnest cover (``solver.planning.loads``, PL.7). Where the design file names the force as a variable, its bounds, steps or
+choices replace the scene's force: the force is the largest of these values within the limits, since a larger one never has a
+worse objective. A design without such a value is not allowed.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.data.noise import find_charge_per_force
@@ -29,6 +31,7 @@ from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.variables import DesignVariable
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.law_factor import compute_law_factor
@@ -43,6 +46,7 @@ from solver.planning.strains import (
 )
 
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # largest allowed relative change of the ratio by finite strain
+VALUE_TOLERANCE_RELATIVE = 1e-9  # by which a value of the variable "force" may be above an allowed force
 LOAD_DIGITS = 3  # significant digits of a load that a limit determines
 COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as many are 4 % worse on the built-in ranges
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
@@ -130,7 +134,8 @@ class PressedDesign:
     charge
         Charges of the weaker and of the stronger channel, C.
     limited_by
-        The limit of the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
+        The limit of the force: scene, force, largest force (of the design file's variable), indentation, tissue_strain,
+        gap_closure, charge or linearity.
     allowed
         The force that each of these allows, N.
     """
@@ -200,6 +205,12 @@ class PressingRule:
         """|d33| of the films, C/N."""
         return find_charge_per_force(self.design.scene.probe)
 
+    @property
+    def force_variable(self) -> DesignVariable:
+        """The design file's variable "force"; a fixed one has the scene's force as its only value."""
+        variable, force = self.design.variables.force, self.design.scene.load.force
+        return DesignVariable(choices=(force,)) if variable.fixed and force is not None else variable
+
     def compute_pressed_design(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.
 
@@ -218,7 +229,7 @@ class PressingRule:
             per_force.append(np.array([1.0, strain, *(totals * self.charge_per_force)]) / totals.sum())
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
-        force = round_load_down(allowed[limited_by])
+        force = self._choose_force(allowed[limited_by])
         indentation, tissue_strain, *charges = np.array(per_force).T * force
         weakest, strongest = float(np.min(charges)), float(np.max(charges))
         return PressedDesign(
@@ -252,7 +263,17 @@ class PressingRule:
             closure = film_totals.sum(axis=0) * sizes.gap / approach
             allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue)
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
-        return np.repeat(reduce(minimum_by_real_part, forces)[:, None], totals.shape[1], axis=1)
+        force = find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
+        return np.repeat(force[:, None], totals.shape[1], axis=1)
+
+    def _choose_force(self, allowed_force: float) -> float:
+        """Return the largest force, N, up to an allowed one, that the design file's variable or the rounding permits."""
+        variable = self.force_variable
+        force = float(find_variable_force(variable, allowed_force))
+        if math.isnan(force):
+            stated = Words(f"no value up to {allowed_force:.3g} N")
+            raise Refusal("variables.force", stated, "smaller forces, as the limits of the load allow no larger ones")
+        return force if variable.choices or variable.step is not None else round_load_down(force)
 
     def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name."""
@@ -270,8 +291,14 @@ class PressingRule:
             self.worst_cover_factor,
             law=compute_law_factor(tissue, MAX_X),
         )
-        scene_force = load.force if load.indentation is None else load.indentation * stiffness
-        allowed = {"scene" if limits.force is None else "force": scene_force if limits.force is None else limits.force}
+        allowed: JsonObject = {}
+        max_variable_force = find_max_force(self.force_variable)
+        if limits.force is not None:
+            allowed["force"] = limits.force
+        elif max_variable_force is None:
+            allowed["scene"] = compute_force(load, stiffness)
+        if max_variable_force is not None:
+            allowed["largest force"] = max_variable_force
         allowed["linearity"] = (
             self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
         )
@@ -287,6 +314,26 @@ class PressingRule:
             larger = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
             allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)
         return allowed
+
+
+def find_max_force(variable: DesignVariable) -> float | None:
+    """Return the largest force that a design file's variable permits, N; None without an upper bound."""
+    return variable.choices[-1] if variable.choices else variable.high
+
+
+def find_variable_force(variable: DesignVariable, force: Any) -> Any:
+    """Return the largest values of a design file's variable up to forces, N; NaN where there are none.
+
+    Forces are floats or complex, of any shape; values with steps or choices have no derivative.
+    """
+    size = np.real(force)
+    if variable.choices:
+        values = np.array([np.nan, *variable.choices])
+        return values[np.searchsorted(variable.choices, size * (1 + VALUE_TOLERANCE_RELATIVE), side="right")]
+    if variable.step is not None:
+        force = np.floor(size / variable.step + VALUE_TOLERANCE_RELATIVE) * variable.step
+        force = np.where(force > 0, force, np.nan)
+    return force if variable.low is None else np.where(np.real(force) >= variable.low, force, np.nan)
 
 
 def minimum_by_real_part(a: Any, b: Any) -> Any:

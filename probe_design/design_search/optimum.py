@@ -28,6 +28,7 @@ from probe_design.populations.tables import DesignLimits
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 LIMIT_KEYS = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
+FORCE_SOURCES = {"scene": "the scene's load", "force": "limits.force", "largest force": "variables.force"}
 LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force due to linear elasticity
 Verified = TypeVar("Verified", PopulationVerification, TumourVerification)
 
@@ -297,9 +298,9 @@ class PopulationOptimum(Optimum[PopulationVerification]):
     def _warn_unused_force(self) -> Iterator[str]:
         """Yield a warning if linear elasticity limits the force below the allowed one; ``contact`` takes no off-axis tumours."""
         pressed = self.best.pressed
-        key = next(name for name in ("scene", "force") if name in pressed.allowed)
+        key = next(name for name in FORCE_SOURCES if name in pressed.allowed)
         if pressed.limited_by in LINEARITY_LIMITS:
-            named = "limits.force" if key == "force" else "the scene's load"
+            named = FORCE_SOURCES[key]
             yield (
                 f"{named} of {pressed.allowed[key]:.3g} N is more than linear elasticity allows: searched and verified under "
                 f"{pressed.force:.3g} N (limited by {pressed.limited_by}); contact, which models larger loads, takes "

@@ -1,7 +1,8 @@
 """Define the numbers of a probe that a search varies, with their limits, and convert scenes to vectors and back.
 
-Only ``VARIABLES`` lists them. A design is a vector x of their values in the order of ``SearchSpace.names``, with one height of
-both blocks, or with a height of each.
+Only ``VARIABLES`` lists them. A design is a vector x of the probe's numbers in the order of ``SearchSpace.names``, with one
+height of both blocks, or with a height of each. The force is no part of it: a larger one never has a worse objective within
+linear elasticity, so that the best is the largest allowed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ MODULUS_BOUNDS_PA = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as st
 
 @dataclass(frozen=True)
 class Variable:
-    """One number of the probe that a search varies.
+    """One number of the probe or its load that a search varies.
 
     Attributes
     ----------
@@ -49,9 +50,10 @@ VARIABLES = {
     "inner_modulus": Variable("probe.inner.youngs_modulus", *MODULUS_BOUNDS_PA),
     "outer_modulus": Variable("probe.outer.youngs_modulus", *MODULUS_BOUNDS_PA),
     "outer_height": Variable("probe.outer_height", *HEIGHT_BOUNDS_M),
+    "force": Variable("load.force", 0.0, math.inf),  # of each probe the largest allowed, which ``loads`` computes
 }
-SHARED_HEIGHT_NAMES = tuple(name for name in VARIABLES if name not in ("inner_height", "outer_height"))
-SEPARATE_HEIGHT_NAMES = tuple(name for name in VARIABLES if name != "height")
+SHARED_HEIGHT_NAMES = tuple(name for name in VARIABLES if name not in ("inner_height", "outer_height", "force"))
+SEPARATE_HEIGHT_NAMES = tuple(name for name in VARIABLES if name not in ("height", "force"))
 MODULUS_NAMES = ("inner_modulus", "outer_modulus")
 SAME_DESIGN_TOLERANCE_RELATIVE = 0.005  # relative: designs that differ less are one, and a limit this near is active
 

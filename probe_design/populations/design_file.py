@@ -147,6 +147,8 @@ def _check_against_scene(design: Design) -> Design:
         raise InputError("population.diameter", Words("missing"), "diameters of spheres: the scene's inclusion is none")
     if ranges.samples < 2 and ranges.is_varied:
         raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone gives no sampling error")
+    if design.variables.force.fixed and scene.load.force is None:
+        raise InputError("variables.force", "fixed", "bounds or choices, as the scene's load is an indentation")
     for key in ("depth", "diameter", "object"):
         if not scene.inclusion and getattr(ranges, key) is None:
             raise InputError(f"population.{key}", Words("missing"), "a value, a range or a list, as the scene has no inclusion")

@@ -1,10 +1,10 @@
-"""Define the numbers of the probe that a design file allows to vary, and their bounds, steps or choices."""
+"""Define the numbers of the probe and its load that a design file allows to vary, and their bounds, steps or choices."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -12,17 +12,15 @@ from geometry.scenes.probe import LENGTH_QUANTITY, Frozen
 from geometry.scenes.units import MODULUS_QUANTITY, Quantity
 from probe_design.populations.ranges import FileEntry
 
-if TYPE_CHECKING:
-    pass
-
 MAX_CHOICES = 1000
 FIXED_ENTRY: Literal["fixed"] = "fixed"
+FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 NUMBER_QUANTITY = Quantity("number", "dimensionless", "", 1e-4, 1e4)
 
 
 @dataclass(frozen=True)
 class DesignVariable:
-    """The allowed variation of one number of the probe, SI.
+    """The allowed variation of one number of the probe or its load, SI.
 
     Attributes
     ----------
@@ -107,12 +105,13 @@ class Varied(FileEntry[DesignVariable]):
 
 VariedLength = Annotated[DesignVariable, Varied(LENGTH_QUANTITY)]
 VariedModulus = Annotated[DesignVariable, Varied(MODULUS_QUANTITY)]
+VariedForce = Annotated[DesignVariable, Varied(FORCE_QUANTITY)]
 VariedNumber = Annotated[DesignVariable, Varied(NUMBER_QUANTITY)]
 Materials = Annotated[tuple[str, ...], Field(strict=False, max_length=100)]
 
 
 class DesignVariables(Frozen):
-    """What the search may change of the probe; what is left out varies within what a workshop can make."""
+    """What the search may change of the probe and its load; what is left out varies within what a workshop can make."""
 
     inner_radius: VariedLength = Field(
         default=DesignVariable(), description="of the inner block", examples=[{"bounds": ["1 mm", "6 mm"], "step": "0.1 mm"}]
@@ -134,6 +133,11 @@ class DesignVariables(Frozen):
     )
     inner_modulus: VariedModulus = Field(default=DesignVariable(), description="of the inner block", examples=["fixed"])
     outer_modulus: VariedModulus = Field(default=DesignVariable(), description="of the outer block", examples=["fixed"])
+    force: VariedForce = Field(
+        default=DesignVariable(),
+        description="on the probe, in place of the scene's: each design has the largest that its limits allow",
+        examples=[{"choices": ["5 mN", "10 mN", "20 mN"]}],
+    )
     materials: Materials = Field(
         default=(),
         description="names of `probe-design material list`: each block is of one of these, modulus and Poisson's ratio together",

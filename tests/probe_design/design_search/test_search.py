@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry.common.errors import Refusal
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Load
 from probe_design.data.builtin import read_typical_scenes
@@ -166,3 +167,31 @@ def test_a_tighter_limit_of_force_strain_or_charge_takes_from_every_design() -> 
     objective, search_space = ready(wide)
     assert np.all(np.array(minima) <= objective.evaluate_designs(designs, search_space.start_poisson) + 1e-12)
     assert np.all(minima[1] < minima[0])
+
+
+def test_the_force_is_a_variable_of_which_each_design_has_the_largest_value_allowed() -> None:
+    """Bounds, steps, choices and 'fixed'; a design without an allowed value is none."""
+    limits = {"indentation": 1e-4, "gap_closure": False}
+    start = make_design().scene
+    vector, poisson = read_vector(start)[:, None], (start.probe.inner.poisson_ratio, start.probe.outer.poisson_ratio)
+    free, _ = ready(make_design(limits={**limits, "force": 1.0}))
+    allowed = min(free.rule.compute_pressed_design(start).allowed.values())
+    entries: list[tuple[Any, float]] = [
+        ({"choices": [0.3 * allowed, 0.6 * allowed, 2 * allowed]}, 0.6 * allowed),
+        ({"step": 0.4 * allowed}, 0.8 * allowed),
+        ([0.1 * allowed, 0.5 * allowed], 0.5 * allowed),
+        ([0.1 * allowed, 3 * allowed], allowed),
+    ]
+    for entry, force in entries:
+        objective, _ = ready(make_design(limits=limits, variables={"force": entry}))
+        pressed = objective.rule.compute_pressed_design(start)
+        assert pressed.force == pytest.approx(force, rel=0.01)
+        assert pressed.force <= allowed
+        held, _ = ready(make_design(limits={**limits, "force": pressed.force}))
+        assert objective.evaluate_designs(vector, poisson) == pytest.approx(held.evaluate_designs(vector, poisson), rel=0.01)
+    fixed, _ = ready(make_design(limits=limits, variables={"force": "fixed"}, scene=start.replace({"load.force": allowed / 2})))
+    assert fixed.rule.compute_pressed_design(start).force == allowed / 2
+    too_large, _ = ready(make_design(limits=limits, variables={"force": [2 * allowed, 3 * allowed]}))
+    assert too_large.evaluate_designs(vector, poisson)[0] == -np.inf
+    with pytest.raises(Refusal, match=r"variables\.force"):
+        too_large.rule.compute_pressed_design(start)
