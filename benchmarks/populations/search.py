@@ -1,7 +1,7 @@
 """Compare the closed-form stage of `optimize DESIGN` with SciPy's differential evolution, and run whole searches.
 
 python -m benchmarks.populations.search            # the closed-form stage, both searches, three populations
-python -m benchmarks.populations.search --judged   # the whole loop: start, one-tumour optimum, population optimum, judged
+python -m benchmarks.populations.search --verified   # the whole loop: start, one-tumour optimum, population optimum, all verified
 
 Duration: ten minutes.
 """
@@ -80,10 +80,10 @@ def closed_form() -> MeasuredTable:
     return table
 
 
-def judge_populations() -> MeasuredTable:
-    """Answer the three populations and judge on unseen tumours."""
+def verify_populations() -> MeasuredTable:
+    """Design for the three populations and verify on tumours that the search did not use."""
     columns = ("population", "start", "one tumour", "population optimum", "gain", "error of the gain", "search, s", "all, s")
-    table = MeasuredTable("probability of detection on tumours that the search has not seen", columns)
+    table = MeasuredTable("probability of detection on tumours that the search did not use", columns)
     for name in POPULATIONS:
         optimum = optimize_for_population(design(name), lambda stage, done, total: None)
         cells = [
@@ -98,5 +98,5 @@ def judge_populations() -> MeasuredTable:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--judged", action="store_true", help="whole searches")
-    (judge_populations() if parser.parse_args().judged else closed_form()).print(Console(width=160))
+    parser.add_argument("--verified", action="store_true", help="whole searches")
+    (verify_populations() if parser.parse_args().verified else closed_form()).print(Console(width=160))

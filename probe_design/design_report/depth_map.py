@@ -11,8 +11,8 @@ from geometry.scenes.scene import Scene
 from probe_design.design_search.population_objective import Resolved
 from probe_design.design_search.variables import ProbeSizes, read_vector
 from probe_design.populations.design_file import Design
+from probe_design.populations.entries import Range
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation, TumourDraw
-from probe_design.populations.ranges import Range
 
 GRID_LINES = 20  # depths, and diameters
 DETECTION_THRESHOLD = 0.9  # probability at which a tumour counts as detected on the map

@@ -29,9 +29,9 @@ from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
+from probe_design.populations.entries import DesignVariable
 from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.variables import DesignVariable
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.law_factor import compute_law_factor

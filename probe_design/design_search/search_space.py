@@ -34,7 +34,7 @@ from probe_design.design_search.variables import (
     read_vector,
 )
 from probe_design.populations.design_file import Design
-from probe_design.populations.variables import DesignVariable
+from probe_design.populations.entries import DesignVariable
 
 MIN_WALL_M = 0.5e-3  # m
 MIN_INNER_RADIUS_PER_GROOVE_WIDTH, MIN_HEIGHT_PER_GROOVE_DEPTH = 0.55, 1.25

@@ -17,8 +17,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import find_model
-from probe_design.populations.tables import DesignLimits, NoiseModel, Objective, PopulationRanges, Protocol
-from probe_design.populations.variables import DesignVariables
+from probe_design.populations.tables import DesignLimits, DesignVariables, NoiseModel, Objective, PopulationRanges, Protocol
 
 DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
 

@@ -20,13 +20,11 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.closed_form_scan import compute_closed_form_readings
-from probe_design.populations.control_variate import ControlSample, estimate_statistic
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector
 from probe_design.populations.inclusion_scan import Progress, compute_inclusion_readings
 from probe_design.populations.noise import build_difference_noise, build_full_noise
-from probe_design.populations.performance import Kind, MeanError, Performance
+from probe_design.populations.performance import ControlSample, Kind, MeanError, Performance, estimate_statistic
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import (
     Unknowns,
@@ -36,7 +34,7 @@ from probe_design.populations.resolved import (
     is_resolved,
     is_undecided,
 )
-from probe_design.populations.scan_readings import ScanReadings
+from probe_design.populations.scan_readings import ScanReadings, compute_closed_form_readings
 from probe_design.populations.tables import CHANNEL_INDICES, Observable
 
 DETECTOR_TUMOURS = 256  # reference tumours of the detector

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -18,7 +17,7 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
-from probe_design.populations.ranges import Range
+from probe_design.populations.entries import Range
 from probe_design.populations.tables import PopulationRanges
 
 MAX_TISSUES, MAX_LAYERED_TISSUES = 4, 2  # on one material, and on layers, where solving a probe takes three times as long
@@ -158,65 +157,55 @@ class ScenePopulation:
         tissue_scenes = self._draw_tissues(
             n, seed + 1, tissues or (MAX_LAYERED_TISSUES if self.scene.tissue.layer else MAX_TISSUES)
         )
-        shares = [len(part) for part in np.array_split(np.arange(n), len(tissue_scenes))]
-        bodies, misfits = self._draw_bodies(tissue_scenes, shares, seed)
+        counts = [len(part) for part in np.array_split(np.arange(n), len(tissue_scenes))]
+        bodies, misfits = self._draw_bodies(tissue_scenes, counts, seed)
         depth, diameter, modulus, x = bodies.T
-        numbers, nu = np.repeat(np.arange(len(tissue_scenes)), shares), self._poisson_ratio
+        numbers, nu = np.repeat(np.arange(len(tissue_scenes)), counts), self._poisson_ratio
         return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissue_scenes, misfits)
 
-    def _draw_bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
+    def _draw_bodies(self, tissues: tuple[Scene, ...], counts: list[int], seed: int) -> tuple[Floats, int]:
         """Return tumours that fit their tissues, as ``TUMOUR_PARAMETERS``, (n, 4), and the number drawn that did not fit.
 
         Each tissue has blocks of consecutive points, as every fourth point of a Sobol sequence covers only part of the range.
         """
-        sobol, block = qmc.Sobol(len(TUMOUR_PARAMETERS), seed=seed), _find_power_of_two(shares[0])
+        sobol, block = qmc.Sobol(len(TUMOUR_PARAMETERS), seed=seed), _find_power_of_two(counts[0])
         chosen, misfits = [np.empty((0, len(TUMOUR_PARAMETERS))) for _ in tissues], 0
         for _ in range(MAX_DRAWS_PER_TUMOUR):
-            for number, (tissue, share) in enumerate(zip(tissues, shares, strict=True)):
-                missing = share - len(chosen[number])
+            for number, (tissue, count) in enumerate(zip(tissues, counts, strict=True)):
+                missing = count - len(chosen[number])
                 bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
-                fitting = np.flatnonzero(self.check_fit(tissue, bodies))[:missing]
+                misfits_by_reason = self.find_misfits(tissue, bodies).values()
+                fitting = np.flatnonzero(~np.any(list(misfits_by_reason), axis=0))[:missing]
                 tried = 0 if not missing else block if len(fitting) < missing else int(fitting[-1]) + 1
                 misfits += tried - len(fitting)
                 chosen[number] = np.concatenate([chosen[number], bodies[fitting]])
-            if sum(map(len, chosen)) == sum(shares):
+            if sum(map(len, chosen)) == sum(counts):
                 return np.concatenate(chosen), misfits
         fit = Words(f"{sum(map(len, chosen))} of {MAX_DRAWS_PER_TUMOUR * block * len(tissues)} tumours fit")
-        reason = self._describe_misfit(
-            tissues[0], _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
-        )
+        bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
+        reasons = self.find_misfits(tissues[0], bodies)
+        reason = max(reasons, key=lambda key: np.mean(reasons[key]))
         raise InputError("population", fit, f"ranges of which more fit: most of these {reason}")
 
-    def _describe_misfit(self, tissue: Scene, bodies: Floats) -> str:
-        """Describe the most frequent reason why tumours do not fit."""
-        depth, diameter = bodies.T[:2]
-        radius, shallow = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
-        cover = np.mean(depth - radius < shallow)
-        faces = [np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter for face in tissue.tissue.interfaces]
-        across = np.mean(np.any(faces, axis=0)) if faces else 0.0
-        outside = np.mean(~self.check_fit(tissue.model_copy(update={"tissue": _remove_layers(tissue)}), bodies)) - cover
-        shares = {
-            "are not under the least cover: a depth less half the diameter of a tenth of the diameter and of least_cover": cover,
-            "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
-            "reach beyond the tissue's side or floor": outside,
-        }
-        return max(shares, key=lambda key: shares[key])
-
-    def check_fit(self, tissue: Scene, bodies: Floats) -> Bools:
-        """Return which tumours, shape (n, 4), lie within one layer of a scene's tissue and have the minimum cover."""
-        body, (depth, diameter, _, x), y = tissue.tissue, bodies.T, self._y
+    def find_misfits(self, scene: Scene, bodies: Floats) -> dict[str, Bools]:
+        """Return by reason which tumours, shape (n, 4), do not lie within one layer of a scene's tissue under the least cover."""
+        tissue, (depth, diameter, _, x) = scene.tissue, bodies.T
         radius, cover = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
-        good = depth - radius >= cover
-        for face in body.interfaces:
-            good &= np.abs(depth - face) - radius >= MIN_COVER_PER_DIAMETER * diameter
-        if body.shape == "half-space":
-            return np.asarray(good)
-        side_distance = (
-            body.radius - np.hypot(x, y)
-            if body.shape == "cylinder"
-            else np.minimum(body.length / 2 - np.abs(x), body.breadth / 2 - abs(y))
-        )
-        return np.asarray(good & (radius < SIDE_CLEARANCE_FACTOR * np.minimum(body.depth - depth, side_distance)))
+        shallow, across, outside = depth - radius < cover, np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+        for face in tissue.interfaces:
+            across |= np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter
+        if tissue.shape == "cylinder":
+            side_distance = tissue.radius - np.hypot(x, self._y)
+        elif tissue.shape == "block":
+            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - abs(self._y))
+        if tissue.shape != "half-space":
+            outside = radius >= SIDE_CLEARANCE_FACTOR * np.minimum(tissue.depth - depth, side_distance)
+        needed = "a depth less half the diameter of a tenth of the diameter and of least_cover"
+        return {
+            f"are not under the least cover: {needed}": shallow,
+            "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
+            "reach beyond the tissue's side or floor": outside & ~shallow,
+        }
 
     @property
     def _y(self) -> float:
@@ -278,18 +267,16 @@ def get_scene_key(name: str) -> str:
     return f"tissue.layer[{number}].{'youngs_modulus' if what == 'modulus' else what}"
 
 
-def _draw_values(ranges: Sequence[Range], shares: Floats) -> Floats:
+def _draw_values(ranges: Sequence[Range], fractions: Floats) -> Floats:
     """Return the quantiles of quantities at fractions of the population, shape (n, quantities)."""
-    return np.stack([value_range.compute_quantiles(column) for value_range, column in zip(ranges, shares.T, strict=True)], axis=1)
+    return np.stack(
+        [value_range.compute_quantiles(column) for value_range, column in zip(ranges, fractions.T, strict=True)], axis=1
+    )
 
 
 def _find_power_of_two(n: int) -> int:
     """Return the smallest power of two that is at least n, for which a Sobol sequence is balanced."""
     return 1 << max(n - 1, 0).bit_length()
-
-
-def _remove_layers(scene: Scene) -> Any:
-    return scene.tissue.model_copy(update={"layer": ()})
 
 
 def name_host_modulus(draw: TumourDraw, number: int) -> str:

@@ -1,4 +1,4 @@
-"""Define the readings of a scan over each tumour of a population, and their changes by the tumour.
+"""Define the readings of a scan over each tumour of a population, and compute them with the closed form.
 
 The m readings are logarithms: of the ratio at all positions, then of the stiffness if it is read. With F_j the force on film j
 per unit indentation, and a constant that contains the films' areas,
@@ -6,10 +6,14 @@ per unit indentation, and a constant that contains the films' areas,
     ln ratio = ln F_inner - ln F_outer + const,   ln stiffness = ln (F_inner + F_outer)             (PO.1)
 
 The signal of a tumour is the difference of the readings from those in the same tissue without it. Load and areas cancel.
+
+The closed form computes them for all tumours at once: each pair of a tumour and a distance from the probe is a column of
+parameters of ``closed_form.designs.compute_forces``. Derivatives are complex steps.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,6 +21,26 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
+from geometry.common.errors import Refusal
+from geometry.scenes.scene import Inclusion, Placement, Scene
+from probe_design.populations.population import TumourDraw, is_of_tumour
+from probe_design.populations.tables import Protocol
+from solver.closed_form.designs import (
+    LAYER_PARAMETERS,
+    PROBE_PARAMETERS,
+    SPHERE_PARAMETERS,
+    TISSUE_PARAMETERS,
+    Shape,
+    build_parameters,
+    compute_forces,
+)
+from solver.closed_form.evaluator import ClosedForm
+
+NODE_ROUNDING = 8  # nodes by which groups differ: fewer groups, each a little more exact
+MIN_OFFSET_PER_DIAMETER = 1e-6  # of the diameter: smallest lateral offset that counts as off the axis
+COMPLEX_STEP_RELATIVE = 1e-30  # of complex steps, relative
+FIRST_SPHERE_ROW = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
+SPHERE_PARAMETER_NAMES = {"diameter": "radius", "object": "modulus", "depth": "depth", "x": "offset"}
 
 
 @dataclass(frozen=True)
@@ -107,3 +131,124 @@ def compute_logarithms(totals: Any, stiffness: bool) -> Any:
     """
     ratio = np.log(totals[..., 0]) - np.log(totals[..., 1])
     return np.concatenate([ratio, np.log(totals.sum(axis=-1))], axis=-1) if stiffness else ratio
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Designs of the closed form, as columns of parameters in groups of one structure.
+
+    Attributes
+    ----------
+    groups
+        The structure of each group, and its parameters, shape (parameters, k).
+    index
+        Number of the column of each result, counted over all groups; any shape.
+    """
+
+    groups: tuple[tuple[Shape, Floats], ...]
+    index: Ints
+
+    def compute_totals(self, stepped: str = "") -> Any:
+        """Return the forces on both films per unit indentation, N/m, shape (*index.shape, 2).
+
+        With the name of a range of ``ScenePopulation.ranges``, they have a complex step of its logarithm, or of x itself.
+        """
+        with np.errstate(all="ignore"):  # the caller refuses values that are not finite
+            parts = [
+                compute_forces(shape, _add_complex_step(shape, values, stepped) if stepped else values)[0].sum(axis=2)
+                for shape, values in self.groups
+            ]
+        return np.concatenate(parts)[self.index]
+
+
+def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...] = ()) -> ScanReadings:
+    """Return readings over a population, and their derivatives by the names of ``ScenePopulation.ranges``.
+
+    Raises
+    ------
+    Refusal
+        The closed form cannot model the scene, or fails for this probe.
+    """
+    for scene in draw.tissues:
+        if (reason := ClosedForm().refusal(scene)) is not None:
+            raise Refusal("evaluator", "closed-form", reason)
+    x_distance = draw.x[:, None] - protocol.places
+    offset = np.hypot(x_distance, draw.lateral_offset)
+    tumours, tissues = _build_tumour_columns(draw, offset), _build_tissue_columns(draw.tissues)
+
+    def repeat_over_positions(values: Floats) -> Floats:
+        return np.repeat(values, len(protocol.positions), axis=1)[draw.tissue]
+
+    totals, blank = tumours.compute_totals(), tissues.compute_totals()
+    with np.errstate(all="ignore"):
+        signal = compute_logarithms(totals, protocol.stiffness)
+        signal = signal - repeat_over_positions(compute_logarithms(blank[:, None], protocol.stiffness))
+    if not (np.all(np.isfinite(signal)) and np.all(blank > 0)):
+        raise Refusal("evaluator", "closed-form", "equivalent-inclusion, as the formulas break down for this probe")
+    derivatives, blank_derivatives = {}, {}
+    for name in names:
+        slopes = compute_logarithms(tumours.compute_totals(name), protocol.stiffness).imag / COMPLEX_STEP_RELATIVE
+        if name == "x":  # the complex step is one of the offset
+            slopes = slopes * np.tile(x_distance / np.maximum(offset, 1e-300), (1, protocol.channels))
+        elif not is_of_tumour(name):
+            blank_slopes = compute_logarithms(tissues.compute_totals(name)[:, None], protocol.stiffness).imag
+            blank_derivatives[name] = blank_slopes / COMPLEX_STEP_RELATIVE
+            slopes = slopes - repeat_over_positions(blank_derivatives[name])
+        derivatives[name] = slopes
+    mean_forces, no_error = np.exp(np.log(totals).mean(axis=0)), np.zeros((len(blank), protocol.channels))
+    return ScanReadings(signal, {}, draw.tissue, blank, mean_forces, no_error, derivatives, blank_derivatives)
+
+
+def _build_tumour_columns(draw: TumourDraw, offset: Floats) -> Columns:
+    """Return the columns of tumours at lateral offsets from the probe, shape (n, p); each distinct offset is one column."""
+    grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
+    for number in range(len(draw)):
+        shape, values = build_parameters(_build_tumour_scene(draw, number, float(offset[number].max())), merged=False)
+        grouped[replace(shape, nodes=-(-shape.nodes // NODE_ROUNDING) * NODE_ROUNDING)].append((number, values))
+    groups, index, count = [], np.empty(offset.shape, dtype=int), 0
+    for shape, members in grouped.items():
+        columns: list[Floats] = []
+        for number, values in members:
+            min_offset = 0.0 if shape.on_axis[0] else MIN_OFFSET_PER_DIAMETER * draw.diameter[number]
+            distinct, positions = np.unique(np.maximum(offset[number], min_offset), return_inverse=True)
+            index[number] = count + positions
+            count += len(distinct)
+            columns.append(np.tile(values[:, None], (1, len(distinct))))
+            columns[-1][FIRST_SPHERE_ROW + SPHERE_PARAMETERS.index("offset")] = distinct
+        groups.append((shape, np.concatenate(columns, axis=1)))
+    return Columns(tuple(groups), index)
+
+
+def _build_tumour_scene(draw: TumourDraw, number: int, offset: float) -> Scene:
+    """Return a scene with one tumour at a distance from the probe; not validated, as the draw is."""
+    body = Inclusion.model_construct(
+        diameter=float(draw.diameter[number]), depth=float(draw.depth[number]), x=offset, y=0.0, target=True,
+        youngs_modulus=float(draw.youngs_modulus[number]), poisson_ratio=draw.poisson_ratio,
+    )  # fmt: skip
+    scene: Scene = draw.tissues[draw.tissue[number]]
+    return scene.model_copy(update={"inclusion": (body,), "placement": Placement()})
+
+
+def _build_tissue_columns(tissues: tuple[Scene, ...]) -> Columns:
+    """Return the columns of tissues without tumours."""
+    grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
+    for number, scene in enumerate(tissues):
+        shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}), merged=False)
+        grouped[shape].append((number, values))
+    groups = tuple((shape, np.stack([values for _, values in members], axis=1)) for shape, members in grouped.items())
+    return Columns(groups, np.argsort([number for members in grouped.values() for number, _ in members]))
+
+
+def _add_complex_step(shape: Shape, values: Floats, name: str) -> Any:
+    """Return the columns with a complex step of the logarithm of a parameter; for x, of the offset itself."""
+    if name in SPHERE_PARAMETER_NAMES:
+        row = FIRST_SPHERE_ROW + SPHERE_PARAMETERS.index(SPHERE_PARAMETER_NAMES[name])
+    elif name == "tissue":
+        row = len(PROBE_PARAMETERS) + TISSUE_PARAMETERS.index("tissue_modulus")
+    else:
+        _, number, key = name.split("_")
+        first_layer_row = FIRST_SPHERE_ROW + len(shape.on_axis) * len(SPHERE_PARAMETERS)
+        row = first_layer_row + int(number) * len(LAYER_PARAMETERS) + LAYER_PARAMETERS.index(f"layer_{key}")
+    stepped = values.astype(complex)
+    stepped[row] += 1j * COMPLEX_STEP_RELATIVE * (1.0 if name == "x" else values[row])
+    return stepped

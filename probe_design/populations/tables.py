@@ -15,9 +15,10 @@ from geometry.scenes.probe import LENGTH_QUANTITY, Frozen, Length
 from geometry.scenes.scene import MAX_LAYERS, Force, Indentation
 from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
 from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE
-from probe_design.populations.ranges import Range, Ranged
+from probe_design.populations.entries import NUMBER_QUANTITY, DesignVariable, Range, Ranged, Varied
 
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
+FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
 DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS = 64, 4096, 101
 MAX_NOISE = 10.0
@@ -202,6 +203,53 @@ class DesignLimits(Frozen):
             texts = [CHARGE_QUANTITY.format_value(limit) for limit in self.charge]
             raise InputError("charge", texts, "[least, largest], the least first")
         return self
+
+
+VariedLength = Annotated[DesignVariable, Varied(LENGTH_QUANTITY)]
+VariedModulus = Annotated[DesignVariable, Varied(MODULUS_QUANTITY)]
+VariedForce = Annotated[DesignVariable, Varied(FORCE_QUANTITY)]
+VariedNumber = Annotated[DesignVariable, Varied(NUMBER_QUANTITY)]
+Materials = Annotated[tuple[str, ...], Field(strict=False, max_length=100)]
+
+
+class DesignVariables(Frozen):
+    """What the search may change of the probe and its load; what is left out varies within what a workshop can make."""
+
+    inner_radius: VariedLength = Field(
+        default=DesignVariable(), description="of the inner block", examples=[{"bounds": ["1 mm", "6 mm"], "step": "0.1 mm"}]
+    )
+    area_ratio: VariedNumber = Field(
+        default=DesignVariable(), description="A2/A1, inner over outer end area", examples=[[0.1, 4.0]]
+    )
+    gap: VariedLength = Field(
+        default=DesignVariable(), description="between the blocks", examples=[{"choices": ["0.1 mm", "0.2 mm", "0.3 mm"]}]
+    )
+    height: VariedLength = Field(default=DesignVariable(), description="of both blocks", examples=[["2 mm", "10 mm"]])
+    inner_height: VariedLength = Field(
+        default=DesignVariable(),
+        description="of the inner block, in place of height: with it or outer_height each block has its own, and the base a step",
+        examples=[["2 mm", "10 mm"]],
+    )
+    outer_height: VariedLength = Field(
+        default=DesignVariable(), description="of the outer block, likewise", examples=[["2 mm", "10 mm"]]
+    )
+    inner_modulus: VariedModulus = Field(default=DesignVariable(), description="of the inner block", examples=["fixed"])
+    outer_modulus: VariedModulus = Field(default=DesignVariable(), description="of the outer block", examples=["fixed"])
+    force: VariedForce = Field(
+        default=DesignVariable(),
+        description="on the probe, in place of the scene's: each design has the largest that its limits allow",
+        examples=[{"choices": ["5 mN", "10 mN", "20 mN"]}],
+    )
+    materials: Materials = Field(
+        default=(),
+        description="names of `probe-design material list`: each block is of one of these, modulus and Poisson's ratio together",
+        examples=[["dragon-skin-30", "ecoflex-00-30"]],
+    )
+
+    @property
+    def given_heights(self) -> tuple[str, ...]:
+        """Which of inner_height and outer_height are given."""
+        return tuple(key for key in ("inner_height", "outer_height") if getattr(self, key) != DesignVariable())
 
 
 Statistic = Literal["mean"] | Annotated[float, Field(gt=0.0, lt=1.0)]

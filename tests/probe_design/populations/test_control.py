@@ -8,8 +8,8 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from geometry.common.arrays import Floats
-from probe_design.populations.control_variate import ControlSample, estimate_statistic
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
+from probe_design.populations.performance import ControlSample, estimate_statistic
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import Objective
 from tests.support.designs import SUPERFICIAL, example_design

@@ -15,13 +15,12 @@ import pytest
 from benchmarks.populations.verification import compute_detection_rates
 from geometry.common.arrays import Floats
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import examine
 from probe_design.populations.noise import build_full_noise
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import Unknowns, compute_contrast_sd
-from probe_design.populations.scan_readings import compute_logarithms
+from probe_design.populations.scan_readings import compute_closed_form_readings, compute_logarithms
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
 NARROW: dict[str, Any] = {

@@ -11,7 +11,7 @@ import pytest
 
 from geometry.common.errors import InputError
 from probe_design.populations.design_file import Design, design_from_dict, is_design, read_design
-from probe_design.populations.ranges import Range
+from probe_design.populations.entries import Range
 from probe_design.populations.template import build_template
 from tests.support.paths import ROOT
 

@@ -8,7 +8,6 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from geometry.common.arrays import Floats
-from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import (
     Detector,
@@ -17,7 +16,7 @@ from probe_design.populations.detection import (
 )
 from probe_design.populations.noise import build_difference_noise
 from probe_design.populations.population import ScenePopulation
-from probe_design.populations.scan_readings import ScanReadings
+from probe_design.populations.scan_readings import ScanReadings, compute_closed_form_readings
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 

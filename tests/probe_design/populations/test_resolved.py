@@ -11,7 +11,6 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load
 from probe_design.design_search.tumour_objective import Noise, standard_deviation
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.examination import examine
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.noise import build_full_noise
@@ -24,6 +23,7 @@ from probe_design.populations.resolved import (
     is_resolved,
     is_undecided,
 )
+from probe_design.populations.scan_readings import compute_closed_form_readings
 from probe_design.populations.tables import NoiseModel, Protocol
 from solver import evaluate
 from tests.support.designs import SUPERFICIAL, THREE, example_design

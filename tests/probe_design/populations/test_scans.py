@@ -9,9 +9,9 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Layer, Placement, Scene
-from probe_design.populations.closed_form_scan import compute_closed_form_readings
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.scan_readings import compute_closed_form_readings
 from probe_design.populations.tables import NoiseModel
 from solver import evaluate
 from tests.support.designs import SUPERFICIAL, THREE, example_design

@@ -1,4 +1,4 @@
-"""Read the distribution of a quantity in a design file: one value, a list, or a range."""
+"""Read the entries of a design file: how a quantity is distributed in a population, and how a number of the probe may vary."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import ValidationInfo
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 MAX_VALUES = 1000
+MAX_CHOICES = 1000
+FIXED_ENTRY: Literal["fixed"] = "fixed"
+NUMBER_QUANTITY = Quantity("number", "dimensionless", "", 1e-4, 1e4)
 
 
 @dataclass(frozen=True)
@@ -143,3 +146,88 @@ class Ranged(FileEntry[Range]):
         """Return the entry of a design file that states a value."""
         texts = [self.quantity.format_value(number) for number in value.values]
         return {"values": texts} if len(texts) == 2 and not value.continuous else texts
+
+
+@dataclass(frozen=True)
+class DesignVariable:
+    """The allowed variation of one number of the probe or its load, SI.
+
+    Attributes
+    ----------
+    low, high
+        Bounds; None if they follow from the start and the workshop.
+    step
+        Values are multiples of it; None: multiples of the search's step.
+    choices
+        The only values, increasing; empty if there are bounds.
+    fixed
+        Whether the scene's value stays.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    step: float | None = None
+    choices: tuple[float, ...] = ()
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Varied(FileEntry[DesignVariable]):
+    """A ``DesignVariable`` as a pydantic annotation: ``"fixed"``, ``[low, high]``, or a table of bounds, step and choices.
+
+    Parameters
+    ----------
+    quantity
+        Quantity of the values; ``NUMBER_QUANTITY`` has no unit.
+    """
+
+    quantity: Quantity
+
+    @property
+    def allowed(self) -> str:
+        """Description of the allowed entries, for messages."""
+        number_text = "a number from 0.0001 to 10000" if self.quantity is NUMBER_QUANTITY else self.quantity.allowed
+        return f"'fixed', [low, high], or a table of bounds = [low, high] and step, or of choices; each {number_text}"
+
+    def read(self, entry: object, units_required: bool) -> DesignVariable:
+        """Return the variable that an entry states; raise ``ValueError`` with the reason if it states none."""
+        if isinstance(entry, DesignVariable):
+            return entry
+        if entry == FIXED_ENTRY:
+            return DesignVariable(fixed=True)
+        table = entry if isinstance(entry, Mapping) else {"bounds": entry}
+        unknown = set(table) - {"bounds", "step", "choices"}
+        if unknown:
+            raise ValueError(f"no key {min(unknown, key=str)}")
+        if "choices" in table:
+            if len(table) > 1:
+                raise ValueError("choices beside bounds or step")
+            return DesignVariable(choices=tuple(sorted(set(self._read_values(table["choices"], 1, MAX_CHOICES, units_required)))))
+        low, high = self._read_values(table["bounds"], 2, 2, units_required) if "bounds" in table else (None, None)
+        if low is not None and high is not None and not low < high:
+            raise ValueError("the lower bound is not below the higher")
+        step = self._read_values([table["step"]], 1, 1, units_required)[0] if "step" in table else None
+        return DesignVariable(low, high, step)
+
+    def encode(self, value: DesignVariable) -> Any:
+        """Return the entry of a file that states the value."""
+
+        def format_number(number: float) -> Any:
+            return number if self.quantity is NUMBER_QUANTITY else self.quantity.format_value(number)
+
+        if value.fixed:
+            return FIXED_ENTRY
+        if value.choices:
+            return {"choices": [format_number(number) for number in value.choices]}
+        bounds = (
+            {} if value.low is None or value.high is None else {"bounds": [format_number(value.low), format_number(value.high)]}
+        )
+        return bounds | ({} if value.step is None else {"step": format_number(value.step)})
+
+    def _read_values(self, entries: object, min_count: int, max_count: int, units_required: bool) -> tuple[float, ...]:
+        if not isinstance(entries, list | tuple) or not min_count <= len(entries) <= max_count:
+            raise ValueError("not a list of two" if max_count == 2 else "not a list of values")
+        required = units_required and self.quantity is not NUMBER_QUANTITY
+        if self.quantity is NUMBER_QUANTITY and any(isinstance(entry, str) for entry in entries):
+            raise ValueError("a text, not a number")
+        return tuple(self.quantity.convert(entry, required) for entry in entries)
