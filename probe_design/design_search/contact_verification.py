@@ -72,7 +72,7 @@ def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerif
 
     def evaluate(contact_scene: LoadedScene, begin: float) -> list[TumourVerification]:
         pressed = _press_to_load(contact_scene, pressing.load)
-        return [_build_loaded_design(design, noise, *pressed, pressing, begin)]
+        return [_build_loaded_design(design, noise, *pressed, pressing=pressing, begin=begin)]
 
     return next(iter(_run_contact(design, evaluate)), design)
 
@@ -106,7 +106,7 @@ def _evaluate_loads(
         force = float(compute_force(load, result.films.totals.sum()))
         if force > design.pressing.force:
             pressing = Pressing(load, force, x=0.0, change=0.0, limited_by=limited_by)
-            yield _build_loaded_design(design, noise, result, pressed_scene, pressing, begin)
+            yield _build_loaded_design(design, noise, result, pressed_scene, pressing=pressing, begin=begin)
 
 
 @dataclass(frozen=True)
@@ -225,6 +225,7 @@ def _build_loaded_design(
     noise: Noise,
     result: LoadedForces,
     pressed_scene: LoadedScene,
+    *,
     pressing: Pressing,
     begin: float,
 ) -> TumourVerification:
