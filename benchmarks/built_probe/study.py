@@ -159,7 +159,7 @@ class Study:
         """Return whether the check's explanation names the variable that is off."""
         first, second = drawn.readings(logs)
         deviation = self._deviation(self._gains(first, drawn.sensor), second)
-        verdict = decide_verdict(self.scene, self.bench, deviation, self.shares, (), tested=())
+        verdict = decide_verdict(self.scene, self.bench, deviation, self.shares, (), coverage=())
         return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
 
 

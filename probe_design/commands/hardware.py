@@ -181,7 +181,7 @@ class CheckRequest(ReferenceRequest):
         record = setup.calibration
         gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
         with show_steps("checking") as tell:
-            result = check(setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, tell=tell)
+            result = check(setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, report=tell)
         result = replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
         json_object, page = add_provenance(result.as_dict()), ""
         if self.report is not None:

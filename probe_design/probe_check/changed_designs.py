@@ -54,14 +54,14 @@ class Changes:
     predictions: BlockPredictions
 
     @classmethod
-    def from_drawing(cls, scene: Scene, bench: Bench, shares: BlockPredictions, name: str) -> Changes:
+    def from_drawing(cls, scene: Scene, bench: Bench, predictions: BlockPredictions, name: str) -> Changes:
         """Start from the design as drawn, with known predictions, to change one variable."""
-        nominal = np.array([_get_nominal(shares, name)])
-        return cls(express_by_outer_radius(scene), bench, (name,), nominal, nominal, shares)
+        nominal = np.array([_get_nominal(predictions, name)])
+        return cls(express_by_outer_radius(scene), bench, (name,), nominal, nominal, predictions)
 
-    def add_variable(self, shares: BlockPredictions, name: str) -> Changes:
+    def add_variable(self, predictions: BlockPredictions, name: str) -> Changes:
         """Add a second variable, with its drawn value."""
-        nominal = _get_nominal(shares, name)
+        nominal = _get_nominal(predictions, name)
         names, nominals = (*self.names, name), np.append(self.nominal, nominal)
         return replace(self, names=names, nominal=nominals, values=np.append(self.values, nominal))
 
@@ -140,7 +140,7 @@ def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
         expected_gain = float(errors.compute_chi_square(changes.compute_derivatives(deviation) @ step))
         if k and expected_gain < MIN_RELATIVE_GAIN * (1.0 + chi_square):
             break  # saves solving a design that is no better; not at first, where linear theory may miss an improvement
-        better = _find_better(changes, deviation, errors, step * (MAX_STEP / max(MAX_STEP, float(np.abs(step).max()))))
+        better = _halve_step(changes, deviation, errors, step * (MAX_STEP / max(MAX_STEP, float(np.abs(step).max()))))
         if better is None:
             break
         changes, previous, chi_square = better, chi_square, _compute_chi_square(better, deviation, errors)
@@ -171,7 +171,7 @@ def _compute_sds(model: LinearGaussian, n: int) -> Floats:
     return np.asarray(np.sqrt(np.diag(model.compute_posterior_covariance())[:n]))
 
 
-def _find_better(changes: Changes, deviation: Deviation, errors: LinearGaussian, step: Floats) -> Changes | None:
+def _halve_step(changes: Changes, deviation: Deviation, errors: LinearGaussian, step: Floats) -> Changes | None:
     """Return the changes after a step, which is halved until chi-square decreases, or None."""
     initial = _compute_chi_square(changes, deviation, errors)
     for halving in range(MAX_HALVINGS):
@@ -185,8 +185,8 @@ def _compute_chi_square(changes: Changes, deviation: Deviation, errors: LinearGa
     return float(errors.compute_chi_square(changes.compute_residual(deviation)))
 
 
-def _get_nominal(shares: BlockPredictions, name: str) -> float:
-    return 1.0 if name == GAIN_NAME else float(shares.nominal[shares.variables.index(name)])
+def _get_nominal(predictions: BlockPredictions, name: str) -> float:
+    return 1.0 if name == GAIN_NAME else float(predictions.nominal[predictions.variables.index(name)])
 
 
 def _is_additive(name: str) -> bool:

@@ -115,9 +115,9 @@ def check(
     gains: Gains | None = None,
     *,
     variables: Sequence[str] = (),
-    shares: BlockPredictions | None = None,
+    predictions: BlockPredictions | None = None,
     linear: bool = False,
-    tell: ProgressCallback = ignore_progress,
+    report: ProgressCallback = ignore_progress,
 ) -> Check:
     """Compare a probe with its prediction.
 
@@ -133,12 +133,12 @@ def check(
         Of a calibration; None: nominal, with the bench's tolerances.
     variables
         Names of the variables of ``gains.slopes``.
-    shares
-        The predictions, if they are known already.
+    predictions
+        For the blocks of tissue, if they are known already.
     linear
         Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
-    tell
-        Called with reports of progress.
+    report
+        Called with a line of text at each step.
 
     Raises
     ------
@@ -147,18 +147,19 @@ def check(
     Refusal
         A load is above the limit of linear elasticity.
     """
-    pressed = ReferenceReadings.from_measurements(scene, bench, bench.blocks, measurements, shares, linear=linear)
-    predictions = pressed.predictions
-    effective = Gains.from_bench(bench) if gains is None else gains.add_warming(bench.channels.warming)
+    readings = ReferenceReadings.from_measurements(scene, bench, bench.blocks, measurements, predictions, linear=linear)
+    used_gains = Gains.from_bench(bench) if gains is None else gains.add_warming(bench.channels.warming)
     films = [compute_film_forces(item, scene, tolerance=gains is None) for item in measurements]
-    comparison = Comparison(bench, effective, tuple(variables), predictions)
-    deviation, exchanges = comparison.compute_deviation(films), comparison.find_swaps(films)
-    tolerances = dict(zip(predictions.variables, predictions.compute_tolerances(bench.workshop).tolist(), strict=True))
-    tested, names = compute_coverage(deviation, tolerances), [item.describe(bench.blocks) for item in exchanges]
-    verdict = decide_verdict(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
+    comparison = Comparison(bench, used_gains, tuple(variables), readings.predictions)
+    deviation, swaps = comparison.compute_deviation(films), comparison.find_swaps(films)
+    tolerances = readings.predictions.compute_tolerances(bench.workshop).tolist()
+    coverage = compute_coverage(deviation, dict(zip(readings.predictions.variables, tolerances, strict=True)))
+    verdict = decide_verdict(
+        scene, bench, deviation, readings.predictions, [swap.describe(bench.blocks) for swap in swaps],
+        coverage=coverage, report=report,
+    )  # fmt: skip
     return Check(
-        verdict=verdict.verdict,
-        reason=verdict.reason,
+        **vars(verdict),
         blocks=_build_blocks(scene, bench, deviation),
         chi_square=deviation.chi_square,
         degrees_of_freedom=len(films),
@@ -167,14 +168,10 @@ def check(
         passed=verdict.verdict == VERDICT_WITHIN,
         failed=deviation.p_value < SIGNIFICANCE_LEVEL,
         calibrated=gains is not None,
-        explanations=verdict.explanations,
-        alike=verdict.alike,
-        pairs=verdict.pairs,
-        unresolved=verdict.unresolved,
-        tested=tuple(entry for entry in tested if entry.tested),
-        untested=tuple(entry for entry in tested if not entry.tested),
+        tested=tuple(entry for entry in coverage if entry.tested),
+        untested=tuple(entry for entry in coverage if not entry.tested),
         cancelling=find_cancelling_pairs(deviation),
-        warnings=pressed.warnings,
+        warnings=readings.warnings,
     )
 
 
@@ -190,59 +187,57 @@ class Comparison:
         With their uncertainty at the temperature of the readings.
     variables
         Names of the variables of ``gains.slopes``.
-    shares
-        Predictions for the probe as drawn.
+    predictions
+        For the probe as drawn.
     """
 
     bench: Bench
     gains: Gains
     variables: tuple[str, ...]
-    shares: BlockPredictions
+    predictions: BlockPredictions
 
     def compute_deviation(self, films: Films) -> Deviation:
         """Compare readings, one of each block, with the predictions. Raises ``InputError``: a film is dead or reversed."""
-        parts = [_compute_log_ratio(self.gains, *reading) for reading in self._check_pressed(films)]
-        logs, noise, gain_derivatives = (np.array(part) for part in zip(*parts, strict=True))
-        blocks = zip(self.shares.blocks, self.bench.blocks, strict=True)
-        model = np.array([share.compute_variance(block) for share, block in blocks])
-        bias = {name: gain_derivatives @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
-        gain_errors = gain_derivatives @ self.gains.errors_as_drawn
-        return Deviation(logs, self.shares.log_ratios, noise, gain_errors, model, bias, self._compute_workshop(bias))
+        film_forces = np.array([self.gains.compute_forces(reading) for reading, _ in films])
+        force_sds = np.sqrt([np.diag(self.gains.compute_forces_covariance(*reading)) for reading in films])
+        check_films(film_forces, self._expected_fractions, force_sds)
+        parts = [_compute_log_ratio(self.gains, *reading) for reading in films]
+        logs, noise, entry_derivatives = (np.array(part) for part in zip(*parts, strict=True))
+        blocks = zip(self.predictions.blocks, self.bench.blocks, strict=True)
+        model = np.array([prediction.compute_variance(block) for prediction, block in blocks])
+        bias = {name: entry_derivatives @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
+        tolerances = self.predictions.compute_tolerances(self.bench.workshop)
+        workshop = {
+            name: (derivatives - bias.get(name, 0.0)) * tolerance
+            for name, derivatives, tolerance in zip(
+                self.predictions.variables, self.predictions.slopes.T, tolerances, strict=True
+            )
+        }
+        gain_errors = entry_derivatives @ self.gains.errors_as_drawn
+        return Deviation(logs, self.predictions.log_ratios, noise, gain_errors, model, bias, workshop)
 
     def find_swaps(self, films: Films) -> tuple[Swap, ...]:
-        """Find the exchanges that explain readings outside the workshop's tolerances."""
+        """Find the swaps that explain readings outside the workshop's tolerances."""
         if self.compute_deviation(films).p_value >= SIGNIFICANCE_LEVEL:
             return ()
-        forces = np.array([self.gains.compute_forces(item) for item, _ in films])
-        return find_swaps(
-            forces, self._expected_shares, compute_max_fraction_error(self.bench), lambda item: self._agrees(films, item)
-        )
+        film_forces = np.array([self.gains.compute_forces(reading) for reading, _ in films])
+        max_error = compute_max_fraction_error(self.bench)
+        return find_swaps(film_forces, self._expected_fractions, max_error, lambda swap: self._agrees(films, swap))
 
     @property
-    def _expected_shares(self) -> Floats:
-        return compute_inner_fractions(self.shares.log_ratios, self.bench.blocks)
+    def _expected_fractions(self) -> Floats:
+        return compute_inner_fractions(self.predictions.log_ratios, self.bench.blocks)
 
-    def _agrees(self, films: Films, exchange: Swap) -> bool:
+    def _agrees(self, films: Films, swap: Swap) -> bool:
+        """Whether the readings are within the workshop's tolerances once a swap is undone."""
         reading_by_block = {
-            k: (exchange.restore_channels(y), exchange.restore_channels(spread))
-            for k, (y, spread) in zip(exchange.order, films, strict=True)
+            k: (swap.restore_channels(reading), swap.restore_channels(covariance))
+            for k, (reading, covariance) in zip(swap.order, films, strict=True)
         }
         try:
             return self.compute_deviation([reading_by_block[k] for k in range(len(films))]).p_value >= SIGNIFICANCE_LEVEL
         except InputError:
             return False
-
-    def _check_pressed(self, films: Films) -> Films:
-        forces = np.array([self.gains.compute_forces(reading) for reading, _ in films])
-        deviations = np.sqrt([np.diag(self.gains.compute_forces_covariance(reading, noise)) for reading, noise in films])
-        check_films(forces, self._expected_shares, deviations)
-        return films
-
-    def _compute_workshop(self, bias: dict[str, Floats]) -> dict[str, Floats]:
-        slopes = zip(
-            self.shares.variables, self.shares.slopes.T, self.shares.compute_tolerances(self.bench.workshop), strict=True
-        )
-        return {name: (slope - bias.get(name, 0.0)) * tolerance for name, slope, tolerance in slopes}
 
 
 def _compute_log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:

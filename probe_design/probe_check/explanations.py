@@ -24,9 +24,8 @@ from probe_design.probe_check.changed_designs import GAIN_NAME, Changes, Fit, fi
 from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, Deviation
 from solver.results.evaluator import ProgressCallback, ignore_progress
 
-INDISTINGUISHABLE_CHI_SQUARE = (
-    4.0  # difference of chi-squares, 2 standard deviations, below which two explanations cannot be distinguished
-)
+# difference of chi-squares, 2 standard deviations, below which two explanations cannot be distinguished
+INDISTINGUISHABLE_CHI_SQUARE = 4.0
 MAX_RELATIVE_SD = 1.0  # standard deviation relative to the value above which a variable is not determined
 MAX_FITTED_PAIRS = 6  # pairs that are fitted with changed designs, the best by linear theory
 
@@ -78,60 +77,61 @@ class VariablePair:
         return self.first.variable, self.second.variable
 
 
-def compute_explanations(deviation: Deviation, shares: BlockPredictions) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
+def compute_explanations(deviation: Deviation, predictions: BlockPredictions) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """Fit each variable alone by linear theory; return the explanations, best first, and the names of undetermined variables."""
-    slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN_NAME: np.ones(len(deviation.logs))}
-    nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN_NAME: 1.0}
+    slopes = dict(zip(predictions.variables, predictions.slopes.T, strict=True)) | {GAIN_NAME: np.ones(len(deviation.logs))}
+    nominal = dict(zip(predictions.variables, predictions.nominal.tolist(), strict=True)) | {GAIN_NAME: 1.0}
     fits = [_fit_variable(deviation, name, slope - deviation.get_bias(name), nominal[name]) for name, slope in slopes.items()]
     good = [explanation for explanation in fits if explanation.uncertainty < MAX_RELATIVE_SD * explanation.nominal]
-    return tuple(sorted(good, key=lambda explanation: explanation.chi_square)), tuple(
-        explanation.variable for explanation in fits if explanation not in good
-    )
+    unresolved = tuple(explanation.variable for explanation in fits if explanation not in good)
+    return tuple(sorted(good, key=lambda explanation: explanation.chi_square)), unresolved
 
 
 def fit_variables(
     scene: Scene,
     bench: Bench,
     deviation: Deviation,
-    shares: BlockPredictions,
+    predictions: BlockPredictions,
     names: Sequence[str],
     *,
-    tell: ProgressCallback = ignore_progress,
+    report: ProgressCallback = ignore_progress,
 ) -> tuple[Fit, ...]:
-    """Fit each of these variables alone with changed designs, best first; ``tell`` reports progress."""
+    """Fit each of these variables alone with changed designs, best first; ``report`` reports progress."""
     fits = []
     for k, name in enumerate(names, 1):
-        tell(f"what would explain it: {name}, {k} of {len(names)}")
-        fits.append(fit_changes(Changes.from_drawing(scene, bench, shares, name), deviation))
+        report(f"what would explain it: {name}, {k} of {len(names)}")
+        fits.append(fit_changes(Changes.from_drawing(scene, bench, predictions, name), deviation))
     return tuple(sorted(fits, key=lambda fit: fit.chi_square))
 
 
 def fit_pairs(
-    deviation: Deviation, shares: BlockPredictions, fits: Sequence[Fit], *, tell: ProgressCallback = ignore_progress
+    deviation: Deviation,
+    predictions: BlockPredictions,
+    fits: Sequence[Fit],
+    *,
+    report: ProgressCallback = ignore_progress,
 ) -> tuple[VariablePair, ...]:
     """Fit the most promising pairs, best first, from the fits of single variables; none for fewer than three blocks."""
     if len(deviation.logs) < 3:
         return ()
-    best: dict[frozenset[str], tuple[float, Fit, str]] = {}
+    starts: dict[frozenset[str], tuple[float, Fit, str]] = {}  # of a pair of names, from the better of both variables' fits
     for first_fit, second_name in product(fits, [name for fit in fits for name in fit.changes.names]):
         pair = frozenset((*first_fit.changes.names, second_name))
-        if len(pair) == 2 and (left := predict_chi_square(first_fit, deviation, second_name)) < best.get(pair, (np.inf,))[0]:
-            best[pair] = left, first_fit, second_name
-    worth = sorted(best.values(), key=lambda start: start[0])[:MAX_FITTED_PAIRS]
-    joint = []
-    for k, (_, first_fit, second_name) in enumerate(worth, 1):
-        tell(f"which two would: {first_fit.changes.names[0]} and {second_name}, {k} of {len(worth)}")
-        joint.append(fit_changes(first_fit.changes.add_variable(shares, second_name), deviation))
-    return tuple(sorted((_build_pair(first_fit, deviation) for first_fit in joint), key=lambda pair: pair.chi_square))
+        if len(pair) == 2:
+            start = predict_chi_square(first_fit, deviation, second_name), first_fit, second_name
+            starts[pair] = min(start, starts.get(pair, start), key=lambda entry: entry[0])
+    promising = sorted(starts.values(), key=lambda entry: entry[0])[:MAX_FITTED_PAIRS]
+    pairs = []
+    for k, (_, first_fit, second_name) in enumerate(promising, 1):
+        report(f"which two would: {first_fit.changes.names[0]} and {second_name}, {k} of {len(promising)}")
+        pairs.append(_build_pair(fit_changes(first_fit.changes.add_variable(predictions, second_name), deviation), deviation))
+    return tuple(sorted(pairs, key=lambda pair: pair.chi_square))
 
 
 def list_indistinguishable(explained: Sequence[Explanation]) -> tuple[str, ...]:
     """List the best explanation's name and those that the readings do not distinguish from it."""
-    return tuple(
-        explanation.variable
-        for explanation in explained
-        if explanation.chi_square - explained[0].chi_square < INDISTINGUISHABLE_CHI_SQUARE
-    )
+    max_chi_square = explained[0].chi_square + INDISTINGUISHABLE_CHI_SQUARE
+    return tuple(explanation.variable for explanation in explained if explanation.chi_square < max_chi_square)
 
 
 def build_explanation(fit: Fit, deviation: Deviation, index: int = 0) -> Explanation:

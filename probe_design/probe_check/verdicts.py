@@ -28,7 +28,7 @@ from probe_design.probe_check.explanations import (
 from solver.results.evaluator import ProgressCallback, ignore_progress
 
 VERDICT_WITHIN, VERDICT_OUT = "within workshop tolerance as far as tested", "out of workshop tolerance"
-VERDICT_UNKNOWN, VERDICT_UNTESTED = "cannot tell", "nothing could be tested"
+VERDICT_UNKNOWN, VERDICT_UNTESTED = "cannot report", "nothing could be tested"
 BENCH_FAULTS = {
     GAIN_NAME: "one film's gain (its cable, its amplifier, its temperature since calibration)",
     BLOCK_MODULI: "the blocks' moduli",
@@ -48,8 +48,8 @@ class Verdict:
 
 
 def decide_verdict(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: BlockPredictions, exchanged: Sequence[str],
-    *, tested: Sequence[VariableCoverage], tell: ProgressCallback = ignore_progress,
+    scene: Scene, bench: Bench, deviation: Deviation, predictions: BlockPredictions, swaps: Sequence[str],
+    *, coverage: Sequence[VariableCoverage], report: ProgressCallback = ignore_progress,
 ) -> Verdict:  # fmt: skip
     """Decide the verdict for a deviation.
 
@@ -61,38 +61,39 @@ def decide_verdict(
         Blocks and tolerances.
     deviation
         Of all blocks.
-    shares
+    predictions
         Predictions for the probe as drawn.
-    exchanged
-        Descriptions of exchanges each of which would explain it.
-    tested
+    swaps
+        Descriptions of exchanges of cables or blocks each of which would explain it.
+    coverage
         How well each variable is tested.
-    tell
-        Called with reports of progress.
+    report
+        Called with a line of text at each step.
     """
-    linear, unresolved = compute_explanations(deviation, shares)
+    linear, unresolved = compute_explanations(deviation, predictions)
     if deviation.p_value >= SIGNIFICANCE_LEVEL:
-        return Verdict(*_decide_within(tested), linear, unresolved)
-    if exchanged:
-        return Verdict(
-            VERDICT_UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved
-        )
-    fits = fit_variables(scene, bench, deviation, shares, [*(item.variable for item in linear), *unresolved], tell=tell)
+        return Verdict(*_decide_within(coverage), linear, unresolved)
+    if swaps:
+        reason = f"exchanged are: {', or '.join(swaps)}; put it right, and read again"
+        return Verdict(VERDICT_UNKNOWN, reason, linear, unresolved)
+    fits = fit_variables(scene, bench, deviation, predictions, [*(item.variable for item in linear), *unresolved], report=report)
     explained = tuple(build_explanation(item, deviation) for item in fits)
     if explained[0].explains:
         names = list_indistinguishable(explained)
         return Verdict(*_decide_single(names), explained, (), names)
-    pairs, odd_blocks = fit_pairs(deviation, shares, fits, tell=tell), _find_odd_blocks(deviation, bench)
+    pairs, odd_blocks = (
+        fit_pairs(deviation, predictions, fits, report=report),
+        _find_odd_blocks(deviation, bench),
+    )
     return Verdict(*_decide_several(pairs, odd_blocks), explained, (), (), pairs)
 
 
-def _decide_within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
-    if any(variable_coverage.tested for variable_coverage in tested):
+def _decide_within(coverage: Sequence[VariableCoverage]) -> tuple[str, str]:
+    """Return verdict and reason for readings that agree with the drawing."""
+    if any(entry.tested for entry in coverage):
         return VERDICT_WITHIN, ""
-    return (
-        VERDICT_UNTESTED,
-        "no deviation by five tolerances would be detected, so that readings that agree do not confirm the probe",
-    )
+    reason = "no deviation by five tolerances would be detected, so that readings that agree do not confirm the probe"
+    return VERDICT_UNTESTED, reason
 
 
 def _decide_single(names: Sequence[str]) -> tuple[str, str]:

@@ -45,7 +45,7 @@ def test_a_calibration_in_another_unit_is_refused(factor: float, slip: str, chan
 
 def test_a_check_in_another_unit_is_refused() -> None:
     with pytest.raises(InputError, match="millivolts taken as volts"):
-        check(pressed(), ALONE, readings(1e3, ALONE, 2)[2:], shares=shares())
+        check(pressed(), ALONE, readings(1e3, ALONE, 2)[2:], predictions=shares())
 
 
 def test_a_calibration_off_by_ten_is_told() -> None:

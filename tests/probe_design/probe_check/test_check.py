@@ -37,7 +37,7 @@ def loop(logs: Floats, seed: int) -> Check:
     read = [sampled(build_signals(BUILT, BENCH, scene(), force, [seed, k])) for k, force in enumerate(forces)]
     repeated = [sampled(build_signals(BUILT, BENCH, scene(), force, [seed, 10 + k])) for k, force in enumerate(forces[2:])]
     calibration = calibrate(scene(), TIGHT, read, shares())
-    return check(scene(), STRICT, repeated, calibration.gains, variables=calibration.variables, shares=shares())
+    return check(scene(), STRICT, repeated, calibration.gains, variables=calibration.variables, predictions=shares())
 
 
 def delivered(seed: int) -> tuple[Reference, ...]:
@@ -149,7 +149,7 @@ def _quick(logs: Floats, seed: int) -> Check:
     read, repeated = runs
     calibration = calibrate(scene(), bench, read, shares())
     strict = STRICT.model_copy(update={"load": bench.load})
-    return check(scene(), strict, repeated[2:], calibration.gains, variables=calibration.variables, shares=shares())
+    return check(scene(), strict, repeated[2:], calibration.gains, variables=calibration.variables, predictions=shares())
 
 
 @pytest.mark.slow
@@ -159,7 +159,7 @@ def test_what_the_calibration_has_absorbed_is_not_told() -> None:
     read = [sampled(build_signals(BUILT, BLOCKS, scene(), item, [5, k]), channels=2) for k, item in enumerate(forces)]
     alone = calibrate(scene(), BLOCKS, read, shares())
     strict = BLOCKS.model_copy(update=DRAWN)
-    result = check(scene(), strict, read, alone.gains, variables=alone.variables, shares=shares())
+    result = check(scene(), strict, read, alone.gains, variables=alone.variables, predictions=shares())
     spread = {item.variable: item.uncertainty / item.nominal for item in result.explanations}
     known = {item.variable: item.uncertainty / item.nominal for item in built("probe.gap", 2.0).explanations}
     for name in ("probe.outer.youngs_modulus", "probe.height"):
@@ -174,16 +174,16 @@ def on_blocks(seed: int) -> list[Samples]:
 def test_reversed_polarity_is_refused() -> None:
     samples = [replace(reading, volts=reading.volts * [-1.0, 1.0, 1.0]) for reading in on_blocks(6)]
     with pytest.raises(InputError, match="leads are exchanged"):
-        check(scene(), BENCH, samples, shares=shares())
+        check(scene(), BENCH, samples, predictions=shares())
 
 
 def test_uncalibrated_gains_leave_a_wide_check() -> None:
     samples = on_blocks(7)
-    result = check(scene(), BENCH, samples, shares=shares())
+    result = check(scene(), BENCH, samples, predictions=shares())
     assert not result.calibrated
     assert result.blocks[0].ratio_uncertainty / result.blocks[0].ratio > 0.05
     assert result.verdict == VERDICT_UNTESTED
     assert (result.passed, result.failed, result.tested) == (False, False, ())  # nothing contradicts the drawing: it says nothing
     assert all(variable.reason for variable in result.untested)
     with pytest.raises(InputError, match="one for each"):
-        check(scene(), BENCH, samples[:2], shares=shares())
+        check(scene(), BENCH, samples[:2], predictions=shares())

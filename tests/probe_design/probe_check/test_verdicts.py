@@ -75,7 +75,7 @@ def coverage_of(deviation_found: Deviation) -> tuple[VariableCoverage, ...]:
 
 
 def verdict(logs: tuple[float, ...]) -> Verdict:
-    return decide_verdict(scene(), BENCH, deviation(logs), shares(), (), tested=coverage_of(deviation(logs)))
+    return decide_verdict(scene(), BENCH, deviation(logs), shares(), (), coverage=coverage_of(deviation(logs)))
 
 
 def readings(logs: Floats) -> list[Samples]:
@@ -84,7 +84,7 @@ def readings(logs: Floats) -> list[Samples]:
 
 
 def checked(samples: list[Samples], bench: Bench = BENCH) -> Check:
-    return check(scene(), bench, samples, gains(), shares=shares())
+    return check(scene(), bench, samples, gains(), predictions=shares())
 
 
 def test_probes_within_tolerance_fail_as_often_as_stated() -> None:
@@ -187,7 +187,7 @@ def test_what_cancels_is_what_cannot_be_seen() -> None:
 
 def test_readings_too_poor_for_any_verdict_say_so() -> None:
     probe_deviation = deviation(noise=1.0)
-    result = decide_verdict(scene(), BENCH, probe_deviation, shares(), (), tested=coverage_of(probe_deviation))
+    result = decide_verdict(scene(), BENCH, probe_deviation, shares(), (), coverage=coverage_of(probe_deviation))
     assert result.verdict == VERDICT_UNTESTED
     assert "do not confirm the probe" in result.reason
     assert all(
