@@ -20,7 +20,7 @@ from hw.files.open_file import is_from_other_program, open_file
 from hw.files.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.reading_recorder import ReadingRecorder
-from hw.recordings.replay import Replay
+from hw.recordings.recording import Replay
 from hw.serial_port.transport import SerialTransport
 from hw.simulation.virtual import VirtualProbe
 from hw.usb.transport import UsbTransport

@@ -16,13 +16,13 @@ import time
 import zlib
 from collections.abc import Generator
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, ClassVar, Literal, Self
 
 from hw.common.errors import InvalidSource
-from hw.common.transport import Chunk, Header
+from hw.common.transport import Chunk, FileTransport, Header
 
 FILE_FORMAT: Literal["probe-design recording"] = "probe-design recording"
 FORMAT_VERSION: Literal[1] = 1
@@ -158,6 +158,29 @@ class Recording:
                 if self.header.kind == "frames":  # frames have their own checksums; acquisitions have none
                     yield Chunk(damaged_bytes, stream, f"the recording is damaged at byte {position}")
                 file.seek(next_record)
+
+
+class Replay(FileTransport):
+    """A transport that replays a recorded file, without pauses.
+
+    It adds ``replayed`` to the header's source, and texts ``cut`` and ``damaged`` once such a place is reached.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._recording = Recording(path)
+        source = {"replayed": str(path)}
+        self.header = replace(self._recording.header, source=self._recording.header.source | source)
+        self._chunks = self._recording.read_chunks()
+
+    def read(self) -> Chunk | None:
+        """Return the next chunk; None at the end."""
+        chunk = super().read()
+        if self._recording.cut:
+            self.header.source["cut"] = self._recording.cut
+        if places := self._recording.damaged:
+            location = f"at byte {places[0]}" + (f" and {len(places) - 1} places more" if len(places) > 1 else "")
+            self.header.source["damaged"] = f"{self._recording.path.name} is damaged {location}: what is not whole was left out"
+        return chunk
 
 
 def compute_sha256(path: Path | str) -> str:

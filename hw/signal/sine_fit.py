@@ -14,10 +14,9 @@ import numpy as np
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Complexes, Floats, Samples
-from hw.signal.residuals import estimate_bending_error, estimate_spike_error
 from hw.signal.sine_model import DRIFT_COEFFICIENTS, Lines, Solution, compute_residual, solve
 from hw.signal.spectrum import MAINS_HZ, MAINS_TOLERANCE_HZ, estimate_density, find_mains, find_strongest
-from hw.signal.steadiness import fit_blocks
+from hw.signal.steadiness import estimate_bending_error, estimate_spike_error, fit_blocks
 
 MAX_HARMONICS = 3  # of the load, the fundamental included
 MAX_MAINS_HARMONICS = 3  # harmonics of the mains, the fundamental included

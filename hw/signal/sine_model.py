@@ -107,36 +107,41 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
     normal, right = build_normal_equations(lines, t, volts)
     inverse: Floats = np.asarray(np.linalg.inv(normal), dtype=float)
     coefficients = inverse @ right
-    square, curve, cross, pull = _sum_second_pass(lines, t, volts, coefficients)
-    noise = square / max(len(t) - len(inverse), 1)
-    quiet = np.maximum(np.diag(noise), np.finfo(float).tiny)
-    curve = curve - np.einsum("apc,pq,bqc->abc", cross, inverse, cross)
-    information = (curve / quiet).sum(axis=2)
-    step = np.linalg.solve(information, (pull / quiet).sum(axis=1))
-    variances = np.maximum(np.diag(np.linalg.inv(information)), 0.0)  # rounding may leave less where rows hardly tell
-    return Solution(coefficients, inverse, noise, step, np.sqrt(variances))
+    residual_products, derivative_products, column_products, gradient = _sum_products(lines, t, volts, coefficients)
+    noise = residual_products / max(len(t) - len(inverse), 1)
+    noise_variances = np.maximum(np.diag(noise), np.finfo(float).tiny)
+    # what the columns cannot take up of a change of frequency
+    derivative_products = derivative_products - np.einsum("apc,pq,bqc->abc", column_products, inverse, column_products)
+    information = (derivative_products / noise_variances).sum(axis=2)
+    step = np.linalg.solve(information, (gradient / noise_variances).sum(axis=1))
+    step_variances = np.maximum(np.diag(np.linalg.inv(information)), 0.0)  # rounding may leave less where rows hardly differ
+    return Solution(coefficients, inverse, noise, step, np.sqrt(step_variances))
 
 
 def build_normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floats, Floats]:
     """Return the columns' products with each other, (p, p), and with ``volts``, (p, channels); arguments as in ``solve``."""
-    pairs = [
-        (columns := lines.build_columns(t[rows]), columns.T @ columns, columns.T @ volts[rows])[1:]
-        for rows in iterate_slices(len(t))
-    ]
-    return np.sum([normal for normal, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
+    products = []
+    for rows in iterate_slices(len(t)):
+        columns = lines.build_columns(t[rows])
+        products.append((columns.T @ columns, columns.T @ volts[rows]))
+    normal, right = (np.sum(parts, axis=0) for parts in zip(*products, strict=True))
+    return normal, right
 
 
-def _sum_second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Sum residual x residual, derivative x derivative, derivative x column and derivative x residual over all rows."""
+def _sum_products(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Sum over all rows the products of residuals, of derivatives by frequency, of these with columns, and with residuals."""
     sums = []
     for rows in iterate_slices(len(t)):
         columns = lines.build_columns(t[rows])
-        remainder, derivatives = volts[rows] - columns @ coefficients, lines.compute_derivatives(t[rows], columns, coefficients)
-        curve = np.einsum("anc,bnc->abc", derivatives, derivatives)
-        cross = np.einsum("anc,np->apc", derivatives, columns, optimize=True)
-        sums.append((remainder.T @ remainder, curve, cross, np.einsum("anc,nc->ac", derivatives, remainder)))
-    square, curve, cross, pull = (sum(parts[1:], start=parts[0]) for parts in zip(*sums, strict=True))
-    return square, curve, cross, pull
+        residuals, derivatives = volts[rows] - columns @ coefficients, lines.compute_derivatives(t[rows], columns, coefficients)
+        of_derivatives = np.einsum("anc,bnc->abc", derivatives, derivatives)
+        with_columns = np.einsum("anc,np->apc", derivatives, columns, optimize=True)
+        with_residuals = np.einsum("anc,nc->ac", derivatives, residuals)
+        sums.append((residuals.T @ residuals, of_derivatives, with_columns, with_residuals))
+    residual_products, derivative_products, column_products, gradient = (
+        np.sum(parts, axis=0) for parts in zip(*sums, strict=True)
+    )
+    return residual_products, derivative_products, column_products, gradient
 
 
 def iterate_slices(rows: int) -> Iterator[slice]:

@@ -1,8 +1,11 @@
-"""Test whether the load is steady: fit consecutive blocks of a record, and find changes that noise does not explain.
+"""Estimate how far a record deviates from one steady sine: a load that changes, outliers, and curved characteristics.
 
-B_kc = g_k a_c + r_kc: block k's amplitude B_kc in channel c is the whole record's amplitude a_c times the load's change g_k, plus
-a change r_kc of this channel only. g_k is an average over channels, weighted by their noise. Both are tested against noise, in
-total and along a cubic trend.
+**A load that changes.** B_kc = g_k a_c + r_kc: block k's amplitude B_kc in channel c is the whole record's amplitude a_c times
+the load's change g_k, plus a change r_kc of this channel only. g_k is an average over channels, weighted by their noise. Both
+are tested against noise, in total and along a cubic trend.
+
+**Curved characteristics.** Where the mains exceed the load, an overloaded amplifier reduces the load's amplitude but adds hardly
+any of its harmonics. The residuals then resemble the square or the cube of the fitted signal.
 """
 
 from __future__ import annotations
@@ -13,13 +16,19 @@ import numpy as np
 from scipy.special import chdtrc
 
 from hw.common.samples import Complexes, Floats
-from hw.signal.sine_model import DRIFT_COEFFICIENTS, Lines, build_normal_equations
+from hw.signal.sine_model import DRIFT_COEFFICIENTS, Lines, build_normal_equations, compute_residual
 
 MAX_BLOCKS = 12  # blocks
 MIN_BLOCK_CYCLES = 2.0  # minimum periods in a block, of the load and of each beat between two lines
 MIN_ROWS_PER_UNKNOWN = 4  # minimum rows in a block for each unknown
 FALSE_ALARM_PROBABILITY = 1e-4  # probability of taking noise for a change
-TREND_DEGREE = 3  # degree of the polynomial
+TREND_DEGREE = 3  # of the polynomial along which changes are tested
+OUTLIER_SD = 6.0  # standard deviations of the noise from which a row is an outlier
+SD_PER_MEDIAN = 1.4826  # ratio of the standard deviation to the median absolute value, of normal noise
+DETECTED_SD = 6.0  # standard deviations from which a correlation is significant
+BENDING_POWERS = (2, 3)  # of the fitted signal that are searched in the residuals
+# mean square of a power (of maximum 1) outside the fit's columns: below it the load's harmonics show the bending
+MIN_MEAN_SQUARE = 2e-3
 
 
 @dataclass(frozen=True)
@@ -119,15 +128,62 @@ def estimate_change(values: Floats, variances: Floats) -> float:
     if len(values) < 2:
         return 0.0
     deviations = (values - np.average(values, weights=1 / variances)) / np.sqrt(variances)
-    basis, _ = np.linalg.qr(
-        np.polynomial.legendre.legvander(np.linspace(-1, 1, len(values)), min(TREND_DEGREE, len(values) - 1))[:, 1:]
-    )
+    degree = min(TREND_DEGREE, len(values) - 1)
+    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, len(values)), degree)[:, 1:])
     trend = basis @ (basis.T @ deviations)
-    size = 0.0
+    change = 0.0
     if chdtrc(basis.shape[1], float(trend @ trend)) < FALSE_ALARM_PROBABILITY:
-        size = float(np.abs(trend * np.sqrt(variances)).max())
-    if (
-        chdtrc(len(values) - 1, float(deviations @ deviations)) < FALSE_ALARM_PROBABILITY
-    ):  # irregular changes: bound of an even distribution
-        size = max(size, float(np.sqrt(3 * np.mean(np.maximum(deviations**2 - 1, 0) * variances))))
-    return size
+        change = float(np.abs(trend * np.sqrt(variances)).max())
+    if chdtrc(len(values) - 1, float(deviations @ deviations)) < FALSE_ALARM_PROBABILITY:
+        irregular_variance = np.mean(np.maximum(deviations**2 - 1, 0) * variances)
+        change = max(change, float(np.sqrt(3 * irregular_variance)))  # the bound of an even distribution of this variance
+    return change
+
+
+def estimate_spike_error(residuals: Floats, period: float) -> Floats:
+    """Return the error of each amplitude that outliers may cause, V, (channels,); bursts of outliers count as independent.
+
+    Parameters
+    ----------
+    residuals
+        (n, channels) of a fit, V.
+    period
+        Of the load, rows; outliers closer than half of it are one burst.
+    """
+    sizes = np.abs(residuals)
+    is_outlier = sizes > OUTLIER_SD * SD_PER_MEDIAN * np.median(sizes, axis=0)
+    errors = []
+    for channel_sizes, channel_outliers in zip(sizes.T, is_outlier.T, strict=True):
+        rows = np.flatnonzero(channel_outliers)
+        burst_index = np.cumsum(np.diff(rows, prepend=rows[:1]) > period / 2)
+        burst_sums = np.bincount(burst_index, channel_sizes[rows])
+        errors.append(np.sqrt((burst_sums**2).sum()) * 2 / len(residuals))
+    return np.array(errors)
+
+
+def estimate_bending_error(lines: Lines, t: Floats, fitted: Floats, residuals: Floats) -> Floats:
+    """Return the error of each amplitude that a curved characteristic may cause, V, (channels,); 0 where none is significant.
+
+    Parameters
+    ----------
+    lines
+        Of the fit.
+    t
+        (n,) times from the middle of the record, s.
+    fitted
+        (n, channels) the fitted signal, V.
+    residuals
+        (n, channels), V.
+    """
+    scaled: Floats = np.asarray(fitted / np.maximum(np.abs(fitted).max(axis=0), np.finfo(float).tiny), dtype=float)
+    errors = np.zeros(residuals.shape[1])
+    for power in BENDING_POWERS:
+        coefficients: Floats = np.linalg.solve(*build_normal_equations(lines, t, scaled**power)).astype(float)
+        pattern = compute_residual(lines, t, scaled**power, coefficients)  # what the fit's columns leave of this power
+        square = (pattern**2).sum(axis=0)
+        is_clear = square > MIN_MEAN_SQUARE * len(t)
+        divisor = np.where(is_clear, square, 1.0)
+        factor = np.where(is_clear, (pattern * residuals).sum(axis=0) / divisor, 0.0)  # V of the pattern in the residuals
+        is_detected = np.abs(factor) > DETECTED_SD * np.sqrt((residuals**2).mean(axis=0) / divisor)
+        errors = np.hypot(errors, np.where(is_detected, np.abs(factor) * np.hypot(*coefficients[:2]), 0.0))
+    return errors

@@ -1,4 +1,4 @@
-"""Predict the films' shares of the load on reference blocks, with errors and derivatives with respect to the design.
+"""Predict the films' fractions of the load on reference blocks, with errors and derivatives with respect to the design.
 
 Only ln rho is predicted, rho = F_inner / F_outer with the films' forces F: their sum is the load, for any probe and tissue.
 """
@@ -72,14 +72,11 @@ class BlockPrediction:
         """
         if self.rule is None:
             return self
-        limit, known = find_largest_load(self.rule, LINEARITY_ACCURACY, promise=False), self.rule.is_known(force)
-        if force > limit.force and not (linear and known):
-            remedy = f", {LINEAR_REMEDY}" if known else ""
-            raise Refusal(
-                "load",
-                Words(f"{force:.3g} N on the {name}"),
-                f"up to {limit.force:.3g} N ({explain_limit(limit, LINEARITY_ACCURACY)}){remedy}",
-            )
+        limit, is_known = find_largest_load(self.rule, LINEARITY_ACCURACY, promise=False), self.rule.is_known(force)
+        if force > limit.force and not (linear and is_known):
+            remedy = f", {LINEAR_REMEDY}" if is_known else ""
+            allowed = f"up to {limit.force:.3g} N ({explain_limit(limit, LINEARITY_ACCURACY)}){remedy}"
+            raise Refusal("load", Words(f"{force:.3g} N on the {name}"), allowed)
         return replace(self, bound=self.bound - math.log1p(-self.rule.bound_ratio_change(force)))
 
 
@@ -127,13 +124,13 @@ class BlockPredictions:
 
     def compute_tolerances(self, workshop: Workshop) -> Floats:
         """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's."""
-        known = {name: sd * self.nominal[self.variables.index(name)] for name, sd in self.unmeasured.items()}
-        held = zip(self.variables, self.nominal, strict=True)
-        return np.array([known.get(name, _get_tolerance(name, value, workshop)) for name, value in held])
+        catalogue_sds = {name: sd * self.nominal[self.variables.index(name)] for name, sd in self.unmeasured.items()}
+        pairs = zip(self.variables, self.nominal, strict=True)
+        return np.array([catalogue_sds.get(name, _get_tolerance(name, value, workshop)) for name, value in pairs])
 
 
 def predict_blocks(scene: Scene, references: Sequence[Reference]) -> BlockPredictions:
-    """Predict the films' share of the load on the references that are blocks of tissue.
+    """Predict the films' fractions of the load on the references that are blocks of tissue.
 
     Parameters
     ----------
@@ -167,7 +164,7 @@ def predict_log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
 
 
 def compute_inner_fractions(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
-    """Return the inner film's share of the load on each reference, shape (n,).
+    """Return the inner film's fraction of the load on each reference, shape (n,).
 
     Parameters
     ----------
@@ -176,9 +173,9 @@ def compute_inner_fractions(log_ratios: Floats, references: Sequence[Reference])
     references
         All references; a pin presses the inner film only, a ring the outer one.
     """
-    blocks = iter(expit(log_ratios))
-    known = ({"inner": 1.0, "outer": 0.0}.get(reference.on) for reference in references)
-    return np.array([next(blocks) if share is None else share for share in known])
+    fractions = np.array([float(reference.on == "inner") for reference in references])
+    fractions[[reference.on == "tissue" for reference in references]] = expit(log_ratios)
+    return fractions
 
 
 def build_block_scene(scene: Scene, reference: Reference) -> Scene:
@@ -207,13 +204,13 @@ def _solve_block(scene: Scene) -> tuple[Converged, float]:
 def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
     solution, log_ratio = _solve_block(scene)
     gradient = compute_gradients(scene, solution.sample)
-    by_name = dict(zip(gradient.variables, gradient.derivatives["ratio"][0] / gradient.values["ratio"][0], strict=True))
-    modulus_derivative = float(by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
-    slopes = np.array(
-        [*(by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names), modulus_derivative]
-    )
+    log_derivatives = gradient.derivatives["ratio"][0] / gradient.values["ratio"][0]
+    derivative_by_name = dict(zip(gradient.variables, log_derivatives, strict=True))
+    modulus_derivative = float(derivative_by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
+    slopes = [derivative_by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names]
     rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
-    return BlockPrediction(log_ratio, solution.films[0].bound.log_ratio, slopes, modulus_derivative, rule)
+    bound = solution.films[0].bound.log_ratio
+    return BlockPrediction(log_ratio, bound, np.array([*slopes, modulus_derivative]), modulus_derivative, rule)
 
 
 def differentiate_area_ratio(probe: Probe, name: str) -> float:

@@ -33,13 +33,10 @@ from probe_design.built_probe.probe_identity import describe_probe_difference, l
 from probe_design.built_probe.reading import StressReading, compute_reading
 from solver.results.result import Result
 
-PHASE_KEYS = ("ratio_phase", "ratio_phase_uncertainty")
-MAX_NUMBER, MAX_PLACEMENT_M, MAX_RELATIVE_SD = (
-    1e150,
-    10.0,
-    1e3,
-)  # limits of any number; of a position, m; of a relative standard deviation
-LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
+MAX_NUMBER = 1e150  # so that its square does not overflow
+MAX_PLACEMENT_M = 10.0
+MAX_RELATIVE_SD = 1e3
+MAX_FILE_BYTES = 1_000_000  # of what `read --json` prints
 READING_ORIGIN = "what `probe-design read --json` has printed"
 NO_SAMPLES = Fingerprint((), ())
 READ_AGAIN_HINT = f"as {READING_ORIGIN}; read the recording again, with `probe-design read SCENE --replay FILE --json`"
@@ -63,8 +60,6 @@ class FieldReading:
         Of the load, N.
     placement
         x and y of the probe's axis, m, or None if not recorded.
-    phase
-        Phase by which stress_inner leads stress_outer and its standard deviation, rad, or None if not recorded.
     fingerprint
         Of its samples.
     """
@@ -75,16 +70,15 @@ class FieldReading:
     calibration: str | None
     force: float
     placement: tuple[float, float] | None
-    phase: tuple[float, float] | None = None
     fingerprint: Fingerprint = NO_SAMPLES
 
 
 def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
     """Return the relative standard deviation of a ratio due to the reading's noise, for exact gains and amplifiers."""
-    effective = replace(Gains.from_bench(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
+    exact_gains = replace(Gains.from_bench(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
     films, noise = compute_film_forces(measurement, scene)
-    slopes = np.array([1.0, -1.0]) / effective.compute_forces(films)
-    return float(np.sqrt(slopes @ effective.compute_forces_covariance(films, noise) @ slopes))
+    log_ratio_derivatives = np.array([1.0, -1.0]) / exact_gains.compute_forces(films)
+    return float(np.sqrt(log_ratio_derivatives @ exact_gains.compute_forces_covariance(films, noise) @ log_ratio_derivatives))
 
 
 def build_reading_json(
@@ -149,29 +143,24 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
     _check_probe(contents, name, scene)
     fingerprint = Fingerprint.from_dict(contents.get("fingerprint"))
     if fingerprint is None:
-        raise InputError(
-            f"{name}: fingerprint", Words("missing" if "fingerprint" not in contents else "no fingerprint"), READ_AGAIN_HINT
-        )
+        entry = Words("missing" if "fingerprint" not in contents else "no fingerprint")
+        raise InputError(f"{name}: fingerprint", entry, READ_AGAIN_HINT)
     if "ratio" in contents and contents["ratio"] is None:
         raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
-    ratio, spread, force = (_get_number(contents, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
-    if not 0 < spread <= MAX_RELATIVE_SD * ratio:
+    ratio, ratio_sd, force = (_get_number(contents, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
+    if not 0 < ratio_sd <= MAX_RELATIVE_SD * ratio:
         raise InputError(f"{name}: ratio", ratio, f"a ratio above 0, its uncertainty above 0, up to {MAX_RELATIVE_SD:g} of it")
     if not isinstance(contents.get("calibration_sha256"), str | None):
         raise InputError(f"{name}: calibration_sha256", contents["calibration_sha256"], f"a text, as {READING_ORIGIN}")
-    whole = spread / ratio
-    own_noise = min(_get_number(contents, "ratio_noise", name), whole) if contents.get("ratio_noise") is not None else 0.0
-    place = contents.get("placement")
+    relative_sd, place = ratio_sd / ratio, contents.get("placement")
+    noise = 0.0 if contents.get("ratio_noise") is None else min(_get_number(contents, "ratio_noise", name), relative_sd)
     return FieldReading(
         ratio=ratio,
-        noise=own_noise,
-        shared=math.sqrt(max(whole**2 - own_noise**2, 0.0)),
+        noise=noise,
+        shared=math.sqrt(max(relative_sd**2 - noise**2, 0.0)),
         calibration=contents.get("calibration_sha256"),
         force=force if contents.get("reference_force") is None else _get_number(contents, "reference_force", name),
         placement=None if place is None else _get_placement(place, name),
-        phase=None
-        if contents.get(PHASE_KEYS[0]) is None
-        else (_get_number(contents, PHASE_KEYS[0], name), _get_number(contents, PHASE_KEYS[1], name)),
         fingerprint=fingerprint,
     )
 
@@ -186,7 +175,7 @@ def read_result(path: Path) -> JsonObject | None:
     """
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+            data = file.read(MAX_FILE_BYTES + 1)
     except OSError as fault:
         raise InputError("reading", str(path), f"a file that can be read ({fault.strerror})") from None
     has_json_name = path.suffix.lower() == ".json"
@@ -221,9 +210,8 @@ def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> No
     for k, (name, fingerprint) in enumerate(readings):
         for earlier_name, earlier in readings[:k]:
             if fingerprint.is_same(earlier):
-                raise InputError(
-                    key, name, f"another reading than {earlier_name}, which holds the same samples: give each reading once"
-                )
+                allowed = f"another reading than {earlier_name}, which holds the same samples: give each reading once"
+                raise InputError(key, name, allowed)
 
 
 def _check_probe(contents: JsonObject, name: str, scene: Scene) -> None:

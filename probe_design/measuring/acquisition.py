@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from hw.signal.reading_fit import Losses, ReadingFit
 
 SHOW_INTERVAL_S = 0.5  # s of samples between two displays, at least
 BEHIND_INTERVAL_S = 5.0  # s added while samples wait, so that a display does not delay the fit
-SHOW_INTERVAL_SHARE = 0.05  # of the elapsed time between two displays: about a hundred in an hour
+SHOW_INTERVAL_FRACTION = 0.05  # of the elapsed time between two displays: about a hundred in an hour
 
 
 def fit_reading(
@@ -62,11 +62,12 @@ def fit_reading(
             recent.append(block)
             while recent[0].index[-1] < block.index[-1] - last * block.rate:
                 recent.pop(0)
-            now = (int(block.index[-1]) + 1) / block.rate
-            due = last_shown + max(SHOW_INTERVAL_S, SHOW_INTERVAL_SHARE * now)
-            if now >= due + (BEHIND_INTERVAL_S if reader.is_behind else 0.0):
-                last_shown = now
-                _try_show(show, select_last(join_samples(recent), last))
+            elapsed = (int(block.index[-1]) + 1) / block.rate
+            next_show = last_shown + max(SHOW_INTERVAL_S, SHOW_INTERVAL_FRACTION * elapsed)
+            if elapsed >= next_show + (BEHIND_INTERVAL_S if reader.is_behind else 0.0):
+                last_shown = elapsed
+                with suppress(HardwareError):  # too few periods of the load yet; faults are raised at the end
+                    show(select_last(join_samples(recent), last))
     if not recent:
         raise InvalidSource("no samples: is the recording empty?")
     running.losses += Losses(notes=recent[-1].notes)  # closing may add a note on the recording
@@ -76,10 +77,3 @@ def select_last(samples: Samples, seconds: float) -> Samples:
     """Return the samples of the last ``seconds``."""
     rows = samples.index > samples.index[-1] - seconds * samples.rate
     return replace(samples, index=samples.index[rows], volts=samples.volts[rows], saturated=samples.saturated[rows])
-
-
-def _try_show(show: Callable[[Samples], None], samples: Samples) -> None:
-    try:
-        show(samples)
-    except HardwareError:  # too few periods of the load yet; faults are raised at the end
-        return
