@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,14 +22,6 @@ if TYPE_CHECKING:
 MAX_ACCURACY_ATTEMPTS = 4  # accuracies that are tried before one is reported as within reach
 MIN_LOAD_SHARE_OF_ERROR = 0.2  # share of the error due to the load above which the refusal suggests a smaller load
 MIN_ACCURACY_GROWTH = 1.25  # least factor from one tried accuracy to the next
-
-
-PlanPredicate = Callable[["Plan"], bool]
-
-
-def never_sure(planned: Plan) -> bool:
-    """Return False: every evaluator that a plan names is run, whatever its chance to reach the accuracy."""
-    return False
 
 
 @dataclass(frozen=True)
@@ -71,27 +62,14 @@ class FailedAttempt:
         )
 
 
-def evaluate_automatically(scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None) -> Result:
-    """Return the result of the cheapest evaluator that reaches the accuracy.
-
-    Raises
-    ------
-    Refusal
-        None does, or the load is above the limit of linear elasticity; see ``choose_evaluator``.
-    """
-    result = choose_evaluator(scene, accuracy, linear, tell).result
-    assert result is not None  # it was asked for
-    return result
-
-
 def choose_evaluator(
     scene: Scene,
     accuracy: float,
     linear: bool,
     tell: ProgressCallback | None,
-    rough: CoarseModel | None = None,
+    coarse: CoarseModel | None = None,
     *,
-    sure: PlanPredicate = never_sure,
+    skip_sure: bool = False,
 ) -> AutoChoice:
     """Choose the evaluator that ``auto`` uses for a scene, by running evaluators in turn; nothing else makes this choice.
 
@@ -105,10 +83,10 @@ def choose_evaluator(
         Likewise.
     tell
         Likewise.
-    rough
+    coarse
         The scene's coarse model, where it is known.
-    sure
-        Whether a plan is accepted without running its evaluator.
+    skip_sure
+        Whether a plan that surely reaches the accuracy is accepted without running its evaluator.
 
     Raises
     ------
@@ -117,7 +95,7 @@ def choose_evaluator(
     LimitReached
         See ``evaluate``.
     """
-    outcome = _try_evaluators(scene, accuracy, linear, tell, rough=rough, sure=sure)
+    outcome = _try_evaluators(scene, accuracy, linear, tell, coarse=coarse, skip_sure=skip_sure)
     if isinstance(outcome, AutoChoice):
         return outcome
     load_fault = next((attempt.fault for attempt in reversed(outcome) if attempt.fault.key.startswith("load.")), None)
@@ -129,7 +107,7 @@ def choose_evaluator(
     raise _build_refusal(best, best.fault, scene, accuracy, linear=linear, tell=tell) from None
 
 
-def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
+def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, coarse: CoarseModel | None = None) -> Plan:
     """Return the plan with which ``auto`` begins, after a check of the load.
 
     Parameters
@@ -139,8 +117,8 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: Coars
     accuracy
         As in ``evaluate``.
     linear
-        Likewise.
-    rough
+        Likewise; the load is not checked then.
+    coarse
         The scene's coarse model, where it is known.
 
     Raises
@@ -148,44 +126,31 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: Coars
     Refusal
         No evaluator takes the scene, or its load is known to be too large before anything is solved.
     """
-    planned = build_supported_plan(scene, accuracy, linear, rough)
+    from solver.planning.plan import build_plan
+
+    check_surface_names(scene)
+    planned = build_plan(scene, accuracy, linear=linear, coarse=coarse)
+    if planned.evaluator is None:
+        raise Refusal("evaluator", AUTO, str(find_refusal(scene, ("contact",))))
     if not linear:
         planned.check_load(scene, accuracy)
     return planned
 
 
-def build_supported_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
-    """Return the plan for a scene, without a check of the load.
-
-    Raises
-    ------
-    Refusal
-        No evaluator takes the scene.
-    """
-    from solver.planning.plan import build_plan as run
-
-    check_surface_names(scene)
-    planned = run(scene, accuracy, linear=linear, rough=rough)
-    if planned.evaluator is None:
-        raise Refusal("evaluator", AUTO, str(find_refusal(scene, ("contact",))))
-    return planned
-
-
 def get_evaluator(name: str | None, tell: ProgressCallback | None) -> Evaluator:
     """Return the evaluator that a plan names."""
-    assert name is not None  # build_supported_plan has refused it
+    assert name is not None  # build_allowed_plan has refused it
     return evaluator(name, tell)
 
 
 def _try_evaluators(
-    scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None, *, rough: CoarseModel | None, sure: PlanPredicate
+    scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None, *, coarse: CoarseModel | None, skip_sure: bool
 ) -> AutoChoice | list[FailedAttempt]:
     """Return the first evaluator that reaches the accuracy, or the failed attempts of all."""
-    from solver.planning.plan import build_plan as run
-    from solver.planning.plan import find_next_evaluator
+    from solver.planning.plan import build_plan, find_next_evaluator
 
-    planned, failures = build_allowed_plan(scene, accuracy, linear, rough), list[FailedAttempt]()
-    while not sure(planned):
+    planned, failures = build_allowed_plan(scene, accuracy, linear, coarse), list[FailedAttempt]()
+    while not (skip_sure and planned.is_sure()):
         try:
             result = get_evaluator(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy, planned.allowed)
             return AutoChoice(planned, planned.complete_result(result, scene, accuracy, linear))
@@ -197,7 +162,7 @@ def _try_evaluators(
         next_name = find_next_evaluator(planned, tried, failures[-1].fault, scene, accuracy=accuracy, linear=linear)
         if next_name is None:
             return failures
-        planned = run(scene, accuracy, next_name, linear=linear, rough=rough)
+        planned = build_plan(scene, accuracy, next_name, linear=linear, coarse=coarse)
     return AutoChoice(planned, None)
 
 
@@ -218,23 +183,23 @@ def _build_refusal(
     reachable, name = _find_reachable_accuracy(scene, reached, linear, tell), fault.name
     advice = f"--evaluator {name} returns its result with its own error"
     load = 0.0 if linear else (1 + accuracy) / (1 + best.plan.allowed) - 1
-    smaller, share = (
+    smaller_load, load_text = (
         (", or a smaller load", f", {load:.2g} of it by the load") if load > MIN_LOAD_SHARE_OF_ERROR * reached else ("", "")
     )
-    text = f"{reachable} or more for this scene{smaller} ({name} reaches {format_minimum(reached, 3)}{share}; {advice})"
+    text = f"{reachable} or more for this scene{smaller_load} ({name} reaches {format_minimum(reached, 3)}{load_text}; {advice})"
     if reachable is None:
         text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
     return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
 
 
 def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, tell: ProgressCallback | None) -> str | None:
-    """Return an accuracy that some evaluator reaches, by trying: the effort of evaluators depends on the accuracy asked for."""
+    """Return an accuracy that some evaluator reaches, by trying: the effort of evaluators depends on the requested accuracy."""
     for _ in range(MAX_ACCURACY_ATTEMPTS):
         if not reached < 1:
             return None
         text = format_minimum(reached, 2)
         try:
-            outcome = _try_evaluators(scene, float(text), linear, tell, rough=None, sure=never_sure)
+            outcome = _try_evaluators(scene, float(text), linear, tell, coarse=None, skip_sure=False)
         except LimitReached:
             return text
         if isinstance(outcome, AutoChoice):

@@ -87,6 +87,7 @@ def evaluate_many(
         joint_results = iter(evaluate_together(valid_scenes, evaluator, accuracy, tell, linear=linear))
 
         def complete(scene: Scene) -> ResultOrError:
+            """Return the result of a scene with its provenance, or its error."""
             result = next(joint_results)
             if result is None:
                 return _catch_error(lambda: evaluate(scene, evaluator, accuracy, tell, linear=linear))
@@ -108,6 +109,7 @@ def evaluate_together(
 
 
 def _read_and_check(scene: Scene | Path | str) -> Scene:
+    """Read a scene, and check the names of its surface files."""
     valid_scene = load_scene(scene)
     check_surface_names(valid_scene)
     return valid_scene
@@ -122,6 +124,7 @@ def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[Result
     results = film_evaluator.evaluate_many(scenes, request.accuracy)
 
     def add_warning(result: Result, scene: Scene) -> Result:
+        """Add load limits, and a warning beyond the linear limit."""
         with start_clock():
             if formulas and result.stiffness is not None:  # there may be thousands of scenes: do not mesh each of them
                 return add_load_warning(result, scene, request.accuracy, build_rule_from_formulas(scene, result), "formulas")
@@ -154,18 +157,19 @@ def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator
 
     start = perf_counter()
     with use_limits(replace(get_limits(), seconds=len(scenes) * get_limits().seconds)), start_clock():
-        rough = _catch_error(lambda: CoarseModel.from_scene(scenes[0]))
-        if isinstance(rough, ProbeError):
+        coarse = _catch_error(lambda: CoarseModel.from_scene(scenes[0]))
+        if isinstance(coarse, ProbeError):
             return (None for _ in scenes)
-        plans = [_catch_error(partial(build_allowed_plan, scene, request.accuracy, request.linear, rough)) for scene in scenes]
+        plans = [_catch_error(partial(build_allowed_plan, scene, request.accuracy, request.linear, coarse)) for scene in scenes]
     shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
     film_evaluator = evaluators.evaluator(AXISYMMETRIC, request.tell)
     assert isinstance(film_evaluator, FilmEvaluator)
     solutions = film_evaluator.solve_many([plan.scene for plan in shared.values()], [plan.accuracy for plan in shared.values()])
     solution_of_place = dict(zip(shared, solutions, strict=True))
-    share = (perf_counter() - start) / len(scenes)
+    seconds_each = (perf_counter() - start) / len(scenes)
 
     def complete(k: int) -> ResultOrError | None:
+        """Return the result or the refusal of scene k; None where it is not accurate enough."""
         plan, solution = plans[k], solution_of_place.get(k)
         if isinstance(plan, ProbeError):
             return plan
@@ -173,7 +177,7 @@ def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator
             return None
         result = _catch_error(
             lambda: plan.complete_result(
-                solution.build_result(AXISYMMETRIC, plan.scene, share), scenes[k], request.accuracy, request.linear
+                solution.build_result(AXISYMMETRIC, plan.scene, seconds_each), scenes[k], request.accuracy, request.linear
             )
         )
         return result if isinstance(result, Result) else None  # alone, another evaluator may answer

@@ -20,7 +20,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
-from solver.automatic import build_supported_plan, choose_evaluator, evaluate_automatically, get_evaluator
+from solver.automatic import build_allowed_plan, choose_evaluator, get_evaluator
 from solver.evaluators import AUTO, CONTACT, check_accuracy
 from solver.phase.inertia import add_inertia_error, check_frequency
 from solver.planning.load_limits import combine_computed_limits, compute_load_limits
@@ -31,7 +31,7 @@ from solver.results.warnings import Note
 
 if TYPE_CHECKING:
     from solver.planning.plan import Plan
-    from solver.results.load_curve import LoadCurve
+    from solver.results.result import LoadCurve
 
 
 def evaluate(
@@ -70,7 +70,7 @@ def evaluate(
     frequency
         Of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
     limits
-        Of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` says otherwise.
+        Of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` sets others.
 
     Raises
     ------
@@ -93,8 +93,9 @@ def evaluate(
         result = (
             _evaluate_by_name(scene, evaluator, accuracy, tell)
             if named
-            else evaluate_automatically(scene, accuracy, linear, tell)
+            else choose_evaluator(scene, accuracy, linear, tell).result
         )
+        assert result is not None  # no plan is accepted without a result
         result = _add_load_limits(result, scene, accuracy) if loads else result
         result = result if frequency is None else add_phase(result, scene, accuracy, frequency)
         record = build_provenance(scene, evaluator=evaluator, accuracy=accuracy)
@@ -181,18 +182,17 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
         See ``evaluate``.
     """
     from solver.planning.coarse_model import CoarseModel
-    from solver.planning.plan import SOLID, Plan
-    from solver.planning.plan import build_plan as run
+    from solver.planning.plan import SOLID, build_plan
 
     scene = load_scene(scene)
     check_accuracy(accuracy)
     with start_clock():
         check_surface_names(scene)
-        rough = CoarseModel.from_scene(scene)
-        planned = run(scene, accuracy, SOLID if solid else None, skin=True, rough=rough)
+        coarse = CoarseModel.from_scene(scene)
+        planned = build_plan(scene, accuracy, SOLID if solid else None, skin=True, coarse=coarse)
         if not solid:
             try:
-                decided = choose_evaluator(scene, accuracy, False, None, rough, sure=Plan.is_sure).plan
+                decided = choose_evaluator(scene, accuracy, False, None, coarse, skip_sure=True).plan
                 planned = replace(decided, warnings=planned.warnings)
             except LimitReached:
                 raise
@@ -212,16 +212,16 @@ def load(
     tell: ProgressCallback | None = None,
     limits: Limits | None = None,
 ) -> LoadCurve:
-    """Compute a scene under rising loads, with finite strain and contact; see ``solver.results.load_curve.LoadCurve``.
+    """Compute a scene under rising loads, with finite strain and contact; see ``solver.results.result.LoadCurve``.
 
     Parameters
     ----------
     scene
         One that ``contact`` takes, or the name of a scene file; its own load is not used.
     force
-        The largest load, N; or.
+        Largest load as a force, N; either this or ``indentation``.
     indentation
-        The largest, m. One of the two.
+        Largest load as an indentation, m.
     points
         Number of loads, evenly spaced above 0.
     accuracy
@@ -301,9 +301,7 @@ def curve(
     check_moduli(scene, moduli)
     start = perf_counter()
     with use_limits(limits), start_clock():
-        planned = build_supported_plan(scene, accuracy, linear)
-        if not linear:
-            planned.check_load(scene, accuracy)
+        planned = build_allowed_plan(scene, accuracy, linear)
         result = get_evaluator(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
     record = build_provenance(scene, evaluator=AUTO, accuracy=accuracy)
     return replace(planned.complete_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=record)

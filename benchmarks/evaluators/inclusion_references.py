@@ -117,7 +117,7 @@ def answers(reference: Known, accuracy: float) -> Answers:
 def answer(base: Undisturbed, scene: Scene, reflect: bool) -> Readings:
     """One tier's answer for a scene's bodies."""
     readings = compute_readings(base, Tumours.from_scene(scene), scene.target or 0, reflect=reflect)
-    return correct_for_ellipsoids(base, scene, readings, scene.inclusion)
+    return correct_for_ellipsoids(base, scene, readings)
 
 
 def compare_with_reference(reference: Known, readings: Readings) -> AnswerErrors:

@@ -25,8 +25,7 @@ from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.linalg.workspace import get_workspace
-from solver.planning.coarse_model import CoarseModel
-from solver.planning.gap_profile import GapProfile
+from solver.planning.coarse_model import CoarseModel, GapProfile
 from solver.planning.loads import bound_wall_nearing
 from tests.support.paths import REFERENCE
 

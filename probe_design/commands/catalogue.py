@@ -1,8 +1,10 @@
-"""The commands `tissue list|show` and `material list|show`: built-in numbers with their sources."""
+"""The commands `tissue` and `material`, which show built-in numbers with their sources, and `rerun`, which repeats a command."""
 
 from __future__ import annotations
 
 import math
+import shlex
+from pathlib import Path
 from typing import Annotated
 
 from geometry.scenes.catalogue import find_material, format_modulus, list_materials
@@ -50,7 +52,9 @@ class MaterialListRequest(Request):
         """Print one line for each material."""
         catalogue = list_materials()
         if self.as_json:
-            print_json({"materials": {name: _select_brief(entry.as_dict()) for name, entry in catalogue.items()}})
+            keys = ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")
+            full_entries = {name: entry.as_dict() for name, entry in catalogue.items()}
+            print_json({"materials": {name: {key: entry[key] for key in keys} for name, entry in full_entries.items()}})
             return
         for name, entry in catalogue.items():
             print(f"{name:22}{entry.kind:11}{format_modulus(entry.youngs_modulus):>11}  +- {entry.log_sd:4.2f}  {entry.about}")
@@ -78,6 +82,33 @@ class MaterialShowRequest(Request):
             print(entry.to_toml(), end="")
 
 
-def _select_brief(entry: dict[str, object]) -> dict[str, object]:
-    """Return the entries of a material that the list shows."""
-    return {key: entry[key] for key in ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")}
+class RerunRequest(Request):
+    """Repeat the command that made FILE, and report whether its numbers still agree.
+
+    FILE is the output of --json, an optimum's design.toml, a report, or the folder of optimize, sweep, tradeoff or export. Its
+    block of provenance names the command and the scene. The scene's file must be present, unchanged, in the current folder or in
+    that of FILE. Two numbers agree within the error estimates of both, or without these to 1 part in a million; seconds and
+    versions are not compared.
+
+    The exit code is 0 where all agree, 1 where one differs, 2 where FILE has no block of provenance.
+    """
+
+    file: Annotated[Path, Option("File, or folder of files.", is_argument=True)]
+
+    def run(self) -> None:
+        """Repeat the command, and exit with 1 where a number differs."""
+        from probe_design.commands.main import cli
+        from probe_design.repetition.rerun import rerun
+        from probe_design.terminal.console import warn, write_message
+
+        result = rerun(self.file, cli)
+        if self.as_json:
+            print_json(result.as_dict())
+        else:
+            for difference in result.differences:
+                print(difference)
+            print(f"{result.numbers} values compared: {'all agree' if result.agrees else f'{len(result.differences)} differ'}")
+            warn(result.warnings)
+        write_message(f"made by: {shlex.join(['probe-design', *result.command])}")
+        if not result.agrees:
+            raise SystemExit(1)

@@ -62,7 +62,9 @@ def collect_field_readings(
         No ratio can be computed from a recording.
     """
     file_places = [_split_reading_text(text) for text in texts]
-    _check_files_exist([path for path, _ in file_places])
+    for path, _ in file_places:
+        if not os.path.isfile(path):
+            raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
     measured, warnings, serials = [], [], dict[str, str | None]()
     for path, _ in file_places:
         entry = read_result(path)
@@ -96,13 +98,6 @@ def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
             raise InputError("reading", text, READING_FORM)
         entries[key] = value
     return Path(name.strip()), entries
-
-
-def _check_files_exist(paths: list[Path]) -> None:
-    """Refuse names of files that do not exist."""
-    for path in paths:
-        if not os.path.isfile(path):
-            raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
 
 
 def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: float | None) -> JsonObject:

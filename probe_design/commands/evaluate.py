@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.probe import Modulus
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
 from probe_design.commands.output import check_picture, present, split_assignments
 from probe_design.commands.request import Option
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from probe_design.tolerances.budget import ToleranceBudget
+    from solver import Curve
 
 EVALUATOR_NAMES = ("auto", "published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
 
@@ -50,7 +58,8 @@ class EvaluateRequest(LimitedRequest):
 
     def run(self) -> None:
         """Evaluate the scene, and draw the solution where this is requested."""
-        from probe_design.terminal.console import build_result_table, show_steps
+        from probe_design.terminal.console import show_steps
+        from probe_design.terminal.result_tables import build_result_table
 
         with show_steps(f"evaluating {self.scene}") as tell:
             scene = load_scene(self.scene)
@@ -82,7 +91,8 @@ class PlanRequest(LimitedRequest):
 
     def run(self) -> None:
         """Print the plan, then refuse where no evaluator reaches the accuracy."""
-        from probe_design.terminal.console import build_plan_table, list_plan_lines, show_spinner
+        from probe_design.terminal.console import show_spinner
+        from probe_design.terminal.result_tables import build_plan_table, list_plan_lines
         from solver import plan
 
         with show_spinner(f"planning {self.scene}"):
@@ -111,7 +121,8 @@ class CurveRequest(LimitedRequest):
         """Compute the curve at moduli that contain both ends exactly."""
         import numpy as np
 
-        from probe_design.terminal.console import build_curve_table, show_steps
+        from probe_design.terminal.console import show_steps
+        from probe_design.terminal.result_tables import build_curve_table
         from solver import curve
 
         if not self.low < self.high:
@@ -122,14 +133,15 @@ class CurveRequest(LimitedRequest):
         moduli[0], moduli[-1] = self.low, self.high
         with show_steps(f"curve of {self.scene}") as tell:
             result = self.call(curve, scene=scene, moduli=moduli, tell=tell)
-        if self.picture is not None:
-            from probe_design.reporting.curve_figures import draw_curve
-            from probe_design.reporting.picture_files import save_figure
+        present(result, build_curve_table, self.as_json, self.picture, draw=partial(_draw_curve, scene=scene))
 
-            body = scene.inclusion[scene.target or 0]
-            tissue = scene.tissue.find_material(body.depth)
-            save_figure(draw_curve(result, body.youngs_modulus, tissue.youngs_modulus), self.picture)
-        present(result, build_curve_table, self.as_json, self.picture)
+
+def _draw_curve(curve: Curve, scene: Scene) -> Figure:
+    """Draw a curve, with the moduli of the scene's target and of the tissue around it."""
+    from probe_design.reporting.curve_figures import draw_curve
+
+    body = scene.inclusion[scene.target or 0]
+    return draw_curve(curve, body.youngs_modulus, scene.tissue.find_material(body.depth).youngs_modulus)
 
 
 class TolerancesRequest(LimitedRequest):
@@ -151,7 +163,7 @@ class TolerancesRequest(LimitedRequest):
         """Compute the budget of uncertainties."""
         from probe_design.built_probe.bench import read_bench
         from probe_design.terminal.console import show_spinner
-        from probe_design.terminal.tolerance_table import build_tolerance_table, write_tolerance_lines
+        from probe_design.terminal.workshop_tables import build_tolerance_table, write_tolerance_lines
         from probe_design.tolerances.budget import tolerances
 
         scene = load_scene(self.scene)
@@ -161,8 +173,11 @@ class TolerancesRequest(LimitedRequest):
         with show_spinner(f"tolerances of {self.scene}"):
             bench = None if self.bench is None else read_bench(self.bench)
             budget = self.call(tolerances, scene=scene, bench=bench, materials=materials, given=stated_sds)
-        if self.picture is not None:
-            from probe_design.tolerances.plot import plot_budget
+        present(budget, build_tolerance_table, self.as_json, self.picture, lines=write_tolerance_lines, draw=_draw_budget)
 
-            plot_budget(budget, self.picture)
-        present(budget, build_tolerance_table, self.as_json, self.picture, write_tolerance_lines)
+
+def _draw_budget(budget: ToleranceBudget) -> Figure:
+    """Draw a budget of uncertainties."""
+    from probe_design.tolerances.plot import draw_budget
+
+    return draw_budget(budget)

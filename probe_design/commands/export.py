@@ -52,14 +52,19 @@ class ExportRequest(Request):
 
     def run(self) -> None:
         """Write the files and report."""
-        from probe_design.terminal.console import show_steps
+        from probe_design.terminal.console import show_steps, warn, write_message
+        from probe_design.terminal.workshop_tables import write_rounding_lines
 
         with show_steps("export") as tell:
             exported = self.call(export, progress=tell)
         if self.as_json:
             print_json(exported.as_dict())
-        else:
-            _report_export(exported, Path(self.output))
+            return
+        report_assumed_sizes(exported.scene.probe)
+        for line in [] if exported.rounding is None else write_rounding_lines(exported.rounding):
+            write_message(line)
+        warn(exported.remarks)
+        write_message(f"wrote {', '.join(file.name for file in exported.files)} to {Path(self.output)}")
 
 
 @use_request(ExportRequest)
@@ -120,15 +125,3 @@ def _build_fixture_writers(scene: Scene, name: str, bench: Path | str | None) ->
     from probe_design.measuring.protocol_page import build_writers
 
     return build_writers(scene, read_builtin_bench() if bench is None else read_bench(Path(bench)), name)
-
-
-def _report_export(exported: ExportSummary, output: Path) -> None:
-    """Report assumed sizes, the effect of rounding, warnings and the files written."""
-    from probe_design.terminal.console import warn, write_message
-    from probe_design.terminal.rounding_lines import write_rounding_lines
-
-    report_assumed_sizes(exported.scene.probe)
-    for line in [] if exported.rounding is None else write_rounding_lines(exported.rounding):
-        write_message(line)
-    warn(exported.remarks)
-    write_message(f"wrote {', '.join(file.name for file in exported.files)} to {output}")

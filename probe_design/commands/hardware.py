@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from probe_design.commands.fields import Accuracy, AnyProbe
 from probe_design.commands.hardware_request import ReferenceRequest, SourceRequest
-from probe_design.commands.output import add_provenance, print_json
+from probe_design.commands.output import add_provenance, print_result
 from probe_design.commands.request import Option
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class ReadRequest(SourceRequest):
         from probe_design.commands.hardware_sources import HardwareSetup, build_openers, list_new_recordings
         from probe_design.commands.reference_readings import choose_prediction, simulate_on_scene
         from probe_design.measuring.acquisition import fit_reading
-        from probe_design.terminal.console import show_spinner, show_table, warn
+        from probe_design.terminal.console import show_spinner, warn, write_message
         from probe_design.terminal.hardware_tables import build_reading_table
         from probe_design.terminal.live import compute_live_window, show_live
 
@@ -70,6 +70,7 @@ class ReadRequest(SourceRequest):
                 calibration_frequency = setup.calibration.frequency
 
             def compare(measurement: Measurement) -> StressReading:
+                """Return the reading of a measurement, compared with the prediction."""
                 return compute_reading(measurement, setup.scene, setup.bench, predicted, gains)
 
             check_rate(frequency, reader.header.rate)
@@ -87,14 +88,17 @@ class ReadRequest(SourceRequest):
                 )
         measurement = measure_reading(running_fit, setup.bench, calibration_frequency)
         result = compare(measurement)
-        if self.as_json:
-            recorded_origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}
+        origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}
+
+        def build_json() -> dict[str, object]:
+            """Return the JSON object of the reading, with the noise of its ratio."""
             noise = compute_ratio_noise(measurement, setup.scene, setup.bench, gains)
-            print_json(build_reading_json(result, noise, recorded_origin, setup.scene, running_fit.fingerprint))
-        else:
-            show_table(build_reading_table(result))
+            return build_reading_json(result, noise, origin, setup.scene, running_fit.fingerprint)
+
+        print_result(build_json, lambda: [build_reading_table(result)], self.as_json)
         warn((*result.warnings, *serial_warnings, *(note for note in predicted.warnings if note.kind in ("linear", "null"))))
-        _report_written(recording)
+        if recording is not None and recording.exists():  # on a full disk no HDF5 file is written, and a warning says so
+            write_message(f"wrote {recording}")
 
 
 class CalibrateRequest(ReferenceRequest):
@@ -118,7 +122,7 @@ class CalibrateRequest(ReferenceRequest):
         from probe_design.built_probe.probe_identity import check_serials, find_common_serial
         from probe_design.commands.hardware_sources import HardwareSetup, describe_device, hash_raw_data
         from probe_design.commands.reference_readings import read_references
-        from probe_design.terminal.console import show_spinner, show_table, warn, write_message
+        from probe_design.terminal.console import show_spinner, warn, write_message
         from probe_design.terminal.hardware_tables import build_calibration_table
 
         setup = HardwareSetup.from_files(self.scene, self.bench, None)
@@ -133,10 +137,7 @@ class CalibrateRequest(ReferenceRequest):
         raw_hashes = [hash_raw_data(reading.samples, reading.file) for reading in readings]
         record = build_record(calibration, raw_hashes, describe_device(readings[0].samples), find_common_serial(serials))
         write_record(self.output, record)
-        if self.as_json:
-            print_json(record.model_dump(mode="json"))
-        else:
-            show_table(build_calibration_table(record))
+        print_result(lambda: record.model_dump(mode="json"), lambda: [build_calibration_table(record)], self.as_json)
         warn(record.warnings)
         write_message(f"wrote {self.output}")
 
@@ -165,7 +166,7 @@ class CheckRequest(ReferenceRequest):
         from probe_design.commands.hardware_sources import HardwareSetup
         from probe_design.commands.reference_readings import read_references
         from probe_design.probe_check.check import check
-        from probe_design.terminal.console import show_steps, show_table, warn
+        from probe_design.terminal.console import show_steps, warn
         from probe_design.terminal.hardware_tables import list_check_tables, write_sentences
 
         setup = HardwareSetup.from_files(self.scene, self.bench, self.calibration)
@@ -193,12 +194,7 @@ class CheckRequest(ReferenceRequest):
             write_text(self.output, json.dumps(json_object, allow_nan=False, indent=1) + "\n")
         if self.report is not None:
             write_text(self.report, page)
-        if self.as_json:
-            print_json(result.as_dict())
-        else:
-            for table in list_check_tables(result):
-                show_table(table)
-            print("\n".join(write_sentences(result)))
+        print_result(result.as_dict, lambda: list_check_tables(result), self.as_json, lambda: write_sentences(result))
         warn(result.warnings)
         if record is None:
             warn(["not calibrated: nominal gains, with the bench's tolerances"])
@@ -223,8 +219,7 @@ class DoctorRequest(SourceRequest):
         """Check what is installed and connected, and exit with 1 after a fault."""
         from probe_design.commands.hardware_sources import HardwareSetup
         from probe_design.doctor.installed import check_installation, list_versions
-        from probe_design.terminal.console import show_table
-        from probe_design.terminal.doctor_table import build_doctor_table
+        from probe_design.terminal.hardware_tables import build_doctor_table, list_findings
 
         setup = HardwareSetup.from_files(self.scene, self.bench, None)
         computer_findings = check_installation()
@@ -232,20 +227,14 @@ class DoctorRequest(SourceRequest):
         channel_findings = self._test_channels(setup, is_plugged)
         findings = [*computer_findings, *channel_findings]
         is_good = not any(finding.state == "fault" for finding in findings)
-        if self.as_json:
-            json_parts = {
-                "installed": [finding.as_dict() for finding in computer_findings],
-                "self_test": [finding.as_dict() for finding in channel_findings],
-            }
-            print_json({"good": is_good, "versions": list_versions(), **json_parts})
-        else:
-            show_table(build_doctor_table(findings, list_versions()))
-            for state, heading in (("fault", "at fault"), ("doubtful", "doubtful")):
-                names = ", ".join(finding.name for finding in findings if finding.state == state)
-                print(f"{heading}: {names or 'nothing'}")
-            for finding in findings:
-                if finding.state != "good" and finding.remedy:
-                    print(f"{finding.name}: {finding.remedy}")
+        json_object = {
+            "good": is_good,
+            "versions": list_versions(),
+            "installed": [finding.as_dict() for finding in computer_findings],
+            "self_test": [finding.as_dict() for finding in channel_findings],
+        }
+        table = build_doctor_table(findings, list_versions())
+        print_result(lambda: json_object, lambda: [table], self.as_json, lambda: list_findings(findings))
         if not is_good:
             raise SystemExit(1)
 
@@ -269,11 +258,3 @@ class DoctorRequest(SourceRequest):
         except HardwareError as fault:
             return [Finding("reading", "fault", str(fault))]
         return run_self_test(samples, setup.scene, setup.bench)
-
-
-def _report_written(recording: Path | None) -> None:
-    """Report the file of a recording, if it was written."""
-    from probe_design.terminal.console import write_message
-
-    if recording is not None and recording.exists():  # on a full disk no HDF5 file is written, and a warning says so
-        write_message(f"wrote {recording}")

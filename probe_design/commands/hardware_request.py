@@ -56,12 +56,13 @@ class SourceRequest(LimitedRequest):
 
     @model_validator(mode="after")
     def _check_sources(self) -> Self:
+        """Refuse options that contradict each other."""
         if self.virtual and self.device is not None:
             raise InputError("source", Words("several"), ALLOWED_SOURCES)
         if self.resume and self.record is None:
             raise InputError("resume", Words("without --record"), "the name that the recordings were given with --record")
         if self.built and not self.virtual:
-            raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
+            raise InputError("built", self.built[0], "nothing without --virtual: it states how the virtual probe was built")
         if self.record is not None and not self.has_source:
             from hw.files.open_file import HDF5_SUFFIXES
 

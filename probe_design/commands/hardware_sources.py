@@ -132,6 +132,7 @@ def list_new_recordings(source: SourceRequest, count: int) -> tuple[Path | None,
 
 
 def _find_last_attempt(source: SourceRequest, k: int, count: int) -> Path | None:
+    """Return the recording of a reading's last attempt, or None if there is none."""
     paths = (name_recording(source, k, count, attempt) for attempt in range(MAX_ATTEMPTS, 0, -1))
     return next(
         (
@@ -231,6 +232,7 @@ def describe_device(samples: Samples) -> str:
 
 
 def _open_virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
+    """Open the virtual probe that plays given signals."""
     return Reader.open(make_virtual_probe(signals, SAMPLE_RATE_HZ, channels=CHANNEL_COUNT, scale=VOLTS_PER_COUNT, pace=pace))
 
 

@@ -58,7 +58,8 @@ class ScanRequest(LimitedRequest):
         """Compute the scan at evenly spaced positions."""
         import numpy as np
 
-        from probe_design.terminal.console import build_scan_table, show_count
+        from probe_design.terminal.console import show_count
+        from probe_design.terminal.result_tables import build_scan_table
 
         scene = load_scene(self.scene)
         check_picture(self.picture)
@@ -66,11 +67,6 @@ class ScanRequest(LimitedRequest):
             raise InputError("to", format_mm(self.high), f"a position above from = {format_mm(self.low)!r}")
         with show_count(f"scan of {self.scene}") as progress:
             result = self.call(scan, scene=scene, positions=np.linspace(self.low, self.high, self.points), progress=progress)
-        if self.picture is not None:
-            from probe_design.reporting.picture_files import save_figure
-            from probe_design.reporting.scan_figure import draw_scan
-
-            save_figure(draw_scan(result, scene), self.picture)
         present(result, build_scan_table, self.as_json, self.picture)
 
 
@@ -91,7 +87,7 @@ def scan(
     Returns
     -------
     Scan
-        Readings at each position; its ``plot`` draws them above a section of the tissue.
+        Readings at each position; ``probe_design.plot`` draws them above a section of the tissue.
 
     Raises
     ------
@@ -162,18 +158,14 @@ class DetectabilityRequest(LimitedRequest):
     def run(self) -> None:
         """Compute both maps at evenly spaced depths and diameters."""
         from probe_design.maps.target_grid import choose_sizes
-        from probe_design.terminal.console import build_threshold_table, show_count
+        from probe_design.terminal.console import show_count
+        from probe_design.terminal.result_tables import build_threshold_table
 
         scene = load_scene(self.scene)
         check_picture(self.picture)
         depths, diameters = self.call(choose_sizes, scene=scene)
         with show_count(f"detectability of {self.scene}") as progress:
             result = self.call(detectability, scene=scene, depths=depths, diameters=diameters, progress=progress)
-        if self.picture is not None:
-            from probe_design.reporting.detectability_figure import draw_detectability
-            from probe_design.reporting.picture_files import save_figure
-
-            save_figure(draw_detectability(result, scene), self.picture)
         present(result, build_threshold_table, self.as_json, self.picture)
 
 
@@ -199,7 +191,7 @@ def detectability(
     Returns
     -------
     Detectability
-        Both maps; its ``plot`` draws them.
+        Both maps; ``probe_design.plot`` draws them.
 
     Raises
     ------
@@ -243,7 +235,7 @@ class LoadRequest(LimitedRequest):
     def run(self) -> None:
         """Compute the scene under rising loads."""
         from probe_design.terminal.console import show_steps
-        from probe_design.terminal.load_table import build_load_table, list_load_lines
+        from probe_design.terminal.result_tables import build_load_table, list_load_lines
         from solver.evaluation import load
 
         force, indentation = _read_load(self.max_load)
@@ -251,12 +243,7 @@ class LoadRequest(LimitedRequest):
         check_picture(self.picture)
         with show_steps(f"pressing {self.scene}") as tell:
             result = self.call(load, scene=scene, force=force, indentation=indentation, tell=tell)
-        if self.picture is not None:
-            from probe_design.reporting.curve_figures import draw_load_curve
-            from probe_design.reporting.picture_files import save_figure
-
-            save_figure(draw_load_curve(result), self.picture)
-        present(result, build_load_table, self.as_json, self.picture, list_load_lines)
+        present(result, build_load_table, self.as_json, self.picture, lines=list_load_lines)
 
 
 def _read_load(text: str) -> tuple[float | None, float | None]:

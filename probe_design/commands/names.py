@@ -48,7 +48,7 @@ COMMANDS = {
     "scan": CommandName(MODEL, "maps:ScanRequest", "Readings of the probe along a line over the tissue."),
     "detectability": CommandName(MODEL, "maps:DetectabilityRequest", "Which tumours are detected, over depth and diameter."),
     "estimate": CommandName(MODEL, "estimate:EstimateRequest", "Modulus, diameter or depth from readings."),
-    "tradeoff": CommandName(MODEL, "tradeoff:TradeoffRequest", "Time and error of every evaluator on your scenes."),
+    "tradeoff": CommandName(MODEL, "sweep:TradeoffRequest", "Time and error of every evaluator on your scenes."),
     "optimize": CommandName(DESIGN, "optimize:OptimizeRequest", "Search a better probe, verify it and export it."),
     "sweep": CommandName(DESIGN, "sweep:SweepRequest", "Evaluate thousands of designs, each once."),
     "tolerances": CommandName(DESIGN, "evaluate:TolerancesRequest", "Effect of manufacturing tolerances on the ratio."),
@@ -63,7 +63,7 @@ COMMANDS = {
     "material": CommandName(CATALOGUE, "", "List and show built-in materials."),
     "material list": CommandName("", "catalogue:MaterialListRequest", "List the built-in materials."),
     "material show": CommandName("", "catalogue:MaterialShowRequest", "Print the table of one for a scene file."),
-    "rerun": CommandName(CATALOGUE, "rerun:RerunRequest", "Repeat the command that made a file; compare the numbers."),
+    "rerun": CommandName(CATALOGUE, "catalogue:RerunRequest", "Repeat the command that made a file; compare the numbers."),
 }
 GROUP_HELP = {
     "tissue": """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -104,9 +104,11 @@ class OptimizeRequest(LimitedRequest):
         self._optimize(question, folder, settings)
 
     def _optimize(self, question: Scene | Design, folder: Path, settings: JsonMapping) -> None:
+        """Search, verify, write the files and report; exit with 1 where no gain counts."""
         from probe_design.design_report.build import build_report
         from probe_design.design_search.pareto import compute_front
         from probe_design.populations.design_file import Design
+        from probe_design.reporting.workshop_command import build_export_command
         from probe_design.terminal.console import show_stages, show_table, warn, write_message
         from probe_design.workshop.package import list_missing_films
 
@@ -125,8 +127,12 @@ class OptimizeRequest(LimitedRequest):
             warn(list_missing_films(optimum.scene.probe))
             for message in report.messages:
                 write_message(message)
-            _report_files(folder, files)
-        _conclude(optimum.verdict, optimum.status, optimum.warnings)
+            write_message(f"wrote {len(files)} files to {folder}; begin with {folder / 'report.html'}")
+            write_message(f"for the workshop: {build_export_command(folder)}")
+        warn(optimum.warnings)
+        write_message(optimum.verdict)
+        if optimum.status == "no-gain":
+            raise SystemExit(1)
 
     def _check_output(self, start: Scene | Design, folder: Path) -> str:
         """Check the output folder and CAD before the search rather than after it.
@@ -211,27 +217,8 @@ def _run_search(question: Scene | Design, tell: Stages, settings: JsonMapping) -
 def refuse_options(options: Mapping[str, object]) -> None:
     """Refuse options that do not apply to a design file."""
     for key, value in options.items():
-        raise InputError(key, value, "none for a design file, whose tables say it")
+        raise InputError(key, value, "none for a design file, whose tables state it")
 
 
 def ignore_stage(stage: str, done: int, total: int) -> None:
     """Accept a progress report and discard it."""
-
-
-def _report_files(output: Path, files: Sequence[Path]) -> None:
-    """Report the files written, and the command that exports them for the workshop."""
-    from probe_design.reporting.workshop_command import build_export_command
-    from probe_design.terminal.console import write_message
-
-    write_message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
-    write_message(f"for the workshop: {build_export_command(output)}")
-
-
-def _conclude(verdict: str, status: str, warnings: Iterable[str]) -> None:
-    """Report warnings and verdict; exit code 1 where there is no gain."""
-    from probe_design.terminal.console import warn, write_message
-
-    warn(warnings)
-    write_message(verdict)
-    if status == "no-gain":
-        raise SystemExit(1)

@@ -38,6 +38,7 @@ def build_command(name: str, request: type[Request], summary: str) -> click.Comm
     """Return the command of a request, which checks the options, records the command line, and runs the request."""
 
     def run(**_: object) -> None:
+        """Build the request from the options given on the command line, and run it."""
         context = click.get_current_context()
         given = {
             key: value
@@ -112,4 +113,5 @@ def _choose_type(types: list[Any], field: FieldInfo) -> click.ParamType[Any]:
 
 
 def _complete_words(words: tuple[str, ...]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return the function by which click completes one of some words."""
     return lambda context, parameter, prefix: [word for word in words if word.startswith(prefix)]

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from geometry.scenes.probe import Probe
     from probe_design.reporting.table import Table
 
@@ -36,9 +38,11 @@ def present(
     table: Callable[[ResultT], Table],
     as_json: bool,
     picture: Path | None = None,
+    *,
     lines: Callable[[ResultT], Iterable[str]] = lambda result: (),
+    draw: Callable[[ResultT], Figure] | None = None,
 ) -> None:
-    """Print a result as one JSON object, or as a table with lines of text and warnings.
+    """Draw a result where a picture is requested; print it as one JSON object, or as a table with lines and warnings.
 
     Parameters
     ----------
@@ -49,22 +53,44 @@ def present(
     as_json
         Whether to print JSON.
     picture
-        File of a picture that has been drawn already, to be named in a message.
+        File of the picture.
     lines
         Make the lines below the table.
+    draw
+        Draws the picture; default: ``probe_design.plot``.
     """
+    from probe_design.terminal.console import warn, write_message
+
+    if picture is not None:
+        from probe_design.reporting.figures import plot
+        from probe_design.reporting.picture_files import save_figure
+
+        figure = plot(result) if draw is None else draw(result)  # type: ignore[arg-type]  # it refuses what has no picture
+        save_figure(figure, picture)
+    print_result(result.as_dict, lambda: [table(result)], as_json, lambda: lines(result))
+    if not as_json:
+        warn(result.warnings)
+        if picture is not None:
+            write_message(f"wrote {picture}")
+
+
+def print_result(
+    build_json: Callable[[], dict[str, Any]],
+    tables: Callable[[], Iterable[Table]],
+    as_json: bool,
+    lines: Callable[[], Iterable[str]] = lambda: (),
+) -> None:
+    """Print a result as one JSON object, or as tables with lines of text below; only what is printed is built."""
     from geometry.common.errors import to_one_line
-    from probe_design.terminal.console import show_table, warn, write_message
+    from probe_design.terminal.console import show_table
 
     if as_json:
-        print_json(result.as_dict())
+        print_json(build_json())
         return
-    show_table(table(result))
-    for line in lines(result):
+    for table in tables():
+        show_table(table)
+    for line in lines():
         print(to_one_line(line))
-    warn(result.warnings)
-    if picture is not None:
-        write_message(f"wrote {picture}")
 
 
 def add_provenance(value: dict[str, object]) -> dict[str, object]:

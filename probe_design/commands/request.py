@@ -77,6 +77,7 @@ class Number:
         return core_schema.no_info_plain_validator_function(self._read)
 
     def _read(self, entry: object) -> float:
+        """Return the number that a text or number states, or refuse it."""
         try:
             value = (read_fraction if self.percent else read_number)("number", entry, self.allowed)
         except InputError:
@@ -207,10 +208,12 @@ def use_request(request: type[Request]) -> Callable[[Callable[P, ResultT]], Call
     """Return a decorator by which a function takes checks and help of those parameters that are fields of a request."""
 
     def decorate(function: Callable[P, ResultT]) -> Callable[P, ResultT]:
+        """Return the function with checks and help."""
         signature, fields = inspect.signature(function), list_fields(request)
 
         @functools.wraps(function)
         def check_and_call(*values: P.args, **keywords: P.kwargs) -> ResultT:
+            """Check the parameters that are fields of the request, and call the function."""
             bound = signature.bind(*values, **keywords)
             given = {name: value for name, value in bound.arguments.items() if name in fields}
             checked = request.build(given)

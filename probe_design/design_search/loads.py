@@ -34,8 +34,7 @@ from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.law_factor import compute_law_factor
-from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, find_largest_x
+from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, compute_law_factor, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
     compute_block_strain,
@@ -289,7 +288,7 @@ class PressingRule:
             scene.contact.interface,
             added,
             self.worst_cover_factor,
-            law=compute_law_factor(tissue, MAX_X),
+            law=compute_law_factor(tissue),
         )
         allowed: JsonObject = {}
         max_variable_force = find_max_force(self.force_variable)

@@ -20,7 +20,7 @@ from probe_design.data.noise import choose_accuracy
 from probe_design.maps.scan import Progress
 from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
 from probe_design.maps.target_grid import Spheres, check_spheres, find_target
-from solver.equivalent_inclusion.evaluator import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.evaluators import check_accuracy
@@ -183,9 +183,8 @@ def _build_maps(fits: Bools, effects: SphereEffects, thresholds: Thresholds) -> 
 
 def _build_reflection_decision(base: Undisturbed, count: int, n: int) -> Decision:
     """Return the line of the plan about reflections, modelled for ``count`` of n spheres."""
-    feature = "what surface, blocks and floor send back of the tumours' fields"
     reason = f"modelled for {count} of {n} spheres, whose verdicts need it; elsewhere counted in error"
-    return Decision(feature, count > 0, 0.0, base.accuracy, reason)
+    return Decision(REFLECTIONS_FEATURE, count > 0, 0.0, base.accuracy, reason)
 
 
 def _iterate_warnings(effects: SphereEffects, thresholds: Thresholds) -> Iterator[str]:

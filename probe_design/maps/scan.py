@@ -14,7 +14,7 @@ from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
-from solver.equivalent_inclusion.evaluator import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluators import check_accuracy
@@ -167,9 +167,9 @@ def _list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> It
         return
     count, n = int(film_readings.reflected.sum()), len(film_readings.reflected)
     effect = float(min(film_readings.first_share.max(), 1e9))
-    extent = f"modelled for {count} of {n}, elsewhere counted in error_estimate"
-    reason = f"{extent}: changes the ratio by at most about {effect:.2g}"
-    yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
+    size = f"changes the ratio by at most about {effect:.2g}"
+    reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
+    yield Decision(REFLECTIONS_FEATURE, count > 0, effect, base.accuracy, reason)
 
 
 def _check_load_at_placement(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:

@@ -23,6 +23,7 @@ BODY_COLOURS = {
     "tumour": (0.64, 0.23, 0.18),
 }  # fmt: skip
 MAX_ANGLE_STEP_RAD = math.pi / 36  # 5 degrees about the axis
+END_ANGLE_RAD = 1.5 * math.pi  # of rings, which leave out a quarter of the turn
 Mesh = tuple[Floats, Ints]
 
 
@@ -66,7 +67,7 @@ def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
             yield name, build_ring(inner, outer, low, high, begin=begin)
 
 
-def build_ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
+def build_ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0) -> Mesh:
     """Build the closed surface of a ring sector: a rectangle of the meridian plane rotated between two angles.
 
     Parameters
@@ -80,16 +81,14 @@ def build_ring(inner: float, outer: float, low: float, high: float, *, begin: fl
     high
         Upper z, m.
     begin
-        First angle, rad, from x towards y.
-    end
-        Last angle, rad, less than a turn beyond.
+        First angle, rad, from x towards y; the last leaves out a quarter of the turn.
 
     Returns
     -------
     Mesh
         Vertices (n, 3) and triangles (m, 3), whose normals point outwards.
     """
-    angles = np.linspace(begin, end, max(2, math.ceil((end - begin) / MAX_ANGLE_STEP_RAD) + 1))
+    angles = np.linspace(begin, END_ANGLE_RAD, math.ceil((END_ANGLE_RAD - begin) / MAX_ANGLE_STEP_RAD) + 1)
     profile = np.array([(inner, low), (outer, low), (outer, high), (inner, high)])
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     places = np.concatenate(

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from solver.results.load_curve import LoadCurve
-from solver.results.result import Curve
+from solver.results.result import Curve, LoadCurve
 
 
 def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
     """Draw a curve with its error band, and mark the moduli of the scene's own inclusion and tissue, Pa."""
     figure = Figure(figsize=(8.0, 7.0), dpi=150, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     top, bottom = figure.subplots(2, 1, sharex=True)
     modulus = np.array(curve.youngs_modulus)
     order = np.argsort(modulus)
-    ratio, error, sensitivity = (
-        _replace_missing(values)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity)
+    ratio, error, sensitivity = (  # NaN where a value is None
+        np.array(values, dtype=float)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity)
     )
     top.plot(modulus[order], ratio, color="tab:blue", marker="." if len(modulus) < 25 else None)
     band = np.abs(ratio) * np.minimum(error, 1.0)
@@ -42,7 +41,6 @@ def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus:
 def draw_load_curve(curve: LoadCurve) -> Figure:
     """Draw ratio, log-sensitivity and gap width over force, and mark where linear theory ends and where the gap closes."""
     figure = Figure(figsize=(8.0, 9.0), dpi=150, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(3, 1, sharex=True)
     force, ratio = np.array(curve.force), np.array(curve.ratio)
     band = ratio * np.minimum(curve.error_estimate, 1.0)
@@ -50,8 +48,7 @@ def draw_load_curve(curve: LoadCurve) -> Figure:
     panels[0].plot(force, ratio, color="tab:blue", marker=marker)
     panels[0].fill_between(force, ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
     panels[0].set_ylabel("ratio of inner to outer film stress")
-    sensitivities = [np.nan if value is None else value for value in curve.log_sensitivity]
-    panels[1].plot(force, sensitivities, color="tab:orange", marker=marker)
+    panels[1].plot(force, np.array(curve.log_sensitivity, dtype=float), color="tab:orange", marker=marker)
     panels[1].set_ylabel("log-sensitivity  d ln ratio / d ln E")
     panels[2].plot(force, 1e6 * np.array(curve.closest_walls), color="tab:green", marker=marker)
     panels[2].set_ylabel("closest walls of the gap, \u00b5m")
@@ -66,26 +63,10 @@ def draw_load_curve(curve: LoadCurve) -> Figure:
             if load is not None and load.force <= 1.05 * force.max():
                 axes.axvline(load.force, color="0.4", linestyle=style, linewidth=1.0, label=name)
     panels[0].legend(loc="best", fontsize=9)
-    depth = panels[0].secondary_xaxis("top", functions=_build_axis_functions(force, 1e3 * np.array(curve.indentation)))
+    # from force to indentation and back: piecewise linear, and proportional above the last point
+    forces, depths = (np.concatenate([[0.0], x, 1e6 * x[-1:]]) for x in (force, 1e3 * np.array(curve.indentation)))
+    functions = partial(np.interp, xp=forces, fp=depths), partial(np.interp, xp=depths, fp=forces)
+    depth = panels[0].secondary_xaxis("top", functions=functions)
     depth.set_xlabel("indentation, mm")
     panels[0].set_title(f"{curve.evaluator}: {len(force)} loads in {curve.seconds:.2g} s", fontsize=10)
     return figure
-
-
-def _replace_missing(values: tuple[float | None, ...]) -> np.ndarray:
-    """Return an array with NaN in place of None."""
-    return np.array([np.nan if value is None else value for value in values])
-
-
-def _build_axis_functions(force: np.ndarray, depth: np.ndarray) -> tuple:  # type: ignore[type-arg]
-    """Return functions from force to indentation and back: piecewise linear, and proportional above the last point."""
-    f, d = np.append(0.0, force), np.append(0.0, depth)
-    ends = max(f[-1], 1e-300), max(d[-1], 1e-300)
-
-    def to_depth(x: np.ndarray) -> np.ndarray:
-        return np.asarray(np.where(x > f[-1], x * ends[1] / ends[0], np.interp(x, f, d)))
-
-    def to_force(x: np.ndarray) -> np.ndarray:
-        return np.asarray(np.where(x > d[-1], x * ends[0] / ends[1], np.interp(x, d, f)))
-
-    return to_depth, to_force

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm, SymLogNorm
 from matplotlib.figure import Figure
@@ -28,9 +27,8 @@ COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the th
 def draw_detectability(maps: Detectability, scene: Scene) -> Figure:
     """Draw both maps; return the figure."""
     figure = Figure(figsize=(11.0, 5.6), dpi=130, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    change, deviation = _replace_none(maps.change) * 100, _replace_none(maps.standard_deviation)
+    change, deviation = np.array(maps.change, dtype=float) * 100, np.array(maps.standard_deviation, dtype=float)
     threshold, max_deviation = maps.seen_threshold * 100, maps.resolved_threshold
     max_change = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
     norms = (
@@ -68,11 +66,13 @@ def _describe_moduli(scene: Scene) -> str:
 
 
 def _compute_offset(scene: Scene) -> float:
+    """Return the lateral offset of the target from the probe's axis, m."""
     body, placement = find_target(scene), scene.placement
     return float(np.hypot(body.x - placement.x, body.y - placement.y))
 
 
 def _draw_map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: Any, colours: str, label: str) -> None:
+    """Draw values at all depths and diameters in colours, with their scale."""
     axes.set_facecolor("0.85")
     palette = colormaps[colours].copy()
     image = axes.pcolormesh(
@@ -98,8 +98,8 @@ def _draw_contour(axes: Axes, maps: Detectability, values: Floats, limit: float)
 
 def _hatch_open_verdicts(axes: Axes, maps: Detectability, verdicts: Any) -> None:
     """Hatch the cells where the error bound leaves the verdict open, or is above the change."""
-    fits = np.isfinite(_replace_none(maps.change))
-    hidden = fits & (np.isnan(_replace_none(verdicts)) | (_replace_none(maps.above_error) == 0))
+    fits = np.isfinite(np.array(maps.change, dtype=float))
+    hidden = fits & (np.isnan(np.array(verdicts, dtype=float)) | (np.array(maps.above_error, dtype=float) == 0))
     x, y = (_compute_edges(_convert_to_mm(values)) for values in (maps.diameter, maps.depth))
     cells = [
         [(x[m], y[k]), (x[m + 1], y[k]), (x[m + 1], y[k + 1]), (x[m], y[k + 1])] for k, m in zip(*np.nonzero(hidden), strict=True)
@@ -114,6 +114,7 @@ def _compute_edges(centres: Floats) -> Floats:
 
 
 def _mark_target(axes: Axes, maps: Detectability, scene: Scene) -> None:
+    """Mark size and depth of the scene's own target, if the map contains them."""
     body = find_target(scene)
     x, y = (body.diameter or 0.0) * MM_PER_M, body.depth * MM_PER_M
     if (
@@ -124,9 +125,10 @@ def _mark_target(axes: Axes, maps: Detectability, scene: Scene) -> None:
 
 
 def _draw_legend(figure: Any) -> None:
+    """Explain line, star and hatching below both maps."""
     star = Line2D([], [], marker="*", markersize=12, markerfacecolor="gold", markeredgecolor="black", linestyle="none")
     handles = [
-        (Line2D([], [], color="black", linewidth=1.6), "can / cannot"),
+        (Line2D([], [], color="black", linewidth=1.6), "threshold"),
         (star, "the scene's tumour"),
         (Patch(facecolor="0.85", edgecolor="0.6"), "does not fit into the tissue"),
         (Patch(facecolor="white", edgecolor="0.3", hatch="xxxx"), "the model's error hides it"),
@@ -135,8 +137,5 @@ def _draw_legend(figure: Any) -> None:
 
 
 def _convert_to_mm(values: tuple[float, ...]) -> Floats:
+    """Convert lengths in m to an array in mm."""
     return np.array(values) * MM_PER_M
-
-
-def _replace_none(rows: Any) -> Floats:
-    return np.array([[np.nan if value is None else float(value) for value in row] for row in rows])

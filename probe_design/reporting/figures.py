@@ -11,8 +11,7 @@ from probe_design.maps.scan import Scan
 from probe_design.reporting.curve_figures import draw_curve, draw_load_curve
 from probe_design.reporting.detectability_figure import draw_detectability
 from probe_design.reporting.scan_figure import draw_scan
-from solver.results.load_curve import LoadCurve
-from solver.results.result import Curve
+from solver.results.result import Curve, LoadCurve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,6 +48,7 @@ def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
 
 
 def _require_scene(scene: Scene | None) -> Scene:
+    """Return the scene of a result, or refuse a result without it."""
     if scene is None:
         raise InputError("scene", Words("missing"), "a result that the toolkit made, which carries its scene")
     return scene

@@ -86,6 +86,7 @@ class Picture:
 
     @classmethod
     def _from_png(cls, content: bytes, alt: str) -> Picture:
+        """Convert the bytes of a .png file to a picture."""
         return cls(f"data:image/png;base64,{base64.b64encode(content).decode()}", alt)
 
 
@@ -154,6 +155,7 @@ def _build_provenance_table(block: JsonObject) -> Table:
 
 @lru_cache(maxsize=1)
 def _load_template() -> Template:
+    """Load the template of the page; it escapes all texts."""
     from jinja2 import Environment, StrictUndefined
 
     text = resources.files("probe_design.data").joinpath("report.html.in").read_text(encoding="utf-8")

@@ -6,14 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from geometry.scenes.units import MM_PER_M
-from probe_design.maps.scan import Column, Scan
+from probe_design.maps.scan import Scan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +31,6 @@ def draw_scan(scan: Scan, scene: Scene) -> Figure:
     heights = [CURVE_HEIGHT_IN, CURVE_HEIGHT_IN, section_height]
     figure_height = BOTTOM_MARGIN_IN + TOP_MARGIN_IN + sum(heights) + 2 * GAP_HEIGHT_IN
     figure = Figure(figsize=(FIGURE_WIDTH_IN, figure_height), dpi=130, facecolor="white")
-    FigureCanvasAgg(figure)
     base, axes = BOTTOM_MARGIN_IN, []
     for height in reversed(heights):
         axes.append(
@@ -67,11 +64,7 @@ def _choose_window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
     """Return lower and upper end of the picture along the line, and its depth, mm."""
     reach = scene.probe.tube_radius
     low, high = min(scan.position) - 1.15 * reach, max(scan.position) + 1.15 * reach
-    bodies = [
-        body
-        for body in scene.inclusion
-        if low < getattr(body, scan.along) + _get_radius(body) and _get_left_end(body, scan) < high
-    ]
+    bodies = [body for body in scene.inclusion if low - _get_radius(body) < getattr(body, scan.along) < high + _get_radius(body)]
     depth = max([2 * reach, *(1.15 * (body.depth + _get_radius(body)) for body in bodies)])
     if scene.tissue.shape != "half-space":
         depth = min(depth, 1.03 * scene.tissue.depth)
@@ -83,16 +76,13 @@ def _choose_window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
 
 
 def _get_radius(body: Inclusion) -> float:
+    """Return the radius of a sphere, m; 0 for other bodies."""
     return (body.diameter or 0.0) / 2
-
-
-def _get_left_end(body: Inclusion, scan: Scan) -> float:
-    return float(getattr(body, scan.along)) - _get_radius(body)
 
 
 def _choose_probe_position(scan: Scan) -> float:
     """Return the position at which the probe is drawn: where inclusions change the ratio most."""
-    ratio = _replace_none(scan.ratio)
+    ratio = np.array(scan.ratio, dtype=float)
     ratio_without = np.nan if scan.ratio_without is None else scan.ratio_without
     change = np.abs(ratio - ratio_without)
     if not np.any(change > 1e-9 * np.abs(ratio_without)):
@@ -101,7 +91,9 @@ def _choose_probe_position(scan: Scan) -> float:
 
 
 def _plot_ratio(axes: Axes, scan: Scan) -> None:
-    x, ratio, error = np.array(scan.position) * MM_PER_M, _replace_none(scan.ratio), _replace_none(scan.error_estimate)
+    """Plot the ratio with its error band, and the ratio without inclusions."""
+    x = np.array(scan.position) * MM_PER_M
+    ratio, error = (np.array(values, dtype=float) for values in (scan.ratio, scan.error_estimate))  # NaN where a value is None
     axes.plot(x, ratio, color="tab:blue", marker="." if len(x) < 60 else None, label="with inclusions")
     band = np.abs(ratio) * np.minimum(error, 1.0)
     axes.fill_between(x, ratio - band, ratio + band, color="tab:blue", alpha=0.2, linewidth=0, label="bound on the error")
@@ -120,7 +112,7 @@ def _plot_ratio(axes: Axes, scan: Scan) -> None:
 def _plot_second_curve(axes: Axes, scan: Scan) -> None:
     """Plot the log-sensitivity if there is a target, else the stiffness."""
     x = np.array(scan.position) * MM_PER_M
-    sensitivity = _replace_none(scan.log_sensitivity)
+    sensitivity = np.array(scan.log_sensitivity, dtype=float)
     if np.any(np.isfinite(sensitivity)):
         axes.plot(x, sensitivity, color="tab:orange", marker="." if len(x) < 60 else None)
         axes.axhline(0.0, color="0.7", linewidth=0.8)
@@ -135,6 +127,7 @@ def _plot_second_curve(axes: Axes, scan: Scan) -> None:
 
 
 def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
+    """Draw the section of the tissue along the line, with inclusions and probe."""
     left, right = _find_sides(scan, scene, 10 * depth + 1e3)
     floor = min(depth, math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth * MM_PER_M)
     axes.add_patch(Rectangle((left, -floor), right - left, floor, facecolor=TISSUE_COLOUR, edgecolor="none"))
@@ -145,10 +138,8 @@ def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
     sorted_bodies = sorted(scene.inclusion, key=lambda body: -abs(getattr(body, cross_axis) - scan.at))
     for body in sorted_bodies:
         colour = STIFF_COLOUR if body.youngs_modulus >= scene.tissue.find_material(body.depth).youngs_modulus else SOFT_COLOUR
-        centre, lateral_offset = (
-            (getattr(body, scan.along) * MM_PER_M, -body.depth * MM_PER_M),
-            abs(getattr(body, cross_axis) - scan.at),
-        )
+        centre = (getattr(body, scan.along) * MM_PER_M, -body.depth * MM_PER_M)
+        lateral_offset = abs(getattr(body, cross_axis) - scan.at)
         radius = _get_radius(body)
         is_target = scene.target is not None and body is scene.inclusion[scene.target]
         edge = {"edgecolor": colour, "linewidth": 1.6 if is_target else 0.9}
@@ -166,6 +157,7 @@ def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
 
 
 def _write_label(axes: Axes, centre: tuple[float, float], radius: float, text: str, colour: str) -> None:
+    """Write a text below an inclusion."""
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8}
     axes.annotate(
         text, (centre[0], centre[1] - radius), xytext=(0, -3), textcoords="offset points", ha="center", va="top", fontsize=8,
@@ -174,6 +166,7 @@ def _write_label(axes: Axes, centre: tuple[float, float], radius: float, text: s
 
 
 def _describe_body(body: Inclusion, lateral_offset: float, is_target: bool) -> str:
+    """Describe an inclusion: its modulus, whether it is the target, and its distance from the line."""
     modulus, unit = (body.youngs_modulus / 1e3, "kPa") if body.youngs_modulus < 1e6 else (body.youngs_modulus / 1e6, "MPa")
     text = f"{modulus:.3g} {unit}"
     if is_target:
@@ -194,17 +187,15 @@ def _find_sides(scan: Scan, scene: Scene, far_side: float) -> tuple[float, float
 
 
 def _draw_probe(axes: Axes, scene: Scene, position: float) -> None:
+    """Draw the section of the probe at a position along the line, mm."""
     probe = scene.probe
     inner, hole, outer = (radius * MM_PER_M for radius in (probe.inner_radius, probe.hole_radius, probe.tube_radius))
 
     def draw_block(left: float, width: float, height: float, colour: str) -> None:
+        """Draw one rectangle of a block, from its left edge, mm."""
         axes.add_patch(Rectangle((left, 0), width, height * MM_PER_M, facecolor=colour, edgecolor="0.2", linewidth=0.6, zorder=6))
 
     for start in (position - outer, position + hole):
         draw_block(start, outer - hole, probe.tube_height, OUTER_COLOUR)
     draw_block(position - inner, 2 * inner, probe.core_height, INNER_COLOUR)
     axes.axvline(position, color="0.5", linestyle="--", linewidth=0.8)
-
-
-def _replace_none(values: Column) -> Floats:
-    return np.array([np.nan if value is None else value for value in values])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
@@ -43,7 +42,6 @@ def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
     is_shown = (corners[..., 0].min(axis=1) < radius) & (corners[..., 1].min(axis=1) > -1.5 * depth)
     max_pressure = float(np.quantile(np.abs(pressure[is_shown]), 0.98)) or 1.0
     figure = Figure(figsize=(8.0, 1.0 + 7.0 * (depth + height) / radius), facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     cells = PolyCollection(
         corners[is_shown],

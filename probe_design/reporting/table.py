@@ -73,6 +73,7 @@ class Table:
         classes = [' class="words"' if self.is_wordy(column) else "" for column in range(len(self.headings))]
 
         def join(tag: str, cells: Sequence[str]) -> str:
+            """Return a row of cells in HTML."""
             return "".join(f"<{tag}{kind}>{escape(cell)}</{tag}>" for cell, kind in zip(cells, classes, strict=True))
 
         body = "\n".join(f"<tr>{join('td', row)}</tr>" for row in self.rows)

@@ -14,10 +14,13 @@ def write_sentence(estimate: Estimate) -> str:
     if estimate.value is not None:
         value, interval = format_value(estimate.unknown, estimate.value), _describe_interval(estimate.unknown, estimate.interval)
         return f"{name} = {value}, 95 % interval {interval}"
-    alternatives = [] if estimate.unknown == "depth" or estimate.depth is None else [_describe_depth(estimate)]
+    alternatives = []
+    if estimate.unknown != "depth" and estimate.depth is not None:
+        interval = _describe_optional("depth", estimate.depth_interval, "the scene's")
+        alternatives.append(f"depth {format_value('depth', estimate.depth)} ({interval})")
     if estimate.strength is not None:
-        size = " (the scene's)" if estimate.strength_interval is None else _describe_strength(estimate.strength_interval)
-        alternatives.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
+        interval = _describe_strength(estimate.strength_interval, "the scene's")
+        alternatives.append(f"strength {estimate.strength * 1e9:.4g} mm^3 ({interval})")
     alternatives_text = f" What can be estimated: {', '.join(alternatives)}." if alternatives else ""
     return f"{name} is not identifiable: {estimate.reason}.{alternatives_text}"
 
@@ -41,6 +44,7 @@ def list_advice(estimate: Estimate) -> list[str]:
 
 
 def _describe_expected(unknown: str, expected: ExpectedInterval) -> str:
+    """Describe an expected interval, its width, and the probability that the unknown is identifiable."""
     width_text = "open in most cases" if expected.width is None else f"ends a factor of {expected.width:.3g} apart"
     return (
         f"{_describe_interval(unknown, expected.interval)}, {width_text}; identifiable with a probability of "
@@ -58,9 +62,11 @@ def build_estimate_table(estimate: Estimate) -> Table:
     if estimate.interval_if_known is not None:
         rows.append(("with all else known", "", _describe_interval(estimate.unknown, estimate.interval_if_known)))
     if estimate.unknown != "depth" and estimate.depth is not None:
-        rows.append(("depth", format_value("depth", estimate.depth), _describe_optional("depth", estimate.depth_interval)))
+        rows.append(
+            ("depth", format_value("depth", estimate.depth), _describe_optional("depth", estimate.depth_interval, "given"))
+        )
     if estimate.strength is not None:
-        interval = _describe_strength(estimate.strength_interval, "given").strip(" ()")
+        interval = _describe_strength(estimate.strength_interval, "given")
         rows.append(("strength", f"{estimate.strength * 1e9:.4g} mm^3", interval))
     if estimate.error_estimate is not None:
         rows.append(("error_estimate", f"{estimate.error_estimate:.2g}", ""))
@@ -69,36 +75,33 @@ def build_estimate_table(estimate: Estimate) -> Table:
 
 
 def _describe_noise(estimate: Estimate) -> str:
+    """Describe the noise of the readings, and the uncertainty of other numbers."""
     min_noise, max_noise = min(estimate.noise), max(estimate.noise)
     nuisances = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
     return ", ".join([f"noise {min_noise:g}{f' to {max_noise:g}' if max_noise > min_noise else ''} on the ratio", *nuisances])
 
 
-def _describe_depth(estimate: Estimate) -> str:
-    assert estimate.depth is not None
-    interval_text = (
-        " (the scene's)" if estimate.depth_interval is None else f" ({_describe_interval('depth', estimate.depth_interval)})"
-    )
-    return f"depth {format_value('depth', estimate.depth)}{interval_text}"
-
-
-def _describe_optional(unknown: str, interval: Interval | None) -> str:
-    return "given" if interval is None else _describe_interval(unknown, interval)
+def _describe_optional(unknown: str, interval: Interval | None, otherwise: str) -> str:
+    """Describe an interval; ``otherwise`` stands for None."""
+    return otherwise if interval is None else _describe_interval(unknown, interval)
 
 
 def _describe_interval(unknown: str, interval: Interval) -> str:
+    """Describe an interval of an unknown, in its unit."""
     low, high = (None if end is None else format_value(unknown, end) for end in interval)
     return _join_ends(low, high)
 
 
-def _describe_strength(interval: Interval | None, otherwise: str = "") -> str:
+def _describe_strength(interval: Interval | None, otherwise: str) -> str:
+    """Describe an interval of the strength, m^3, in mm^3; ``otherwise`` stands for None."""
     if interval is None:
         return otherwise
     low, high = (None if end is None else f"{end * 1e9:.4g}" for end in interval)
-    return f" ({_join_ends(low, high)} mm^3)" if low or high else " (open)"
+    return f"{_join_ends(low, high)} mm^3" if low or high else "open"
 
 
 def _join_ends(low: str | None, high: str | None) -> str:
+    """Join the texts of both ends of an interval; None is an open end."""
     if low is None and high is None:
         return "open"
     return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"

@@ -1,15 +1,17 @@
-"""Build tables of readings, calibrations and checks."""
+"""Build tables of readings, calibrations, checks and the findings of `doctor`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from geometry.common.errors import to_one_line
 from geometry.scenes.catalogue import format_modulus
 from probe_design.built_probe.calibration_record import CalibrationRecord
 from probe_design.built_probe.gains import ENTRY_NAMES
 from probe_design.built_probe.reading import StressReading
+from probe_design.doctor.finding import Finding
 from probe_design.probe_check.check import Check
 from probe_design.probe_check.deviation import CancellingPair
 from probe_design.probe_check.explanations import Explanation
@@ -22,20 +24,19 @@ MAX_PAIRS = 3
 def build_reading_table(reading: StressReading) -> Table:
     """Return a reading as a table: measured, predicted, and their difference z in standard deviations."""
     title = f"{reading.cycles:.4g} cycles of {reading.frequency:.5g} Hz; predicted by {reading.evaluator}"
-    rows = (
-        ("ratio", reading.ratio, reading.ratio_uncertainty, reading.predicted_ratio, reading.z_ratio),
-        _list_phase_row(reading),
-        _list_stress_row(reading, "inner"),
-        _list_stress_row(reading, "outer"),
-        ("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None),
-    )
-    cells = [(name, *_format_numbers(values, (5, 2, 5, 2))) for name, *values in rows]
+    quantities = {
+        "ratio": "ratio",
+        "ratio_phase": "phase of the ratio, rad",
+        "stress_inner": "stress inner, Pa",
+        "stress_outer": "stress outer, Pa",
+    }
+    rows = [
+        (label, *(getattr(reading, name) for name in (key, f"{key}_uncertainty", f"predicted_{key}", f"z_{key}")))
+        for key, label in quantities.items()
+    ]
+    rows.append(("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None))
+    cells = [(label, *_format_numbers(values, (5, 2, 5, 2))) for label, *values in rows]
     return Table(("quantity", "read", "sd", "predicted", "z"), cells, title)
-
-
-def _list_phase_row(reading: StressReading) -> tuple[str, float | None, float | None, float | None, float | None]:
-    read, spread = reading.ratio_phase, reading.ratio_phase_uncertainty
-    return "phase of the ratio, rad", read, spread, reading.predicted_ratio_phase, reading.z_ratio_phase
 
 
 def build_calibration_table(record: CalibrationRecord) -> Table:
@@ -53,6 +54,23 @@ def build_calibration_table(record: CalibrationRecord) -> Table:
         for name, value, sd in zip(("inner", "outer"), record.offsets, record.offsets_sd, strict=True)
     ]
     return Table(("quantity", "value", "sd"), rows, title)
+
+
+def build_doctor_table(findings: Sequence[Finding], versions: dict[str, str | None]) -> Table:
+    """Return findings as a table, one row each, with the versions below."""
+    names = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
+    rows = [(to_one_line(finding.name), finding.state, to_one_line(finding.text)) for finding in findings]
+    return Table(("what", "state", "found"), rows, caption=names, left=(0, 1, 2))
+
+
+def list_findings(findings: Sequence[Finding]) -> list[str]:
+    """Return what is at fault and what is doubtful, and the remedies, one line each."""
+    lines = []
+    for state, heading in (("fault", "at fault"), ("doubtful", "doubtful")):
+        names = ", ".join(finding.name for finding in findings if finding.state == state)
+        lines.append(f"{heading}: {names or 'nothing'}")
+    remedies = [f"{finding.name}: {finding.remedy}" for finding in findings if finding.state != "good" and finding.remedy]
+    return lines + remedies
 
 
 def build_check_table(check: Check) -> Table:
@@ -127,10 +145,12 @@ def write_sentences(check: Check) -> list[str]:
 
 
 def _describe_pair(pair: CancellingPair) -> str:
+    """Describe two deviations that cancel, in tolerances."""
     return " with ".join(f"{_shorten(name)} {size:+.2g}" for name, size in zip(pair.variables, pair.tolerances, strict=True))
 
 
 def _shorten(variable: str) -> str:
+    """Return the name of a variable without its prefix."""
     return variable.removeprefix("probe.")
 
 
@@ -142,6 +162,7 @@ def _format_deviation(variable: str, size: float) -> str:
 
 
 def _format_explanation(explanation: Explanation) -> tuple[str, str, str]:
+    """Return the drawn value of a variable, the value that would explain the readings, and its standard deviation."""
     value = explanation.nominal + explanation.change
     if explanation.variable in ("relative gain", "reference.youngs_modulus"):
         return "1", f"{value:.5g}", f"{explanation.uncertainty:.2g}"
@@ -151,11 +172,6 @@ def _format_explanation(explanation: Explanation) -> tuple[str, str, str]:
     return f"{scale * explanation.nominal:.5g} {unit}", f"{scale * value:.5g}", f"{scale * explanation.uncertainty:.2g}"
 
 
-def _list_stress_row(reading: StressReading, film: str) -> tuple[str, float | None, float | None, float | None, float | None]:
-    key = f"stress_{film}"
-    read, spread, predicted, z = (getattr(reading, name) for name in (key, f"{key}_uncertainty", f"predicted_{key}", f"z_{key}"))
-    return f"stress {film}, Pa", read, spread, predicted, z
-
-
 def _format_numbers(values: Iterable[float | None], digits: Iterable[int]) -> Iterator[str]:
+    """Format numbers, each with its number of significant digits."""
     return map(format_number, values, digits)

@@ -39,14 +39,15 @@ class WholeTable:
             yield Segment(text, part.style, part.control)
 
     def _build_grid(self, max_label_width: int) -> Grid:
+        """Build rich's table, with the widest word or unbroken cell of each column as its minimum width."""
         table = self._table
         grid = Grid(title=table.title or None, caption=table.caption or None, caption_justify="left")
         for k, heading in enumerate(table.headings):
             cells = [row[k] for row in table.rows]
             may_wrap = table.is_wordy(k) and max(map(cell_len, cells), default=0) > max_label_width
-            whole = [*heading.split(), *(_split_words(cells) if may_wrap else cells)]
+            unbroken = [*heading.split(), *(_split_words(cells) if may_wrap else cells)]
             grid.add_column(
-                heading, justify="left" if k in table.left else "right", min_width=max(map(cell_len, whole), default=1) or 1
+                heading, justify="left" if k in table.left else "right", min_width=max(map(cell_len, unbroken), default=1) or 1
             )
         for row in table.rows:
             grid.add_row(*row)
@@ -54,4 +55,5 @@ class WholeTable:
 
 
 def _split_words(texts: Iterable[str]) -> list[str]:
+    """Return all words of some texts."""
     return [word for text in texts for word in text.split()]

@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from probe_design.reporting.picture_files import check_format, save_figure
 from probe_design.tolerances.budget import ToleranceBudget
 
 
-def plot_budget(budget: ToleranceBudget, path: Path) -> Path:
-    """Draw a budget to a file. Returns ``path``.
-
-    Raises
-    ------
-    InputError
-        See ``check_format``.
-    OSError
-        The file cannot be written.
-    """
-    check_format(path)
-
+def draw_budget(budget: ToleranceBudget) -> Figure:
+    """Draw a budget."""
     lines = budget.lines[::-1]
     rows, parts = np.arange(len(lines)), [line.outputs["ln_ratio"] for line in lines]
     figure = Figure(figsize=(10.0, 1.5 + 0.4 * len(lines)), dpi=150, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharey=True)
     left.barh(rows, [100 * part.contribution for part in parts], color="tab:blue")
     left.set_yticks(rows, [line.name for line in lines])
@@ -47,4 +32,4 @@ def plot_budget(budget: ToleranceBudget, path: Path) -> Path:
     for axes in (left, right):
         axes.grid(alpha=0.3, axis="x")
     figure.suptitle(f"{budget.evaluator}: ln ratio scatters by {budget.outputs['ln_ratio'].sd:.3g}", fontsize=10)
-    return save_figure(figure, path)
+    return figure

@@ -24,8 +24,8 @@ from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
 from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_forces import compute_sensitivity_tolerance
-from solver.results.load_curve import LoadCurve, LoadRange
 from solver.results.load_limits import LargestLoad
+from solver.results.result import LoadCurve, LoadRange
 from solver.results.warnings import Note, explain_null_sensitivity
 
 FINER_PATH_FACTOR = (

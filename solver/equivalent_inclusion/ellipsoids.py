@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +16,7 @@ from solver.equivalent_inclusion.first_order import build_whole_ball, compute_ef
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.eshelby import compute_polarisation
-from solver.inclusions.strata import Strata
-from solver.inclusions.tumours import Tumours
+from solver.inclusions.tumours import Strata, Tumours
 from solver.materials.linear import Isotropic
 
 BALL_POINTS = (4, 7, 14)  # along radius, height and the full azimuth
@@ -40,8 +38,8 @@ class ShapeCorrection:
         Derivative of that with respect to ln E of the body.
     sphere_slope
         Derivative of the sphere's change with respect to ln E.
-    share
-        Relative size of ``forces``.
+    relative_size
+        Of ``forces``, to the sphere's change.
     ellipsoid_forces
         First-order change of the film forces by the ellipsoid.
     """
@@ -49,7 +47,7 @@ class ShapeCorrection:
     forces: Floats
     slope: Floats
     sphere_slope: Floats
-    share: float
+    relative_size: float
     ellipsoid_forces: Floats
 
 
@@ -78,7 +76,7 @@ def check_ellipsoids(scene: Scene) -> None:
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 
-def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies: Sequence[Inclusion]) -> Readings:
+def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) -> Readings:
     """Correct one set's readings, computed with spheres of equal volumes, for a scene's ellipsoids.
 
     To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
@@ -89,37 +87,25 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, 
         See ``compute_hill_tensor``.
     """
     target = scene.target or 0
-    forces, bound, slope, slope_bound = (
-        readings.forces.copy(),
-        readings.bound.copy(),
-        dict(readings.derivatives),
-        readings.slope_bound.copy(),
-    )
-    for k, body in enumerate(bodies):
+    forces, bound, slope_bound = (values.copy() for values in (readings.forces, readings.bound, readings.slope_bound))
+    derivatives = dict(readings.derivatives)
+    for k, body in enumerate(scene.inclusion):
         if body.diameter is not None:
             continue
         change = compute_shape_correction(base, scene, body)
-        forces[0] += change.forces
+        margin = SHAPE_SAFETY_FACTOR * change.relative_size + MIN_REFLECTION_SHARE  # of the reflections
+        reflection_change = _bound_reflection_change(base, body, change)
         reflections = np.abs(readings.forces[0].sum(axis=1) - readings.first_totals[0])
-        otherwise = _bound_reflection_change(base, body, change)
-        bound[0] += (
-            (SHAPE_SAFETY_FACTOR * change.share + MIN_REFLECTION_SHARE) * reflections
-            + 0.01 * np.abs(change.forces.sum(axis=1))
-            + otherwise
-        )
-        if k == target and slope:
-            reflected = np.abs((slope["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
-            slope["youngs_modulus"] = slope["youngs_modulus"] + change.slope
-            target_slope = np.abs(slope["youngs_modulus"][0].sum(axis=1))
-            slope_bound[0] += (
-                (SHAPE_SAFETY_FACTOR * change.share + MIN_REFLECTION_SHARE) * reflected
-                + SATURATION_SHARE * target_slope
-                + otherwise
-            )
+        forces[0] += change.forces
+        bound[0] += margin * reflections + 0.01 * np.abs(change.forces.sum(axis=1)) + reflection_change
+        if k == target and derivatives:
+            reflected_slopes = np.abs((derivatives["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
+            derivatives["youngs_modulus"] = derivatives["youngs_modulus"] + change.slope
+            target_slopes = np.abs(derivatives["youngs_modulus"][0].sum(axis=1))
+            slope_bound[0] += margin * reflected_slopes + SATURATION_SHARE * target_slopes + reflection_change
     only_tumours = bound - base.films.bound.totals
-    return replace(readings, forces=forces, bound=only_tumours, derivatives=slope, slope_bound=slope_bound).add_baseline_bounds(
-        base
-    )
+    corrected = replace(readings, forces=forces, bound=only_tumours, derivatives=derivatives, slope_bound=slope_bound)
+    return corrected.add_baseline_bounds(base)
 
 
 def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
@@ -133,8 +119,8 @@ def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCo
     faces = (0.0, *base.strata.interfaces, base.field.states.model.section.tissue_depth)
     face_distance = min(abs(face - body.depth) for face in faces)
     shape = min(1.0, 2 * float(np.log(lengths.max() / lengths.min())))
-    share = MAX_REFLECTION_CHANGE * shape * min(1.0, float(lengths.max() / face_distance) ** 3)
-    return np.asarray(share * np.sqrt(np.abs(np.diag(change.ellipsoid_forces) * change.ellipsoid_forces.sum())))
+    fraction = MAX_REFLECTION_CHANGE * shape * min(1.0, float(lengths.max() / face_distance) ** 3)
+    return np.asarray(fraction * np.sqrt(np.abs(np.diag(change.ellipsoid_forces) * change.ellipsoid_forces.sum())))
 
 
 def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
@@ -151,11 +137,11 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
     section, reach = base.field.states.model.section, np.hypot(x, y).max()
     if reach > section.tissue_radius or z.max() > 0 or -z.min() > section.tissue_depth:
         position = f"one that reaches {format_mm(float(reach))} from the probe's axis and {format_mm(float(-z.min()))} deep"
-        room = (
+        allowed = (
             f"ellipsoids within {format_maximum_mm(section.tissue_radius)} and "
             f"{format_maximum_mm(section.tissue_depth)}; or solid"
         )
-        raise Refusal("diameters", Words(position), room)
+        raise Refusal("diameters", Words(position), allowed)
     strain, host = _compute_cartesian_strain(base, x, y, z), base.scene.tissue.find_material(body.depth)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
     forces, slope = (
@@ -163,10 +149,10 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
         for k in compute_polarisation(Isotropic.from_material(host), Isotropic.from_material(body), axes)
     )
     sphere = compute_effects(base.energies, host, Tumours.from_scene(scene.model_copy(update={"inclusion": (body,)})).flatten())
-    whole = np.abs(sphere.forces[0]).sum()
-    share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
+    sphere_size = np.abs(sphere.forces[0]).sum()
+    relative_size = float(np.abs(forces - sphere.forces[0]).sum() / sphere_size) if sphere_size > 0 else 0.0
     sphere_slope = sphere.derivatives["youngs_modulus"][0]
-    return ShapeCorrection(forces - sphere.forces[0], slope - sphere_slope, sphere_slope, share, forces)
+    return ShapeCorrection(forces - sphere.forces[0], slope - sphere_slope, sphere_slope, relative_size, forces)
 
 
 def _compute_cartesian_strain(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:

@@ -9,8 +9,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Scene
-from solver.equivalent_inclusion.ellipsoids import check_ellipsoids as check_ellipsoids
-from solver.equivalent_inclusion.ellipsoids import correct_for_ellipsoids
+from solver.equivalent_inclusion.ellipsoids import check_ellipsoids, correct_for_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, solve_alone, solve_undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
@@ -19,6 +18,8 @@ from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallba
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Decision
+
+REFLECTIONS_FEATURE = "reflections of the tumours' fields by surface, blocks and floor"  # name of the feature in plans
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class EquivalentInclusion(FilmEvaluator):
         base, target, tumours = self.prepare(scene, accuracy), scene.target or 0, Tumours.from_scene(scene)
         if moduli is None:
             read = compute_readings(base, tumours, target, sensitive=scene.target is not None)
-            read = correct_for_ellipsoids(base, scene, read, scene.inclusion)
+            read = correct_for_ellipsoids(base, scene, read)
         else:
             if any(body.diameter is None for body in scene.inclusion):
                 raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
@@ -99,12 +100,11 @@ def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decis
     """Return the decision on reflections of the tumours' fields."""
     if not read.derivatives:
         return []
-    feature = "what surface, blocks and floor send back of the tumours' fields"
     effect = float(min(read.first_share[k], 1e9))
     size = f"changes the ratio by at most about {effect:.2g}"
     modelled = bool(read.reflected[k])
     reason = f"modelled: {size}" if modelled else f"left out: {size}, counted in error_estimate"
-    return [Decision(feature, modelled, effect, base.accuracy, reason)]
+    return [Decision(REFLECTIONS_FEATURE, modelled, effect, base.accuracy, reason)]
 
 
 def create_evaluator(tell: ProgressCallback | None = None) -> EquivalentInclusion:

@@ -58,15 +58,15 @@ class QuadraturePoints:
     @classmethod
     def from_tumours(cls, states: BaseStates, tumours: Tumours) -> QuadraturePoints:
         """Build the quadrature points of t spheres, arrays of shape (t,)."""
-        ball, share = build_half_ball(*BALL_POINTS)
+        ball, ball_weights = build_half_ball(*BALL_POINTS)
         radius = tumours.diameter[:, None] / 2
         x, y, height = (radius * ball[:, k] for k in range(3))
         r, z = np.hypot(tumours.offset[:, None] + x, y), height - tumours.depth[:, None]
-        grow = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, height], axis=-1)
+        growth = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, height], axis=-1)
         element, place, _ = TissueField(states).locate(np.stack([r.ravel(), z.ravel()], axis=1))
-        weight = (4 / 3 * np.pi * radius**3 * share[:, 0]).ravel()
+        weight = (4 / 3 * np.pi * radius**3 * ball_weights[:, 0]).ravel()
         number = np.repeat(np.arange(len(r)), len(ball))
-        sink = np.broadcast_to([0.0, -1.0], (len(weight), 2))
+        descent = np.broadcast_to([0.0, -1.0], (len(weight), 2))
         return cls(
             states,
             number,
@@ -74,8 +74,8 @@ class QuadraturePoints:
             element=element,
             place=place,
             r=r.ravel(),
-            by_depth=sink,
-            by_log_diameter=grow.reshape(-1, 2),
+            by_depth=descent,
+            by_log_diameter=growth.reshape(-1, 2),
         )
 
     @property
@@ -102,17 +102,17 @@ class QuadraturePoints:
         moved
             By how much the points moved, (q, 2), small and imaginary in derivatives.
         """
-        model, mine = self.states.model, corners[self.row]
-        was = np.real(mine)
+        model, point_corners = self.states.model, corners[self.row]
+        real_corners = np.real(point_corners)
         offset = (
-            np.real(compute_bilinear_shares(self.place)[:, None] @ was)[:, 0]
+            np.real(compute_bilinear_shares(self.place)[:, None] @ real_corners)[:, 0]
             + moved
-            - (compute_bilinear_shares(self.place)[:, None] @ mine)[:, 0]
+            - (compute_bilinear_shares(self.place)[:, None] @ point_corners)[:, 0]
         )
-        place = self.place + np.linalg.solve(compute_jacobian(was, self.place), offset[..., None])[..., 0]
+        place = self.place + np.linalg.solve(compute_jacobian(real_corners, self.place), offset[..., None])[..., 0]
         r = self.r + np.broadcast_to(moved, (len(self.r), 2))[:, 0]
         value, slope = evaluate_functions(place, model.shapes.degrees)
-        by_r, by_z = np.einsum("kqs,qkj->jqs", slope, np.linalg.inv(compute_jacobian(mine, place)))
+        by_r, by_z = np.einsum("kqs,qkj->jqs", slope, np.linalg.inv(compute_jacobian(point_corners, place)))
         strain = np.zeros((len(r), 4, 2, value.shape[1]), dtype=value.dtype)
         strain[:, 0, 0], strain[:, 1, 1], strain[:, 2, 0] = by_r, by_z, value / r[:, None]
         strain[:, 3, 0], strain[:, 3, 1] = by_z / 2, by_r / 2

@@ -24,16 +24,14 @@ from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
-from solver.axisymmetric.base_states import BaseStates, MeridianModel, solve_base_states
-from solver.axisymmetric.base_states import build_model as solved_model
+from solver.axisymmetric.base_states import BaseStates, MeridianModel, build_model, solve_base_states
 from solver.axisymmetric.energy_derivatives import COMPLEX_STEP, differentiate_totals, list_variables
 from solver.axisymmetric.gradients import OUTPUT_NAMES, Gradients, differentiate_areas, differentiate_by_scene
 from solver.axisymmetric.sections import Sections
 from solver.equivalent_inclusion.gradient_points import STRAIN_METRIC, QuadraturePoints
-from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES
+from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES, get_tied_interface
 from solver.inclusions.eshelby import compute_strengths
-from solver.inclusions.strata import Strata
-from solver.inclusions.tumours import Tumours
+from solver.inclusions.tumours import Strata, Tumours
 
 Strengths = tuple[Any, Any]  # k_v and k_d of every tumour
 
@@ -75,8 +73,8 @@ class FirstOrder:
         )
         volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
         sums = strain[:, :3].sum(axis=1)
-        whole = np.einsum("q,qi,qj->ij", volume, dilation, dilation) - np.einsum("q,qi,qj->ij", shear / 3, sums, sums)
-        return whole + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain)
+        form = np.einsum("q,qi,qj->ij", volume, dilation, dilation) - np.einsum("q,qi,qj->ij", shear / 3, sums, sums)
+        return form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain)
 
     def solve_adjoint(self, strengths: Strengths) -> Floats:
         """Solve for l of eq. EI.4; return its values in all elements, shape (n, 2 s, 2)."""
@@ -93,9 +91,11 @@ class FirstOrder:
 
     @property
     def _corners(self) -> Floats:
+        """Corners of the elements with quadrature points, in the section itself."""
         return np.asarray(self.points.compute_corners(self.states.model.section))
 
     def _evaluate_at_points(self, strain: Any, dilation: Any) -> tuple[Any, Any]:
+        """Return strain and dilation of both states at the points, from the forms of ``QuadraturePoints.compute_forms``."""
         element_values = self.states.values[self.points.element].reshape(len(self.points.r), 2, -1, 2)
         return (
             np.einsum("qacs,qcsi->qai", strain, element_values, optimize=True),
@@ -114,28 +114,29 @@ class FirstOrder:
         t, hosts = self.tumours, self.strata.find_hosts(self.tumours.depth)
         moduli: dict[str, object] = {"modulus": hosts.youngs_modulus, "nu": hosts.poisson_ratio}
         moduli |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
-        whole, (volume, shear) = compute_strengths(**{**moduli, **changed})
-        mine = np.arange(len(t.x)) == self.target
-        return whole, (volume * mine, shear * mine)
+        strengths, (volume, shear) = compute_strengths(**{**moduli, **changed})
+        is_target = np.arange(len(t.x)) == self.target
+        return strengths, (volume * is_target, shear * is_target)
 
     def compute_forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
         """Return u^T G u and u^T G' u (eq. EI.4), shape (2, 2, 2), perhaps with complex corners, points or moduli."""
         return np.array([self.compute_form(k, corners, moved) for k in self.compute_strengths(**changed)])
 
 
-def _solve_loads(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
+def _solve_loads(model: MeridianModel, elements: Any, loads: Floats) -> Floats:
     """Solve for displacements under loads (e, 2, s, k) on some elements, supported as the base states are; (n, 2 s, k)."""
-    e, _, s, k = loads.shape
-    edge = m.shapes.skeleton
-    inside = loads[:, :, edge:].reshape(e, -1, k)
-    on_edges = np.zeros((len(m.condensed.stiffness), 2 * edge, k))
-    on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.condensed.compute_recovery(elements).transpose(0, 2, 1) @ inside
-    v = m.system.solve(m.system.assemble_forces(on_edges), passes=2).v
-    whole = m.recover_values(m.system.compute_values(v))
-    inner = m.build_blocks(elements).inside
-    shaped = whole.reshape(len(whole), 2, s, k)
-    shaped[elements, :, edge:] += np.linalg.solve(inner, inside).reshape(e, 2, s - edge, k)
-    return shaped.reshape(whole.shape)
+    count, _, s, k = loads.shape
+    edge = model.shapes.skeleton
+    inside = loads[:, :, edge:].reshape(count, -1, k)
+    on_edges = np.zeros((len(model.condensed.stiffness), 2 * edge, k))
+    recovery = model.condensed.compute_recovery(elements).transpose(0, 2, 1)
+    on_edges[elements] = loads[:, :, :edge].reshape(count, -1, k) + recovery @ inside
+    v = model.system.solve(model.system.assemble_forces(on_edges), passes=2).v
+    values = model.recover_values(model.system.compute_values(v))
+    inner = model.build_blocks(elements).inside
+    shaped = values.reshape(len(values), 2, s, k)
+    shaped[elements, :, edge:] += np.linalg.solve(inner, inside).reshape(count, 2, s - edge, k)
+    return shaped.reshape(values.shape)
 
 
 def solve_first_order(
@@ -148,11 +149,9 @@ def solve_first_order(
     SolveError
         The equations cannot be solved in double precision.
     """
-    interface = scene.contact.interface
-    assert interface != "unilateral"  # refused before
     materials: dict[Body, Material] = {body: material for body, material in sections.materials.items() if body != Body.INCLUSION}
     section = replace(sections.section, sphere_radius=0.0, sphere_depth=0.0)
-    states = solve_base_states(solved_model(section, materials, interface, fineness, kind))
+    states = solve_base_states(build_model(section, materials, get_tied_interface(scene), fineness, kind))
     tumours = Tumours.from_scene(scene).flatten()
     return FirstOrder(
         states, QuadraturePoints.from_tumours(states, tumours), tumours, scene.target, Strata.from_tissue(scene.tissue)
@@ -174,9 +173,8 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
     values_now = solution.compute_forms()
     values_now[0] += solution.states.forces
     model = solution.states.model
-    chain = np.array([differentiate_by_scene(scene, model, name) for name in names]).reshape(
-        len(names), len(list_variables(model))
-    )
+    rows = [differentiate_by_scene(scene, model, name) for name in names]
+    chain = np.array(rows).reshape(len(names), len(list_variables(model)))
     changes = np.einsum("nv,vki->nki", chain, _differentiate_by_section(solution))
     for k, name in enumerate(names):
         if name.startswith("inclusion."):
@@ -200,14 +198,11 @@ def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
     """Return u^T dG u and u^T dG' u by one of the section's variables with the states' own values fixed, shape (2, 2, 2)."""
     section, hosts = solution.states.model.section, solution.strata.find_hosts(solution.tumours.depth)
     for body in TISSUES:
+        step = 1j * COMPLEX_STEP * solution.compute_share(body)
         if name == f"{body.name.lower()}_youngs_modulus":
-            return _extract_derivative(
-                solution.compute_forms(modulus=hosts.youngs_modulus * (1 + 1j * COMPLEX_STEP * solution.compute_share(body)))
-            )
+            return _extract_derivative(solution.compute_forms(modulus=hosts.youngs_modulus * (1 + step)))
         if name == f"{body.name.lower()}_poisson_ratio":
-            return _extract_derivative(
-                solution.compute_forms(nu=hosts.poisson_ratio + 1j * COMPLEX_STEP * solution.compute_share(body))
-            )
+            return _extract_derivative(solution.compute_forms(nu=hosts.poisson_ratio + step))
     if name not in section.lengths:
         return np.zeros((2, 2, 2))
     moved = replace(section, **{name: getattr(section, name) * (1 + 1j * COMPLEX_STEP)})
@@ -216,24 +211,20 @@ def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
 
 def _differentiate_by_tumour(solution: FirstOrder, quantity: str) -> Floats:
     """Return derivatives of u^T G u and u^T G' u by a quantity of the only tumour, shape (2, 2, 2)."""
-    points, t = solution.points, solution.tumours
+    points, tumours, step = solution.points, solution.tumours, 1j * COMPLEX_STEP
     if quantity == "youngs_modulus":
-        return np.asarray(
-            _extract_derivative(solution.compute_forms(youngs_modulus=t.youngs_modulus * (1 + 1j * COMPLEX_STEP)))
-            / t.youngs_modulus[0]
-        )
+        by_log_modulus = _extract_derivative(solution.compute_forms(youngs_modulus=tumours.youngs_modulus * (1 + step)))
+        return np.asarray(by_log_modulus / tumours.youngs_modulus[0])
     if quantity == "poisson_ratio":
-        return _extract_derivative(solution.compute_forms(poisson_ratio=t.poisson_ratio + 1j * COMPLEX_STEP))
+        return _extract_derivative(solution.compute_forms(poisson_ratio=tumours.poisson_ratio + step))
     if quantity == "depth":
-        return _extract_derivative(solution.compute_forms(moved=1j * COMPLEX_STEP * points.by_depth))
-    grown = (
-        _extract_derivative(solution.compute_forms(moved=1j * COMPLEX_STEP * points.by_log_diameter))
-        + 3 * solution.compute_forms()
-    )
-    return np.asarray(grown / t.diameter[0])
+        return _extract_derivative(solution.compute_forms(moved=step * points.by_depth))
+    moved = _extract_derivative(solution.compute_forms(moved=step * points.by_log_diameter))
+    return np.asarray((moved + 3 * solution.compute_forms()) / tumours.diameter[0])  # the volume grows with the diameter's cube
 
 
 def _extract_derivative(values: Any) -> Floats:
+    """Return the derivative from values at a complex step."""
     return np.asarray(np.imag(values) / COMPLEX_STEP)
 
 
@@ -249,8 +240,8 @@ def _build_outputs(
     sensitivity = slopes / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs
     ends = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    moved = scene.load.indentation
-    indentation = (scene.load.force or 0.0) / totals.sum() if moved is None else moved
+    imposed = scene.load.indentation
+    indentation = (scene.load.force or 0.0) / totals.sum() if imposed is None else imposed
     stresses = totals * indentation / ends
     ratio = totals[0] / totals[1] * ends[1] / ends[0]
     outputs = ratio, *stresses, totals.sum(), sensitivity[0] - sensitivity[1]

@@ -22,8 +22,7 @@ from solver.axisymmetric.converged_forces import Converged, compute_converged_fo
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
-from solver.inclusions.strata import Strata
-from solver.inclusions.tumours import Tumours
+from solver.inclusions.tumours import Strata, Tumours
 from solver.linalg.workspace import get_workspace, keep_within_limits
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
@@ -101,11 +100,11 @@ class ProbeAlone:
         The latter is inf where a total is below its own error.
         """
         films, totals = self.films, np.abs(forces.sum(axis=2))
-        whole = bound + films.bound.totals
-        buried = np.any(whole >= totals, axis=1)
+        total_bounds = bound + films.bound.totals
+        buried = np.any(total_bounds >= totals, axis=1)
         tumour_share = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
         log_ratio = films.bound.log_ratio - np.log1p(-tumour_share).sum(axis=1)
-        return whole, np.where(buried, np.inf, log_ratio)
+        return total_bounds, np.where(buried, np.inf, log_ratio)
 
 
 @dataclass(frozen=True)
@@ -147,15 +146,16 @@ class Undisturbed(ProbeAlone):
     def bound_reflection_error(self, tumours: Tumours) -> Floats:
         """Bound the error of each tumour's reflection by the mesh, as a fraction of its effect: the mesh is not refined at it."""
         depth = tumours.depth / self.field.states.model.section.tube_radius
-        share = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
-        mesh_share = np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3
-        return np.asarray(mesh_share + REFLECTION_ERROR * self._is_ordinary(tumours))
+        error = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
+        mesh_error = np.minimum(0.1, error) * (tumours.diameter / 2 / tumours.depth) ** 3
+        return np.asarray(mesh_error + REFLECTION_ERROR * self._is_ordinary(tumours))
 
     def choose_reflector(self, tumours: Tumours) -> Reflector:
         """Return the model that reflects fields scattered by one set of tumours; coarse where no tumour is near to a boundary."""
         return self._coarse_reflector if self._is_ordinary(tumours) else self._fine_reflector
 
     def _is_ordinary(self, tumours: Tumours) -> bool:
+        """Return whether no tumour is shallow, large or near a face of its layer, so that the coarse mesh is accurate."""
         section, depth, diameter = self.field.states.model.section, tumours.depth, tumours.diameter
         clearance = np.minimum(
             np.minimum(tumours.cover, self.strata.compute_gap(tumours)), section.tissue_depth - depth - diameter / 2
@@ -166,19 +166,15 @@ class Undisturbed(ProbeAlone):
 
     @cached_property
     def _fine_reflector(self) -> Reflector:
-        return Reflector(self.field.states, self._interface, close=True)
+        """Reflecting boundary on the mesh of the strains, for tumours close to it."""
+        return Reflector(self.field.states, get_tied_interface(self.scene), close=True)
 
     @cached_property
     def _coarse_reflector(self) -> Reflector:
-        fine = self.field.states.model
+        """Reflecting boundary on a coarse mesh, for ordinary tumours."""
+        fine, interface = self.field.states.model, get_tied_interface(self.scene)
         fineness = _refine_in_layers(REFLECTION_FINENESS, fine.section)
-        return Reflector(solve_base_states(build_model(fine.section, fine.materials, self._interface, fineness)), self._interface)
-
-    @property
-    def _interface(self) -> Interface:
-        interface = self.scene.contact.interface
-        assert interface != "unilateral"  # refused before
-        return interface
+        return Reflector(solve_base_states(build_model(fine.section, fine.materials, interface, fineness)), interface)
 
     def move_inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
         """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
@@ -229,7 +225,15 @@ def solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
     return _solve_alone(_remove_tumours(scene), accuracy)
 
 
+def get_tied_interface(scene: Scene) -> Interface:
+    """Return how probe and tissue are tied to each other: bonded or frictionless."""
+    interface = scene.contact.interface
+    assert interface != "unilateral"  # refused before
+    return interface
+
+
 def _remove_tumours(scene: Scene) -> Scene:
+    """Return the scene without inclusions and load."""
     return scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)})
 
 
@@ -256,27 +260,26 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     materials: Materials = {**previous.materials, Body.TISSUE: scene.tissue, **layers}
     layout = previous.mesh.layout
     with _refuse_unsolvable():
-        states = solve_base_states(build_model(section, materials, base._interface, layout.fineness, layout.kind))
+        states = solve_base_states(build_model(section, materials, get_tied_interface(scene), layout.fineness, layout.kind))
     films, energies = FilmForces(states.forces, base.films.bound), Energies(TissueField(states))
     return replace(base, scene=_remove_tumours(scene), films=films, section=section, materials=materials, energies=energies)
 
 
 @keep_within_limits
 def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
+    """Solve base states of a scene without tumours; the finer mesh is used where a tumour will be shallow."""
     fine, films = int(accuracy < FINE_MESH_ACCURACY or shallow), _solve_alone(scene, accuracy)
-    interface = scene.contact.interface
-    assert interface != "unilateral"  # refused before
     with _refuse_unsolvable():
         section = _truncate_half_space(scene, films.section)
-        states = solve_base_states(
-            build_model(section, films.materials, interface, _refine_in_layers(FIELD_FINENESSES[fine], section))
-        )
+        fineness = _refine_in_layers(FIELD_FINENESSES[fine], section)
+        states = solve_base_states(build_model(section, films.materials, get_tied_interface(scene), fineness))
     get_workspace().begin()  # what it took to get here may go
     return Undisturbed.from_states(films, states, FIELD_ERRORS[fine])
 
 
 @keep_within_limits
 def _solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
+    """Solve the film forces of a scene without tumours."""
     with _refuse_unsolvable():
         return ProbeAlone.from_converged(scene, accuracy, compute_converged_forces(scene, FILM_ACCURACY_SHARE * accuracy))
 
@@ -293,6 +296,7 @@ def _refuse_unsolvable() -> Iterator[None]:
 
 
 def _refine_in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness:
+    """Return the fineness with more cells in layers, if there are any."""
     return replace(fineness, cells=LAYER_CELLS) if section.interfaces else fineness
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.probe import format_mm
-from solver.equivalent_inclusion.first_order import compute_effects
-from solver.equivalent_inclusion.first_order_bound import bound_first_order_error, bound_first_order_share
+from solver.equivalent_inclusion.first_order import bound_first_order_error, bound_first_order_share, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import limit_to_one_thread
@@ -54,7 +53,7 @@ class Readings:
         Of the forces to first order, N/m, shape (n, 2).
     derivatives
         Of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and depth, by
-        poisson_ratio, per m by offset from the probe's axis; all but the first only where asked for.
+        poisson_ratio, per m by offset from the probe's axis; all but the first only where requested.
     """
 
     areas: Floats
@@ -108,8 +107,8 @@ class Readings:
     def compute_log_ratio_derivative(self, key: str) -> Floats:
         """Return the derivative of ln(ratio) by a quantity of the target, see ``derivatives``; (n,), 0 where not ``resolved``."""
         changes = self.derivatives[key].sum(axis=2)
-        shares = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.resolved[:, None])
-        return np.asarray(shares[:, 0] - shares[:, 1])
+        relative_changes = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.resolved[:, None])
+        return np.asarray(relative_changes[:, 0] - relative_changes[:, 1])
 
     def compute_log_stiffness_derivative(self, key: str) -> Floats:
         """Return the derivative of ln(stiffness) by a quantity of the target (see ``derivatives``), shape (n,)."""
@@ -191,6 +190,7 @@ def compute_readings(
 
 
 def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
+    """Refuse spheres that an interface of the tissue's layers crosses, unless they are left out."""
     across = np.flatnonzero(counted & (base.strata.compute_gap(tumours) < 0))
     if len(across):
         depth, diameter = (format_mm(float(values.flat[across[0]])) for values in (tumours.depth, tumours.diameter))
@@ -200,22 +200,22 @@ def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
 def _compute_first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
     """Compute first-order readings; ``bound`` is for tumours alone: those left out count twice in it, not in the forces."""
     n, t = tumours.shape
-    single = compute_effects(base.energies, base.strata.find_hosts(tumours.flatten().depth), tumours.flatten(), places)
-    changes = single.forces.reshape(n, t, 2, 2)
+    effects = compute_effects(base.energies, base.strata.find_hosts(tumours.flatten().depth), tumours.flatten(), places)
+    changes = effects.forces.reshape(n, t, 2, 2)
     outside = np.abs(np.where(left_out[..., None, None], changes, 0.0)).sum(axis=(1, 3))
     changes = np.where(left_out[..., None, None], 0.0, changes)
     forces = base.films.forces + changes.sum(axis=1)
-    share = bound_first_order_share(base, tumours)
-    bound = bound_first_order_error(share, changes) + 2 * outside
-    slope = np.abs(single.derivatives["youngs_modulus"].reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
-    slope_bound = 2 * share[:, target, None] * slope if t else slope
+    relative_errors = bound_first_order_share(base, tumours)
+    bound = bound_first_order_error(relative_errors, changes) + 2 * outside
+    slope = np.abs(effects.derivatives["youngs_modulus"].reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
+    slope_bound = 2 * relative_errors[:, target, None] * slope if t else slope
     areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
     log_ratio = base.compute_bounds(bound, forces)[1]
     derivatives = {}
     if t:
         derivatives = {
             key: np.where(left_out[:, target, None, None], 0.0, values.reshape(n, t, 2, 2)[:, target])
-            for key, values in single.derivatives.items()
+            for key, values in effects.derivatives.items()
         }
     return Readings(
         areas,
@@ -241,8 +241,9 @@ def _add_reflections(
     sensitive: bool,
     often: bool,
 ) -> None:
-    """Replace some sets' first-order readings by those with reflections."""
-    tumour_sets = [tumours.select(number).select(np.flatnonzero(~left_out[number])) for number in numbers]
+    """Replace the first-order readings of the sets with some numbers by those with reflections."""
+    included = [np.flatnonzero(~left_out[number]) for number in numbers]
+    tumour_sets = [tumours.select(number).select(chosen) for number, chosen in zip(numbers, included, strict=True)]
     tolerance, places = REFLECTION_TOLERANCE_RELATIVE * base.accuracy, "depth" in readings.derivatives
     try:
         steps = [
@@ -261,47 +262,28 @@ def _add_reflections(
     except SolveError as fault:
         sets = f"set {numbers[0]}" if len(numbers) == 1 else f"one of the sets {numbers[0]} to {numbers[-1]}"
         raise Refusal("inclusion", sets, f"tumours whose reflections can be computed ({fault})") from fault
-    for number, tumour_set, scattering in zip(numbers, tumour_sets, solutions, strict=True):
-        _store_reflected(
-            base,
-            tumours.select(number),
-            left_out[number],
-            tumour_set,
-            scattering,
-            readings=readings,
-            number=number,
-            target=target,
-        )
+    for number, chosen, tumour_set, scattered in zip(numbers, included, tumour_sets, solutions, strict=True):
+        k = int(np.searchsorted(chosen, target)) if target in chosen else None
+        _store_reflected(base, tumour_set, scattered, readings, number=number, target=k)
 
 
 def _store_reflected(
-    base: Undisturbed,
-    tumours: Tumours,
-    left_out: Bools,
-    mine: Tumours,
-    scattering: Scattered,
-    *,
-    readings: Readings,
-    number: int,
-    target: int,
+    base: Undisturbed, tumours: Tumours, scattered: Scattered, readings: Readings, *, number: int, target: int | None
 ) -> None:
-    """Store one set's readings with reflections."""
-    readings.forces[number] = base.films.forces + scattering.forces
-    min_error, safety = (
-        (MIN_LAYERED_ERROR, SERIES_SAFETY_FACTOR * LAYERED_SAFETY_FACTOR)
-        if base.strata.interfaces
-        else (MIN_REFLECTED_ERROR, SERIES_SAFETY_FACTOR)
-    )
-    share = float((base.bound_field_error(mine) + base.bound_reflection_error(mine)).max()) + min_error
-    readings.bound[number] = (
-        safety * scattering.error + bound_first_order_error(np.full((1, 1), share), scattering.forces[None, None])[0]
-    )
+    """Store the readings with reflections of the set with a number; ``target`` is None where the target was left out."""
+    min_error, safety = MIN_REFLECTED_ERROR, SERIES_SAFETY_FACTOR
+    if base.strata.interfaces:
+        min_error, safety = MIN_LAYERED_ERROR, SERIES_SAFETY_FACTOR * LAYERED_SAFETY_FACTOR
+    relative_error = float((base.bound_field_error(tumours) + base.bound_reflection_error(tumours)).max()) + min_error
+    effect_error = bound_first_order_error(np.full((1, 1), relative_error), scattered.forces[None, None])[0]
+    readings.forces[number] = base.films.forces + scattered.forces
+    readings.bound[number] = safety * scattered.error + effect_error
     readings.reflected[number] = True
-    included = np.flatnonzero(~left_out)
-    if target in included:
-        k = int(np.searchsorted(included, target))
-        readings.derivatives["youngs_modulus"][number] = scattering.by_log_modulus[k]
-        for key, derivative in scattering.shape_derivatives[k].items() if scattering.shape_derivatives else ():
-            readings.derivatives[key][number] = derivative
-        spread = safety * scattering.slope_error[k] + SLOPE_ERROR_FACTOR * share * np.abs(scattering.by_log_modulus[k])
-        readings.slope_bound[number] = spread.sum(axis=1)
+    if target is None:
+        return
+    slopes = scattered.by_log_modulus[target]
+    readings.derivatives["youngs_modulus"][number] = slopes
+    for key, derivative in scattered.shape_derivatives[target].items() if scattered.shape_derivatives else ():
+        readings.derivatives[key][number] = derivative
+    slope_errors = safety * scattered.slope_error[target] + SLOPE_ERROR_FACTOR * relative_error * np.abs(slopes)
+    readings.slope_bound[number] = slope_errors.sum(axis=1)

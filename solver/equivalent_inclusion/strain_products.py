@@ -45,7 +45,7 @@ class Energies:
             rr[:, i] * rr[:, j] + zz[:, i] * zz[:, j] + hoop[:, i] * hoop[:, j] + 2 * rz[:, i] * rz[:, j] for i, j in STATE_PAIRS
         ]
         dilation = [trace[:, i] * trace[:, j] for i, j in STATE_PAIRS]
-        deviator = [whole - sums[:, i] * sums[:, j] / 3 for whole, (i, j) in zip(product, STATE_PAIRS, strict=True)]
+        deviator = [full_product - sums[:, i] * sums[:, j] / 3 for full_product, (i, j) in zip(product, STATE_PAIRS, strict=True)]
         return np.array([*dilation, *deviator])
 
     def interpolate(self, r: Floats, z: Floats) -> Floats:

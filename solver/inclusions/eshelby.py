@@ -56,9 +56,9 @@ def compute_strength(matrix: Material | Isotropic, youngs_modulus: Floats, poiss
     The matrix is one for all, or each sphere's own in arrays of the same shape.
     """
     E, n = np.asarray(youngs_modulus, dtype=float), np.asarray(poisson_ratio, dtype=float)
-    whole, by_modulus = compute_strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
+    strengths, by_modulus = compute_strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
     by_poisson = by_modulus[0] * 2 / (1 - 2 * n), -by_modulus[1] / (1 + n)  # d ln of both moduli / d nu
-    return Strength(*whole, by_modulus, by_poisson)
+    return Strength(*strengths, by_modulus, by_poisson)
 
 
 def compute_strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
@@ -71,8 +71,8 @@ def compute_strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio:
     alpha, beta = (1 + nu) / (3 * (1 - nu)), 2 * (4 - 5 * nu) / (15 * (1 - nu))
     # in this form neither overflows where a difference of moduli is huge
     volume_share, shear_share = (1 - alpha) * bulk + alpha * object_bulk, (1 - beta) * mu + beta * object_mu
-    whole = (object_bulk - bulk) * bulk / volume_share, 2 * (object_mu - mu) * mu / shear_share
-    return whole, ((bulk / volume_share) ** 2 * object_bulk, 2 * (mu / shear_share) ** 2 * object_mu)
+    strengths = (object_bulk - bulk) * bulk / volume_share, 2 * (object_mu - mu) * mu / shear_share
+    return strengths, ((bulk / volume_share) ** 2 * object_bulk, 2 * (mu / shear_share) ** 2 * object_mu)
 
 
 def compute_polarisation(matrix: Isotropic, body: LinearLaw, axes: Floats) -> tuple[Floats, Floats]:
@@ -95,9 +95,9 @@ def compute_polarisation(matrix: Isotropic, body: LinearLaw, axes: Floats) -> tu
         An ellipsoid whose longest and shortest diameters are too far apart.
     """
     hill, (stiffness, body_stiffness) = compute_hill_tensor(matrix, axes), (law.build_stiffness() for law in (matrix, body))
-    share = np.linalg.inv(np.eye(6) + hill @ (body_stiffness - stiffness))  # strain inside per strain far away
-    k = (body_stiffness - stiffness) @ share
-    return (k + k.T) / 2, share.T @ body_stiffness @ share
+    concentration = np.linalg.inv(np.eye(6) + hill @ (body_stiffness - stiffness))  # strain inside per strain far away
+    k = (body_stiffness - stiffness) @ concentration
+    return (k + k.T) / 2, concentration.T @ body_stiffness @ concentration
 
 
 def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
@@ -123,20 +123,22 @@ def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
     dyads = np.stack([(n[:, i] * n[:, j]) * (1 if i == j else 2) for i, j in VOIGT_PAIRS], axis=1)  # n_i n_j as a strain
     longitudinal = np.einsum("q,qa,qb->ab", weights, dyads, dyads)
     # sym(n_i delta_jk n_l): the strain of the direction n with each unit vector in turn
-    turned = np.zeros((len(n), 6, 3))
+    direction_strains = np.zeros((len(n), 6, 3))
     for a, (i, j) in enumerate(VOIGT_PAIRS):
-        turned[:, a, i] += n[:, j] * (0.5 if i == j else 1.0)
-        turned[:, a, j] += n[:, i] * (0.5 if i == j else 1.0)
-    transverse = np.einsum("q,qak,qbk->ab", weights, turned, turned)
+        direction_strains[:, a, i] += n[:, j] * (0.5 if i == j else 1.0)
+        direction_strains[:, a, j] += n[:, i] * (0.5 if i == j else 1.0)
+    transverse = np.einsum("q,qak,qbk->ab", weights, direction_strains, direction_strains)
     return np.asarray((transverse - (lam + mu) / (lam + 2 * mu) * longitudinal) / mu)
 
 
 def _build_sphere_points(order: int) -> tuple[Floats, Floats]:
     """Build points on the unit sphere, (q, 3), with weights that add up to 1."""
-    height, weight = leggauss(order)
-    angle = (np.arange(2 * order) + 0.5) * np.pi / order
-    across = np.sqrt(1 - height**2)
-    points = np.stack(
-        [np.outer(across, np.cos(angle)), np.outer(across, np.sin(angle)), np.outer(height, np.ones_like(angle))], axis=-1
-    )
-    return points.reshape(-1, 3), np.repeat(weight, 2 * order) / (4 * order)
+    heights, weights = leggauss(order)
+    angles = (np.arange(2 * order) + 0.5) * np.pi / order
+    return place_on_sphere(heights, angles), np.repeat(weights, 2 * order) / (4 * order)
+
+
+def place_on_sphere(heights: Floats, angles: Floats) -> Floats:
+    """Return points of the unit sphere at all heights z, each at all angles about the z axis, shape (heights angles, 3)."""
+    across, z = np.sqrt(1 - heights**2)[:, None], heights[:, None]
+    return np.stack([across * np.cos(angles), across * np.sin(angles), z + 0 * angles], axis=-1).reshape(-1, 3)

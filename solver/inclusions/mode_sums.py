@@ -50,13 +50,13 @@ class Stack:
         """Number of components a."""
         return int(self.matrix.shape[0] // (2 * FACTOR_COUNT * self.harmonics.count))
 
-    def sums(self, coefficients: Values) -> Values:
+    def compute_sums(self, coefficients: Values) -> Values:
         """Return the harmonics' coefficients of h_aj for mode coefficients (modes, k), shape (a, FACTOR_COUNT, 2 count, k)."""
         sums: Values = (self.matrix @ coefficients).reshape(self.components, FACTOR_COUNT, -1, coefficients.shape[1])
         return sums
 
-    def adjoint(self, sums: Floats) -> Floats:
-        """Apply the transpose of ``sums``; shape (modes, k)."""
+    def apply_transpose(self, sums: Floats) -> Floats:
+        """Apply the transpose of ``compute_sums``; shape (modes, k)."""
         return np.asarray(self._transposed @ sums.reshape(self.matrix.shape[0], -1))
 
     @cached_property
@@ -64,7 +64,7 @@ class Stack:
         """The matrix's transpose by rows."""
         return self.matrix.T.tocsr()
 
-    def rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
+    def list_rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
         """Return the rows (a, j, k) with harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
         if (flat, k) not in self._rows:
             filled = np.diff(self.matrix.indptr).reshape(self.components, FACTOR_COUNT, 2, -1).any(axis=-1)
@@ -100,12 +100,13 @@ class Table:
     def evaluate(self, part: slice) -> Floats:
         """Return the values at some of the points, shape (2 count, points)."""
         if 2 * self.harmonics.count * len(self.points) > MAX_CACHED_VALUES:
-            return self.harmonics.table(self.points[part], self.side)
+            return self.harmonics.evaluate(self.points[part], self.side)
         return self._all_values[:, part]
 
     @cached_property
     def _all_values(self) -> Floats:
-        return self.harmonics.table(self.points, self.side)
+        """Values at all points."""
+        return self.harmonics.evaluate(self.points, self.side)
 
 
 @dataclass(frozen=True)
@@ -129,46 +130,44 @@ class Sampler:
     part: slice
     flat: bool = False
 
-    def values(self, coefficients: Values) -> Values:
+    def evaluate(self, coefficients: Values) -> Values:
         """Return the components of sums of modes with coefficients (modes, k), shape (a, k, n)."""
-        return self.evaluate_sums(self.stack.sums(coefficients))
+        return self.evaluate_sums(self.stack.compute_sums(coefficients))
 
     def evaluate_sums(self, sums: Values) -> Values:
-        """Return the components of sums of modes given by ``Stack.sums``, shape (a, k, n)."""
+        """Return the components of sums of modes given by ``Stack.compute_sums``, shape (a, k, n)."""
         a, _, size, k = sums.shape
         if self.flat:
             sums = np.concatenate([sums[:, :1] + self._plane_height * sums[:, FACTOR_Z:], sums[:, 1:FACTOR_Z]], axis=1)
-        narrow = sums.transpose(0, 1, 3, 2).reshape(-1, size)
-        out = np.empty((a, k, self.count), narrow.dtype)
+        coefficients = sums.transpose(0, 1, 3, 2).reshape(-1, size)
+        out = np.empty((a, k, self.count), coefficients.dtype)
         for part, table in self._blocks:
-            columns = np.zeros((len(narrow), table.shape[1]), narrow.dtype)
+            columns = np.zeros((len(coefficients), table.shape[1]), coefficients.dtype)
             for rows, family in self._list_families(k):
-                columns[rows] += narrow[rows, family] @ table[family]
+                columns[rows] += coefficients[rows, family] @ table[family]
             np.einsum("ajkn,jn->akn", columns.reshape(a, self._factor_count, k, -1), self._factors[:, part], out=out[:, :, part])
         return out
 
-    def adjoint(self, weights: Floats) -> Floats:
-        """Apply the transpose of ``values`` to weights (a, k, n), shape (modes, k)."""
-        return self.stack.adjoint(self.adjoint_of(weights))
-
-    def adjoint_of(self, weights: Floats) -> Floats:
+    def apply_transpose(self, weights: Floats) -> Floats:
         """Apply the transpose of ``evaluate_sums`` to weights (a, k, n), shape (a, FACTOR_COUNT, 2 count, k)."""
         a, k, _ = weights.shape
         size = 2 * self.stack.harmonics.count
-        narrow = np.zeros((a * self._factor_count * k, size))
+        coefficients = np.zeros((a * self._factor_count * k, size))
         for part, table in self._blocks:
-            columns = (weights[:, None, :, part] * self._factors[:, None, part]).reshape(len(narrow), -1)
+            columns = (weights[:, None, :, part] * self._factors[:, None, part]).reshape(len(coefficients), -1)
             for rows, family in self._list_families(k):
-                narrow[rows, family] += columns[rows] @ table[family].T
-        sums = narrow.reshape(a, self._factor_count, k, size).transpose(0, 1, 3, 2)
+                coefficients[rows, family] += columns[rows] @ table[family].T
+        sums = coefficients.reshape(a, self._factor_count, k, size).transpose(0, 1, 3, 2)
         return np.concatenate([sums, self._plane_height * sums[:, :1]], axis=1) if self.flat else sums
 
     @property
     def _factor_count(self) -> int:
+        """Number of factors p_j; a plane z = const needs no p = z."""
         return FACTOR_COUNT - int(self.flat)
 
     @property
     def _plane_height(self) -> float:
+        """The common z of all points of a plane."""
         return float(self.table.points[self.part.start, 2])
 
     @property
@@ -179,7 +178,7 @@ class Sampler:
     def _list_families(self, k: int) -> list[tuple[Any, slice]]:
         """Return pairs of rows (a, j, k) and the slice of their family of harmonics; mirrored fields have one family per sum."""
         half = self.stack.harmonics.count
-        families = zip(self.stack.rows(self.flat, k), (slice(0, half), slice(half, None)), strict=True)
+        families = zip(self.stack.list_rows(self.flat, k), (slice(0, half), slice(half, None)), strict=True)
         return [(rows, family) for rows, family in families if len(rows)]
 
     @property
@@ -191,5 +190,6 @@ class Sampler:
 
     @cached_property
     def _factors(self) -> Floats:
+        """Values of the factors p_j at the points, shape (factors, n)."""
         x, y, z = self.table.points[self.part].T
         return np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z][: self._factor_count])

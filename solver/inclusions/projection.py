@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
+from solver.inclusions.eshelby import place_on_sphere
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 
@@ -33,8 +34,8 @@ class Projection:
     weights: Floats
     matrix: Values
 
-    def coefficients(self, displacement: Values) -> Values:
-        """Return coefficients (modes, k) for ``Modes.regular`` from displacements (q, 3, k) in the sphere's axes."""
+    def compute_coefficients(self, displacement: Values) -> Values:
+        """Return coefficients (modes, k) for ``Modes.evaluate_regular`` from displacements (q, 3, k) in the sphere's axes."""
         rows = self.matrix.reshape(len(self.matrix), -1)
         out: Values = rows @ displacement.reshape(rows.shape[1], -1)
         return out
@@ -69,9 +70,7 @@ def build_quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
         phi = 2 * np.pi * np.arange(longitudes) / longitudes
     else:
         phi = np.pi * (np.arange(longitudes) + 0.5) / longitudes * (modes.order > 0)
-    s = np.sqrt(1 - x**2)[:, None]
-    points = np.stack([s * np.cos(phi), s * np.sin(phi), x[:, None] + 0 * phi], axis=-1).reshape(-1, 3)
-    return points, np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
+    return place_on_sphere(x, phi), np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
 
 
 def _count_points(modes: Modes, oversample: int) -> tuple[int, int]:
@@ -88,7 +87,7 @@ def _evaluate_orthonormal(modes: Modes, points: Floats) -> Values:
     (l, 1) and (-l-1, 1) the integral a a' + l(l+1) b b' is zero. Modes of kind 0 are the former, outgoing ones of
     kind 1 the latter; toroidal ones are alike on both sides.
     """
-    fields = np.where(modes.kind == 1, modes.shapes(points, "outgoing"), modes.shapes(points, "regular"))
+    fields = np.where(modes.kind == 1, modes.evaluate_shapes(points, "outgoing"), modes.evaluate_shapes(points, "regular"))
     out: Values = np.where(modes.kind == 2, np.sqrt(modes.ell + 0.5) * fields, fields)
     return out
 

@@ -2,7 +2,8 @@
 
 With orthonormal real spherical harmonics Y (cos m phi and sin m phi families, no Condon-Shortley sign) the regular ones are
 rho^l Y and the irregular ones rho^(-l-1) Y. A sum of them is given by coefficients of shape (2 count, ...), the cosines
-first; row (l, m) of a family is ``index(l, m)``. The rows of sin 0 are there, and zero, so that both families are numbered alike.
+first; row (l, m) of a family is ``find_row(l, m)``. The rows of sin 0 exist, and are zero, so that both families are numbered
+alike.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ class SolidHarmonics:
     @property
     def count(self) -> int:
         """Number of (l, m) with 0 <= m <= min(l, order): rows of one family."""
-        return self.index(self.degree + 1, 0)
+        return self.find_row(self.degree + 1, 0)
 
-    def index(self, ell: int, m: int) -> int:
+    def find_row(self, ell: int, m: int) -> int:
         """Return the row of (l, m) within a family: by rising l, then m."""
         full = min(ell, self.order + 1)  # degrees below l that have all their orders
         return full * (full + 1) // 2 + (ell - full) * (self.order + 1) + m
 
-    def table(self, points: Floats, side: Side) -> Floats:
+    def evaluate(self, points: Floats, side: Side) -> Floats:
         """Return the values of all harmonics at points (n, 3), shape (2 count, n).
 
         Irregular harmonics are Kelvin's images of the regular ones: h(x) = g(x / rho^2) / rho.
@@ -53,11 +54,11 @@ class SolidHarmonics:
         x, y, z = np.ascontiguousarray(points.T)
         square = x * x + y * y + z * z
         if side == "regular":
-            return self._table(x, y, z, square, np.ones_like(x))
+            return self._evaluate_products(x, y, z, square, np.ones_like(x))
         inverse = 1 / square
-        return self._table(x * inverse, y * inverse, z * inverse, inverse, np.sqrt(inverse))
+        return self._evaluate_products(x * inverse, y * inverse, z * inverse, inverse, np.sqrt(inverse))
 
-    def _table(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
+    def _evaluate_products(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
         """Return products of Pi_l^m(z, rho^2) and the real and imaginary parts of (x + i y)^m, times a factor.
 
         DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
@@ -74,8 +75,8 @@ class SolidHarmonics:
         for ell, (a, b, top) in enumerate(_build_recursion(self.degree, self.order)):
             high = low + min(ell, self.order) + 1
             new, low = values[low:high], high
-            known = np.multiply(old, z, out=new[: len(old)])
-            known *= a
+            scaled = np.multiply(old, z, out=new[: len(old)])
+            scaled *= a
             if len(older):
                 new[: len(older)] -= b * square * older
             if len(new) > len(old):
@@ -116,9 +117,9 @@ def build_derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, 
         for m in range(min(ell, harmonics.order) + 1):
             for axis, sine, order, factor in _list_terms(m, step):
                 if 0 <= order <= min(ell + step, harmonics.order) and ell + step <= harmonics.degree:
-                    row = (sine if axis != 1 else not sine) * harmonics.count + harmonics.index(ell + step, order)
+                    row = (sine if axis != 1 else not sine) * harmonics.count + harmonics.find_row(ell + step, order)
                     scale = factor * _compute_scale(ell, m, side) / _compute_scale(ell + step, order, side)
-                    entries[axis].append((row, sine * harmonics.count + harmonics.index(ell, m), scale))
+                    entries[axis].append((row, sine * harmonics.count + harmonics.find_row(ell, m), scale))
     x, y, z = (_build_matrix(axis_entries, 2 * harmonics.count) for axis_entries in entries)
     return x, y, z
 
@@ -129,12 +130,12 @@ def _list_terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
         return [(2, False, 0, 1), (0, False, 1, e), (1, False, 1, e)]
     out: list[tuple[int, bool, int, float]] = []
     for sine in (False, True):
-        turn = -1 if sine else 1  # d_y leads from cosines to sines and back with the other sign
-        out += [(2, sine, m, 1), (0, sine, m + 1, e / 2), (1, sine, m + 1, turn * e / 2)]
+        sign = -1 if sine else 1  # d_y leads from cosines to sines and back with the other sign
+        out += [(2, sine, m, 1), (0, sine, m + 1, e / 2), (1, sine, m + 1, sign * e / 2)]
         if m > 1 or not sine:
             out += [(0, sine, m - 1, -e / 2)]
         if m > 1 or sine:
-            out += [(1, sine, m - 1, turn * e / 2)]
+            out += [(1, sine, m - 1, sign * e / 2)]
     return out
 
 
@@ -146,5 +147,6 @@ def _compute_scale(ell: int, m: int, side: Side) -> float:
 
 
 def _build_matrix(entries: list[tuple[int, int, float]], size: int) -> Any:
+    """Build a sparse square matrix from entries (row, column, value)."""
     rows, columns, values = zip(*entries, strict=True) if entries else ((), (), ())
     return sp.csr_array((values, (rows, columns)), shape=(size, size))

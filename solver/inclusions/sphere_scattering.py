@@ -122,9 +122,9 @@ def compute_surface_values(ell: Ints, nu: complex, side: Side) -> Values:
         other field:  (n+1) (n-2+4 nu), n + 5 - 4 nu;   (n+1) (n^2-n-2-2 nu), n^2 + 2n - 1 + 2 nu      (IN.12)
     """
     n = ell if side == "regular" else -ell - 1
-    lone = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])
-    companion = [(n + 1) * (n - 2 + 4 * nu), n + 5 - 4 * nu, (n + 1) * (n**2 - n - 2 - 2 * nu), n**2 + 2 * n - 1 + 2 * nu]
-    fields = (lone, np.stack(companion)) if side == "regular" else (np.stack(companion), lone)
+    gradient_field = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])
+    other_field = [(n + 1) * (n - 2 + 4 * nu), n + 5 - 4 * nu, (n + 1) * (n**2 - n - 2 - 2 * nu), n**2 + 2 * n - 1 + 2 * nu]
+    fields = (gradient_field, np.stack(other_field)) if side == "regular" else (np.stack(other_field), gradient_field)
     out: Values = np.stack(
         [values * scale for values, scale in zip(fields, compute_scales(ell, nu, side)[:2], strict=True)], axis=-1
     )
@@ -140,18 +140,18 @@ def _match_pairs(regular: Values, outgoing: Values, inner: Values, ratio: comple
     """
     (U, t), (V, s), (W, r) = ((values[:, :2], values[:, 2:]) for values in (regular, outgoing, inner))
     D = s @ np.linalg.inv(V)
-    left, stress = D @ W - ratio * r, ratio * r
-    inside = np.linalg.solve(left, D @ U - t)
-    change = np.linalg.solve(left, stress @ inside)
+    matrix, stress = D @ W - ratio * r, ratio * r
+    inside = np.linalg.solve(matrix, D @ U - t)
+    change = np.linalg.solve(matrix, stress @ inside)
     return np.linalg.solve(V, W @ inside - U), inside, np.linalg.solve(V, W @ change)
 
 
 def _match_single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
     """Solve eq. IN.13 for one mode on each side, each given by displacement and traction / (2 mu)."""
     (U, t), (V, s), (W, r) = regular, outgoing, inner
-    left = s * W - ratio * r * V
-    inside = (s * U - t * V) / left
-    return (ratio * r * U - t * W) / left, inside, ratio * r * W * inside / left
+    denominator = s * W - ratio * r * V
+    inside = (s * U - t * V) / denominator
+    return (ratio * r * U - t * W) / denominator, inside, ratio * r * W * inside / denominator
 
 
 def _compute_dilation(nu: complex) -> tuple[complex, complex]:
@@ -174,6 +174,6 @@ def _match_first_degree(nu: complex, inner_nu: complex, ratio: complex) -> Value
     regular, outgoing, inner = ((values[0, 0, 1] - values[0, 1, 1], values[0, 3, 1]) for values in sides)
     out: Values = np.zeros((3, 2, 2), np.result_type(nu, inner_nu, ratio, float))
     out[:, 1, 1] = _match_single(regular, outgoing, inner, ratio)
-    moved = sides[0][0, 1, 1] + out[0, 1, 1] * sides[1][0, 1, 1] - out[1, 1, 1] * sides[2][0, 1, 1]
-    out[1, 0] = 1, moved / sides[0][0, 1, 0]
+    translation = sides[0][0, 1, 1] + out[0, 1, 1] * sides[1][0, 1, 1] - out[1, 1, 1] * sides[2][0, 1, 1]
+    out[1, 0] = 1, translation / sides[0][0, 1, 0]
     return out

@@ -1,16 +1,20 @@
-"""Hold many tumours as arrays."""
+"""Hold many tumours as arrays, and the layers of tissue around them: each sphere lies wholly inside one layer, its matrix."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.probe import Material
+from geometry.scenes.scene import Inclusion, Scene, Tissue
+from solver.materials.linear import Isotropic
 
 
 @dataclass(frozen=True)
@@ -113,3 +117,58 @@ class Tumours:
 def _compute_diameter(body: Inclusion) -> float:
     """Return the diameter of a sphere, or of the sphere of an ellipsoid's volume, m."""
     return body.diameter or float(np.cbrt(np.prod(body.diameters or (np.nan,))))
+
+
+@dataclass(frozen=True)
+class Strata:
+    """The materials of a tissue from the surface downwards, and where they meet.
+
+    Attributes
+    ----------
+    interfaces
+        Depths of the k interfaces, m, rising.
+    materials
+        Of the k layers, and the tissue's own below them.
+    """
+
+    interfaces: tuple[float, ...]
+    materials: tuple[Material, ...]
+
+    @classmethod
+    def from_tissue(cls, tissue: Tissue) -> Strata:
+        """Build the strata of a scene's tissue."""
+        return cls(tissue.interfaces, (*tissue.layer, tissue))
+
+    def find_layer(self, depth: Floats) -> Ints:
+        """Return the index of the material at depths, m, of any shape; an interface belongs to the material below it."""
+        return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
+
+    def find_hosts(self, depth: Floats) -> Isotropic:
+        """Return the laws at depths, m, of any shape."""
+        return Isotropic.from_materials(self.materials).select(self.find_layer(depth))
+
+    def compute_gap(self, tumours: Tumours) -> Floats:
+        """Return the distance from each sphere to the nearest interface, m: inf without any, negative where one crosses it."""
+        gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in self.interfaces]
+        return np.asarray(np.min(gaps, axis=0) if gaps else np.full(tumours.shape, np.inf))
+
+    @cached_property
+    def contrasts(self) -> Floats:
+        """Contrast of the materials on both sides of each interface: 0 for the same, up to 1, shape (k,).
+
+        The larger of |a - b| / (a + b) for the moduli a, b of both sides: the shear moduli mu, and the moduli of compression
+        lambda + 2 mu.
+        """
+        return np.array([compute_contrast(*pair) for pair in pairwise(self.materials)])
+
+
+def compute_contrast(upper: Material, lower: Material) -> float:
+    """Return the contrast of two materials, see ``Strata.contrasts``."""
+    pairs = zip(_compute_moduli(upper), _compute_moduli(lower), strict=True)
+    return max(abs(a - b) / (a + b) for a, b in pairs)
+
+
+def _compute_moduli(material: Material) -> tuple[float, float]:
+    """Return the shear modulus and lambda + 2 mu, Pa."""
+    law = Isotropic.from_material(material)
+    return law.shear_modulus, law.dilation_modulus + law.two_mu

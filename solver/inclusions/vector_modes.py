@@ -120,11 +120,11 @@ class Modes:
     def __len__(self) -> int:
         return len(self.kind)
 
-    def regular(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
-        """Return displacement and stress of sums of regular modes, as ``outgoing`` does; the centre is allowed."""
+    def evaluate_regular(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
+        """Return displacement and stress of sums of regular modes, as ``evaluate_outgoing`` does; the centre is allowed."""
         return self._compute_fields(points, coefficients, "regular")
 
-    def outgoing(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
+    def evaluate_outgoing(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
         """Return displacement and stress of sums of outgoing modes.
 
         Parameters
@@ -143,20 +143,22 @@ class Modes:
         return self._compute_fields(points, coefficients, "outgoing")
 
     def _compute_fields(self, points: Floats, coefficients: Values, side: Side) -> tuple[Values, Values]:
+        """Return displacement and stress of sums of modes."""
         out = self._evaluate(points, coefficients, side, ALL_COMPONENTS)
         return np.ascontiguousarray(out[:, :3]), np.ascontiguousarray(out[:, 3:])
 
-    def displacement(self, points: Floats, coefficients: Values, side: Side) -> Values:
+    def evaluate_displacement(self, points: Floats, coefficients: Values, side: Side) -> Values:
         """Return the displacement alone, shape (n, 3, k), three times as fast as with stress."""
         return self._evaluate(points, coefficients, side, DISPLACEMENT_COMPONENTS)
 
     def _evaluate(self, points: Floats, coefficients: Values, side: Side, components: tuple[int, ...]) -> Values:
+        """Return some components of sums of modes, shape (n, components, k)."""
         sampler = Sampler(build_stack(self, side, components), Table(self.harmonics, side, points), slice(0, len(points)))
-        return np.moveaxis(sampler.values(coefficients), -1, 0)
+        return np.moveaxis(sampler.evaluate(coefficients), -1, 0)
 
-    def shapes(self, points: Floats, side: Side) -> Values:
+    def evaluate_shapes(self, points: Floats, side: Side) -> Values:
         """Return the displacement of each single mode, shape (n, 3, modes)."""
-        table, (x, y, z) = self.harmonics.table(points, side), points.T
+        table, (x, y, z) = self.harmonics.evaluate(points, side), points.T
         terms = build_stack(self, side, DISPLACEMENT_COMPONENTS)
         blocks = [terms.matrix[low : low + len(table)].T @ table for low in range(0, terms.matrix.shape[0], len(table))]
         factors = np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z])
@@ -217,7 +219,7 @@ def _add_cross(row: list[Any], D: Sequence[Any], scalar: Any, i: int) -> None:
 def _spread_modes(modes: Modes, factors: Values) -> Any:
     """Build the sparse matrix from modes to coefficients of their scalar harmonics, with given factors (modes,)."""
     h, (_, ell, m, sine) = modes.harmonics, modes.labels
-    rows = [h.index(int(a), int(b)) + int(s) * h.count for a, b, s in zip(ell, m, sine, strict=True)]
+    rows = [h.find_row(int(a), int(b)) + int(s) * h.count for a, b, s in zip(ell, m, sine, strict=True)]
     return sp.csr_array((factors, (rows, np.arange(len(modes)))), shape=(2 * h.count, len(modes)))
 
 

@@ -85,9 +85,9 @@ class Harmonic:
         v = self.factor.solve(forces)
         mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
         combination, force = v @ mix, forces @ mix  # check one combination: a single column is five times faster than two
-        left = np.linalg.norm(force - self.matrix.T @ combination)  # the matrix is symmetric; its transpose is read faster
+        imbalance = np.linalg.norm(force - self.matrix.T @ combination)  # the matrix is symmetric; its transpose is read faster
         scale = np.linalg.norm(self._magnitude * np.abs(combination) + np.abs(force))
-        residual = float(left / scale) if scale > 0 else 0.0
+        residual = float(imbalance / scale) if scale > 0 else 0.0
         if not residual <= LARGEST_RESIDUAL:
             raise SolveError(f"the linear system of order {self.m} was not solved: residual {residual:.1e}")
         return np.asarray(v)
@@ -169,8 +169,8 @@ class AzimuthalSystems:
     def _combine_orders(self, m: int, part: slice | Ints) -> Floats:
         """Combine the element matrices of order m from those of orders 1, 2 and 3 (eq. MS.2)."""
         first, second, third = (sample[part] for sample in self._samples)
-        shares = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
-        return np.asarray(shares[0] * first + shares[1] * second + shares[2] * third)
+        weights = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
+        return np.asarray(weights[0] * first + weights[1] * second + weights[2] * third)
 
     @cached_property
     def _samples(self) -> Floats:
@@ -197,8 +197,8 @@ def _compute_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic, m: in
     moments = weighted.transpose(0, 2, 1) @ dilation
     mass = weighted.transpose(0, 2, 1) @ shapes.pressure
     volume = moments.transpose(0, 2, 1) @ np.linalg.solve(mass, moments)
-    whole = law.two_mu[:, None, None] * shear + law.dilation_modulus[:, None, None] * volume
-    return np.asarray(whole.reshape(n, 3, -1, 3, size // 3))
+    stiffness = law.two_mu[:, None, None] * shear + law.dilation_modulus[:, None, None] * volume
+    return np.asarray(stiffness.reshape(n, 3, -1, 3, size // 3))
 
 
 def _compute_strains(geometry: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
@@ -217,6 +217,7 @@ def _compute_strains(geometry: Geometry, shapes: Shapes, m: int) -> tuple[Floats
     strain[:, :, 3, 0], strain[:, :, 3, 2] = half * by_z, half * by_r
     strain[:, :, 4, 0], strain[:, :, 4, 1] = -half * m * value_over_radius, half * (by_r - value_over_radius)
     strain[:, :, 5, 1], strain[:, :, 5, 2] = half * by_z, -half * m * value_over_radius
+    # the components are U + V and U - V in place of U and V
     plus, minus = (strain[:, :, :, 0] + strain[:, :, :, 1]) / 2, (strain[:, :, :, 0] - strain[:, :, :, 1]) / 2
     strain[:, :, :, 0], strain[:, :, :, 1] = plus, minus
     flat = strain.reshape(n, q, 6, 3 * s)

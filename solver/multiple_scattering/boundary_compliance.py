@@ -45,7 +45,7 @@ from solver.linalg.cholesky import Factor, has_pardiso
 from solver.linalg.schur_complements import SchurComplements
 from solver.multiple_scattering.azimuthal_systems import COMPONENT_MATRICES, Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
-from solver.multiple_scattering.panels import PanelLine, Panels
+from solver.multiple_scattering.rings import PanelLine, Panels
 
 
 @dataclass(frozen=True)
@@ -75,41 +75,32 @@ class BoundaryData:
         cls, model: MeridianModel, boundary: Boundary, elements: Ints, panels: Panels, *, interface: Interface, m: int
     ) -> BoundaryData:
         """Build the data matrices of one layer, for order 0 or for all orders above; ``elements`` are those of all boundaries."""
-        amplitudes, around = COMPONENT_MATRICES[min(m, 1)], 2 * np.pi if m == 0 else np.pi
-        inverse, b = np.linalg.pinv(amplitudes), boundary
+        amplitudes = COMPONENT_MATRICES[min(m, 1)]
+        azimuthal_integral = 2 * np.pi if m == 0 else np.pi  # of cos^2 m theta
+        to_components = np.linalg.pinv(amplitudes)
         tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
-        place = _EntryPlaces(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
+        entries = _EntryPlaces(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
-        def compute_couplings(edges: Edges, places: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
-            """Return the matrices of forces by tractions and of values by displacements on a line's edges."""
+        def build_matrices(edges: Edges, places: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
+            """Build the matrices of forces by tractions and of values by displacements on a line's edges."""
             interpolation = line.build_interpolation(places)
-            loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, interpolation)
-            values = np.einsum("sq,eqn->esn", edges.coefficients, interpolation)
-            return place.build_sparse(edges, loads, amplitudes.T, 0, part.start), place.build_sparse(
-                edges, values, inverse, 3, part.start
-            )
+            loads = np.einsum("eq,qs,eqn->esn", azimuthal_integral * edges.weight, edges.values, interpolation)
+            forces = entries.build_sparse(edges, loads, amplitudes.T, 0, part.start)
+            lifted = np.einsum("sq,eqn->esn", edges.coefficients, interpolation)
+            return forces, entries.build_sparse(edges, lifted, to_components, 3, part.start)
 
-        surface_couplings, side_couplings = (
-            compute_couplings(b.surface, b.surface.r, panels.surface, surface),
-            compute_couplings(b.side, -b.side.z - panels.top, panels.side, side),
-        )
-        floor_couplings = compute_couplings(b.floor, b.floor.r, panels.floor, floor)
-        faces = [
-            compute_couplings(edges, edges.r, line, part)
-            for edges, line, part in ((b.above, panels.surface, surface), (b.below, panels.floor, floor))
-            if len(edges.element)
-        ]
-        ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.build_interpolation(b.ends.r))
-        values = place.build_sparse(b.ends, ends, inverse @ tied, 3, surface.start) - floor_couplings[1]
-        direct = (
-            surface_couplings[0].T @ surface_couplings[1]
-            + side_couplings[0].T @ side_couplings[1]
-            - floor_couplings[0].T @ floor_couplings[1]
-        )
-        forces = surface_couplings[0] + side_couplings[0]
-        for loads, lifted in faces:
-            forces, values = forces + loads, values - lifted
+        surface_forces, surface_values = build_matrices(boundary.surface, boundary.surface.r, panels.surface, surface)
+        side_forces, side_values = build_matrices(boundary.side, -boundary.side.z - panels.top, panels.side, side)
+        floor_forces, floor_values = build_matrices(boundary.floor, boundary.floor.r, panels.floor, floor)
+        direct = surface_forces.T @ surface_values + side_forces.T @ side_values - floor_forces.T @ floor_values
+        ends = np.einsum("sq,eqn->esn", boundary.ends.coefficients, panels.surface.build_interpolation(boundary.ends.r))
+        forces = surface_forces + side_forces
+        values = entries.build_sparse(boundary.ends, ends, to_components @ tied, 3, surface.start) - floor_values
+        for edges, line, part in ((boundary.above, panels.surface, surface), (boundary.below, panels.floor, floor)):
+            if len(edges.element):  # an interface to another layer
+                face_forces, face_values = build_matrices(edges, edges.r, line, part)
+                forces, values = forces + face_forces, values - face_values
         return cls(forces, values, ((direct + direct.T) / 2).tocsr())
 
     @classmethod
@@ -130,19 +121,20 @@ class _EntryPlaces:
     components: int
     points: int
 
-    def build_sparse(self, edges: Edges, table: Floats, turn: Floats, first: int, start: int) -> Any:
+    def build_sparse(self, edges: Edges, table: Floats, transformation: Floats, first: int, start: int) -> Any:
         """Build a sparse matrix from points of a line to functions of its edges.
 
-        ``table``, (e, s, n), maps points to functions; ``turn``, (c, 3), maps r, theta, z to components.
+        ``table``, (e, s, n), maps points to functions; ``transformation``, (c, 3), maps r, theta, z to components.
+        ``first`` is 0 for tractions and 3 for displacements, ``start`` the index of the line's first point.
         """
         row = np.searchsorted(self.elements, edges.element)[:, None] * self.components
         triplets = []
-        for c, component in enumerate(turn):
+        for c, component in enumerate(transformation):
             rows = (row + c) * self.functions + edges.local
-            for a, share in enumerate(component):
-                if share:
+            for a, factor in enumerate(component):
+                if factor:
                     e, s, n = np.nonzero(table)
-                    triplets.append((rows[e, s], (first + a) * self.points + start + n, share * table[e, s, n]))
+                    triplets.append((rows[e, s], (first + a) * self.points + start + n, factor * table[e, s, n]))
         rows_, columns, entries = (np.concatenate(part) for part in zip(*triplets, strict=True))
         size = len(self.elements) * self.components * self.functions, 6 * self.points
         return sp.csr_array((entries, (rows_, columns)), shape=size)
@@ -182,6 +174,7 @@ class BoundaryResponse:
 
     @cached_property
     def _system(self) -> _System:
+        """The order's system; ``_matrix`` frees it."""
         return _System.from_boundary(self.assemble(), self.boundary)
 
     @cached_property
@@ -260,8 +253,8 @@ class _System:
     def _factor(self) -> Factor:
         """Factor of the order's matrix, after a check of its residual with a load that contains all data."""
         size = np.sqrt((self.force_matrix**2).sum(axis=0))
-        share = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
-        self.harmonic.solve(np.asarray(self.force_matrix @ share[:, None]))
+        mix = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
+        self.harmonic.solve(np.asarray(self.force_matrix @ mix[:, None]))
         return self.harmonic.factor
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import ELEMENT_SIDES, compute_labels, compute_nodes, label_line
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import LAYERS, Body, Section
@@ -75,15 +75,22 @@ class Boundary:
     def from_model(cls, model: MeridianModel, layer: int = 0) -> Boundary:
         """Find the edges of a layer, by its number from the surface downwards, or of the tissue below all layers."""
         layout, body = model.mesh.layout, model.mesh.body
-        surface, side = label_line(layout.row["surface"]), label_line(layout.column["side"])
-        in_layer, probe = body == find_tissue_body(model.section, layer), (body == Body.INNER) | (body == Body.OUTER)
-        empty, lowest = np.zeros_like(in_layer), layer == len(layout.interfaces)
-        faces = [label_line(row) for row in layout.interfaces]
-        first, last = (in_layer, empty)[layer > 0], (empty, in_layer)[lowest]
-        lines = ((1, surface, first), (0, side, in_layer), (1, label_line(0), last), (1, surface, (probe, empty)[layer > 0]))
-        upper_line = (1, faces[layer - 1], in_layer) if layer else (1, surface, empty)
-        lower_line = (1, surface, empty) if lowest else (1, faces[layer], in_layer)
-        return cls(*(_find_edges(model, axis, line, which) for axis, line, which in (*lines, upper_line, lower_line)))
+        surface, faces = label_line(layout.row["surface"]), [label_line(row) for row in layout.interfaces]
+        is_first, is_last = layer == 0, layer == len(faces)
+        in_layer, in_probe = body == find_tissue_body(model.section, layer), (body == Body.INNER) | (body == Body.OUTER)
+
+        def find_edges(axis: int, line: float, which: Bools, exists: bool = True) -> Edges:
+            """Find the edges of some elements on a line; none where the layer does not have that line."""
+            return _find_edges(model, axis, line, which if exists else np.zeros_like(which))
+
+        return cls(
+            surface=find_edges(1, surface, in_layer, is_first),
+            side=find_edges(0, label_line(layout.column["side"]), in_layer),
+            floor=find_edges(1, label_line(0), in_layer, is_last),
+            ends=find_edges(1, surface, in_probe, is_first),
+            above=find_edges(1, surface if is_first else faces[layer - 1], in_layer, not is_first),
+            below=find_edges(1, surface if is_last else faces[layer], in_layer, not is_last),
+        )
 
     @property
     def elements(self) -> Ints:
@@ -96,7 +103,7 @@ def find_tissue_body(section: Section, layer: int) -> Body:
     return LAYERS[layer] if layer < len(section.interfaces) else Body.TISSUE
 
 
-def _find_edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
+def _find_edges(model: MeridianModel, axis: int, line: float, which: Bools) -> Edges:
     """Find the edges of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
     label, order = compute_labels(model.mesh), model.shapes.order
     x, weight = _compute_lobatto_rule(order + EXTRA_POINTS)

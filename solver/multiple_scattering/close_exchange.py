@@ -23,8 +23,7 @@ from solver.elements.quadrilateral import compute_dilations
 from solver.elements.shape_functions import evaluate_functions, evaluate_pressures
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import DISPLACEMENT_COMPONENTS, build_stack
-from solver.multiple_scattering.boundary_edges import Edges
-from solver.multiple_scattering.interior_solution import LIFTED_EDGES, BoundaryAmplitudes, Interior
+from solver.multiple_scattering.interior_solution import LIFTED_EDGES, EdgeData, Interior
 from solver.multiple_scattering.rings import PLANE_COMPONENTS, SIDE_COMPONENTS, AzimuthalGrid, build_turn_matrices
 from solver.multiple_scattering.spheres import ScatteringSphere
 
@@ -67,7 +66,7 @@ class CloseExchange:
 
     def reflect(self, scattered: Sequence[Floats], min_work: float, max_orders: int) -> tuple[list[Floats], int]:
         """Reflect fields; return regular coefficients and the number of orders, as ``Exchange.iterate_reflection`` does."""
-        samples, quiet = [self._sample_edges(layer, scattered) for layer in self._layers], 0
+        samples, negligible_orders = [self._sample_edges(layer, scattered) for layer in self._layers], 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(max_orders, self.rounds.orders)):
             check_time("reflections")
@@ -82,8 +81,8 @@ class CloseExchange:
                 returned = sphere.compute_coefficients(*self._evaluate_returned(sphere, place, m, displacement))
                 total[k] += returned
                 work += (c * (sphere.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ returned
-            quiet = quiet + 1 if np.abs(work).max() < min_work else 0
-            if quiet == 2:
+            negligible_orders = negligible_orders + 1 if np.abs(work).max() < min_work else 0
+            if negligible_orders == 2:
                 break
         return total, m + 1
 
@@ -100,47 +99,45 @@ class CloseExchange:
         surface, side, floor = build_turn_matrices(self.rounds)
         kinds = {(name, "lifted"): (DISPLACEMENT_COMPONENTS, surface[:, 3:]) for name in LIFTED_EDGES}
         kinds |= {
-            (name, "forces"): (PLANE_COMPONENTS[:3], turn[:, :3])
-            for name, turn in (("surface", surface), ("above", surface), ("below", floor))
+            (name, "forces"): (PLANE_COMPONENTS[:3], rotation[:, :3])
+            for name, rotation in (("surface", surface), ("above", surface), ("below", floor))
         }
         kinds["side", "forces"] = SIDE_COMPONENTS[:5], side[:, :3]
         samples, boundary = {}, self.interior(0, layer).boundary
-        for (name, kind), (components, turn) in kinds.items():
+        for (name, kind), (components, rotation) in kinds.items():
             edges, total = getattr(boundary, name), np.zeros(())
             if not len(edges.element):
                 continue
             for sphere, c in zip(self.spheres, scattered, strict=True):
                 if sphere.layer != layer:
                     continue
-                table = Table(sphere.modes.harmonics, "outgoing", (self._list_points(edges) - sphere.centre) / sphere.radius)
+                points = self.rounds.repeat_points(edges.r.ravel(), edges.z.ravel())
+                table = Table(sphere.modes.harmonics, "outgoing", (points - sphere.centre) / sphere.radius)
                 sampler = Sampler(
                     build_stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), name != "side"
                 )
-                sampled = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
+                sampled = sampler.evaluate(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
                 unit = sphere.two_mu / sphere.radius if kind == "forces" else 1.0
-                turned = turn[..., components] @ sampled.reshape(self.rounds.count, len(components), -1)
-                total = total + unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1)
+                rotated = rotation[..., components] @ sampled.reshape(self.rounds.count, len(components), -1)
+                total = total + unit * rotated.reshape(self.rounds.count, 3, c.shape[1], -1)
             samples[name, kind] = total
         if self.interface == "frictionless" and ("ends", "lifted") in samples:
             samples["ends", "lifted"][:, :2] = 0.0
         return samples
 
-    def _list_points(self, edges: Edges) -> Floats:
-        angle, r, z = self.rounds.angles[:, None], edges.r.ravel(), edges.z.ravel()
-        return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
-
-    def _compute_amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> BoundaryAmplitudes:
+    def _compute_amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> EdgeData:
         """Compute the amplitudes of one order from the samples."""
-        families = 1 if self.rounds.mirrored else 2
+        families = self.rounds.families
         waves, boundary = self.rounds.waves[:, m * families : (m + 1) * families], self.interior(0, layer).boundary
-        amplitudes: dict[str, dict[str, Floats]] = {"forces": {}, "lifted": {}}
+        amplitudes = {}
         for (name, kind), values in samples.items():
             amplitude = np.einsum("cft,tckn->ncfk", waves, values, optimize=True)
-            amplitudes[kind][name] = np.asarray(amplitude.reshape(*getattr(boundary, name).r.shape, 3, -1))
-        return BoundaryAmplitudes(**amplitudes)
+            amplitudes[name, kind] = np.asarray(amplitude.reshape(*getattr(boundary, name).r.shape, 3, -1))
+        return amplitudes
 
     @cached_property
     def _places(self) -> list[_SpherePlace]:
+        """Places of all spheres' points in the mesh."""
         places_of_spheres, shapes = [], self.field.states.model.shapes
         for sphere in self.spheres:
             x, y, z = sphere.points.T
@@ -151,6 +148,7 @@ class CloseExchange:
 
     @cached_property
     def _elements(self) -> Ints:
+        """Numbers of all elements with points of spheres, rising."""
         return np.unique(np.concatenate([place.element for place in self._places]))
 
     def _evaluate_returned(
@@ -161,7 +159,7 @@ class CloseExchange:
         In nearly incompressible tissue its dilation is returned too, else None.
         """
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
-        waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
+        waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: self.rounds.families])
         displacement = displacement.reshape(*displacement.shape[:3], len(waves), -1)
         row, model = np.searchsorted(self._elements, place.element), self.field.states.model
         local = (place.value[:, None, None] @ displacement.reshape(*displacement.shape[:3], -1)[row]).reshape(

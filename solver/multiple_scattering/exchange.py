@@ -24,12 +24,11 @@ from solver.linalg.workspace import get_workspace, measure_bytes
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
+from solver.multiple_scattering.boundary_samples import LayerSamples
 from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.interior_solution import Interior
-from solver.multiple_scattering.layer_samples import LayerSamples
 from solver.multiple_scattering.lockstep import Steps
-from solver.multiple_scattering.panels import Panels
-from solver.multiple_scattering.rings import AzimuthalGrid
+from solver.multiple_scattering.rings import AzimuthalGrid, Panels
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 LESS_MEMORY_HINT = "fewer, or further from surface, floor and interfaces, take less"
@@ -57,7 +56,6 @@ class Reflector:
     _interiors: dict[tuple[int, int], Interior] = field(default_factory=dict, repr=False)
     _harmonic_of_order: dict[int, Harmonic] = field(default_factory=dict, repr=False)
     _data: dict[tuple[int, int], BoundaryData] = field(default_factory=dict, repr=False)
-    _panels: dict[int, Panels] = field(default_factory=dict, repr=False)
 
     def find_response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
         """Return the response of an order to fields in some layers, by number; its system is assembled on first use."""
@@ -97,12 +95,12 @@ class Reflector:
         """Reserve memory for one order; if memory is short the last cached order is dropped, as all are used in turn."""
         needed = self._harmonics.bytes_per_order
         get_workspace().make_room(needed)
-        wanted = get_workspace().bytes_held + other_bytes + needed
+        total_bytes = get_workspace().bytes_held + other_bytes + needed
         if not self._harmonic_of_order:
             check_memory(
-                f"reflections of tumours close to the surface, to other faces or to the probe ({LESS_MEMORY_HINT})", wanted
+                f"reflections of tumours close to the surface, to other faces or to the probe ({LESS_MEMORY_HINT})", total_bytes
             )
-        elif len(self._harmonic_of_order) > 1 and not fits_in_memory(wanted):
+        elif len(self._harmonic_of_order) > 1 and not fits_in_memory(total_bytes):
             last, _ = self._harmonic_of_order.popitem()
             for key in [key for key in self._interiors if key[0] == last]:
                 del self._interiors[key]
@@ -114,10 +112,12 @@ class Reflector:
 
     @cached_property
     def _field(self) -> TissueField:
+        """The base states as functions of position."""
         return TissueField(self.states)
 
     @cached_property
     def _harmonics(self) -> AzimuthalSystems:
+        """Systems of all azimuthal orders."""
         elements = np.unique(np.concatenate([boundary.elements for boundary in self._boundaries]))
         return AzimuthalSystems(self.states.model, self.interface, elements)
 
@@ -125,15 +125,15 @@ class Reflector:
         """Return the data matrices of a layer, for order 0 or for all others."""
         if (layer, m) not in self._data:
             model, elements = self.states.model, self._harmonics.boundary
-            boundary, panels = self._boundaries[layer], self.find_panels(layer)
+            boundary, panels = self._boundaries[layer], self._panels[layer]
             self._data[layer, m] = BoundaryData.from_layer(model, boundary, elements, panels, interface=self.interface, m=m)
         return self._data[layer, m]
 
-    def find_panels(self, layer: int = 0) -> Panels:
-        """Return the points at which fields are sampled on a layer's boundary."""
-        if layer not in self._panels:
-            self._panels[layer] = Panels.from_section(self.states.model.section, self.states.model.shapes.order, layer)
-        return self._panels[layer]
+    @cached_property
+    def _panels(self) -> list[Panels]:
+        """Points at which fields are sampled on the boundary of each layer."""
+        model = self.states.model
+        return [Panels.from_section(model.section, model.shapes.order, layer) for layer in range(len(self._boundaries))]
 
     def build_exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
         """Build the exchange of fields between spheres and boundary; all that does not depend on the fields is computed once.
@@ -153,7 +153,7 @@ class Reflector:
         if self.close:
             interior = partial(self.find_interior, beside=measure_bytes(list(spheres)))
             return CloseExchange(interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds)
-        samples = LayerSamples.from_spheres(spheres, self.find_panels, rounds)
+        samples = LayerSamples.from_spheres(spheres, self._panels, rounds)
         samples.check_memory_limit()
         return Exchange(self, spheres, samples)
 
@@ -196,17 +196,18 @@ class Exchange:
             A system could not be solved.
         """
         data = self.samples.compute_amplitudes(scattered)
-        answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
+        responses, k, negligible_orders = np.empty_like(data), scattered[0].shape[1], 0
         for m in range(min(max_orders, len(data))):
             check_time("reflections")
-            answers[m] = yield self.reflector.find_response(m, self.samples.layers), data[m]
-            exchanged = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
-            quiet = quiet + 1 if np.abs(exchanged).max() < min_work else 0
-            if quiet == 2:
+            responses[m] = yield self.reflector.find_response(m, self.samples.layers), data[m]
+            exchanged = (data[m].reshape(-1, k)).T @ responses[m].reshape(-1, k)
+            negligible_orders = negligible_orders + 1 if np.abs(exchanged).max() < min_work else 0
+            if negligible_orders == 2:
                 break
-        works = self.samples.compute_work(answers[: m + 1])
-        return [self._compute_coefficients(sphere, work) for sphere, work in zip(self.spheres, works, strict=True)], m + 1
-
-    def _compute_coefficients(self, sphere: ScatteringSphere, work: Floats) -> Floats:
-        """Compute coefficients from the work of every outgoing mode, divided by its work on its regular mode, ``Modes.work``."""
-        return np.asarray(work / (-sphere.two_mu * sphere.radius * sphere.modes.work)[:, None])
+        works = self.samples.compute_work(responses[: m + 1])
+        # a coefficient is the work of its outgoing mode on the response, over that on its regular mode, ``Modes.work``
+        coefficients = [
+            np.asarray(work / (-sphere.two_mu * sphere.radius * sphere.modes.work)[:, None])
+            for sphere, work in zip(self.spheres, works, strict=True)
+        ]
+        return coefficients, m + 1

@@ -19,20 +19,12 @@ from solver.multiple_scattering.boundary_edges import Boundary, Edges
 FORCE_EDGES, LIFTED_EDGES = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # by kind of data
 
 
-@dataclass(frozen=True)
-class BoundaryAmplitudes:
-    """Amplitudes of one order on a layer's boundary, U, V, W last but one, shapes (e, q, 3, k).
+EdgeData = Mapping[tuple[str, str], Floats]
+"""Amplitudes of one order on a layer's boundary, (e, q, 3, k) with U, V, W along the third axis, by edges' name and kind.
 
-    Attributes
-    ----------
-    forces
-        Tractions t_r, t_theta, t_z, outward normal, Pa, by the names of ``Boundary``: all but ends and floor.
-    lifted
-        Displacements, m, by its names: all but surface and side.
-    """
-
-    forces: Mapping[str, Floats]
-    lifted: Mapping[str, Floats]
+The kind "forces" is of tractions t_r, t_theta, t_z by the outward normal, Pa, on ``FORCE_EDGES``; "lifted" is of displacements,
+m, on ``LIFTED_EDGES``.
+"""
 
 
 @dataclass(frozen=True)
@@ -88,21 +80,22 @@ class Interior:
             table.reshape(e, c * s, -1),
         )
 
-    def _place_data(self, kind: str, data: Mapping[str, Floats]) -> Floats:
-        """Add data (e, q, 3, k) to values of the boundary's elements, (elements, 4 c p, k)."""
+    def _place_data(self, data: EdgeData) -> Floats:
+        """Add data to values of the boundary's elements, (elements, 4 c p, k)."""
         k = next((values.shape[-1] for values in data.values()), 1)
         element_values = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], k))
-        for name, values in data.items():
-            row, column, table = self._tables[name, kind]
+        for key, values in data.items():
+            row, column, table = self._tables[key]
             element_values[row, column] += table @ values.reshape(len(values), -1, k)
         return element_values
 
-    def compute_loads(self, data: BoundaryAmplitudes) -> tuple[Floats, Floats]:
+    def compute_loads(self, data: EdgeData) -> tuple[Floats, Floats]:
         """Compute imposed values of the boundary's elements, (elements, 4 c p, k), and forces (unknowns, k), of some data."""
-        imposed = -self._place_data("lifted", {name: values for name, values in data.lifted.items() if name != "ends"})
-        forces = self._place_data("forces", data.forces)
-        ends = self._place_data("lifted", {name: values for name, values in data.lifted.items() if name == "ends"})
-        forces += self.harmonic.stiffness @ (imposed + ends)
+        tractions = {key: values for key, values in data.items() if key[1] == "forces"}
+        ends = {key: values for key, values in data.items() if key == ("ends", "lifted")}
+        lifted = {key: values for key, values in data.items() if key not in tractions and key not in ends}
+        imposed = -self._place_data(lifted)
+        forces = self._place_data(tractions) + self.harmonic.stiffness @ (imposed + self._place_data(ends))
         return imposed, -(self._force_assembly @ forces.reshape(-1, forces.shape[-1]))
 
     def solve(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:

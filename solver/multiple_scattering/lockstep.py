@@ -14,9 +14,9 @@ import numpy as np
 from geometry.common.arrays import Floats
 from solver.multiple_scattering.boundary_compliance import BoundaryResponse
 
-Question = tuple[BoundaryResponse, Floats]
+OrderRequest = tuple[BoundaryResponse, Floats]
 T = TypeVar("T")
-Steps = Generator[Question, Floats, T]
+Steps = Generator[OrderRequest, Floats, T]
 
 
 def run_steps(steps: Steps[T], often: bool) -> T:
@@ -33,12 +33,12 @@ def run_steps(steps: Steps[T], often: bool) -> T:
 def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
     """Run the steps of all sets and return their results; the next order is the one for which most sets wait."""
     results: dict[int, T] = {}
-    waiting: dict[int, Question] = {}
+    waiting: dict[int, OrderRequest] = {}
 
-    def advance(k: int, answer: Floats | None) -> None:
+    def advance(k: int, solution: Floats | None) -> None:
         """Send a set its response; store its next request, or its result at the end."""
         try:
-            waiting[k] = next(all_steps[k]) if answer is None else all_steps[k].send(answer)
+            waiting[k] = next(all_steps[k]) if solution is None else all_steps[k].send(solution)
         except StopIteration as end:
             results[k] = end.value
 
@@ -49,9 +49,9 @@ def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
         for k, (response, _) in waiting.items():
             groups.setdefault(id(response), []).append(k)
         largest_group = max(groups.values(), key=len)
-        questions = [waiting.pop(k) for k in largest_group]
-        ends = np.cumsum([data.shape[1] for _, data in questions])[:-1]
-        answers = questions[0][0].apply(np.concatenate([data for _, data in questions], axis=1), False)
-        for k, answer in zip(largest_group, np.split(answers, ends, axis=1), strict=True):
-            advance(k, answer)
+        requests = [waiting.pop(k) for k in largest_group]
+        ends = np.cumsum([data.shape[1] for _, data in requests])[:-1]
+        solutions = requests[0][0].apply(np.concatenate([data for _, data in requests], axis=1), False)
+        for k, solution in zip(largest_group, np.split(solutions, ends, axis=1), strict=True):
+            advance(k, solution)
     return [results[k] for k in range(len(all_steps))]

@@ -88,4 +88,5 @@ def _build_hankel(blocks: Floats, n: int) -> Floats:
 
 
 def _symmetrise(matrix: Floats) -> Floats:
+    """Return the symmetric part of a matrix."""
     return np.asarray((matrix + matrix.T) / 2)

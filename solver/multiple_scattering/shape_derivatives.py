@@ -19,8 +19,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.inclusions.projection import build_quadrature
-from solver.inclusions.sphere_scattering import Scattering
-from solver.inclusions.sphere_scattering import compute_scattering as scattering_by
+from solver.inclusions.sphere_scattering import Scattering, compute_scattering
 from solver.materials.linear import VOIGT_WEIGHTS, Isotropic
 from solver.multiple_scattering.spheres import ScatteringSphere
 
@@ -38,26 +37,30 @@ def compute_shape_derivatives(
         Derivatives of the film forces, N/m per unit, shapes (2, 2), with respect to the logarithms of depth and diameter, to
         poisson_ratio, and to the offset from the probe's axis, per m; that is zero on the axis.
     """
-    modes = sphere.modes
+    modes, radius = sphere.modes, sphere.radius
     points, weights = build_quadrature(modes, 6)
-    outside = modes.regular(points, incident)[1] + modes.outgoing(points, scattering.S @ incident)[1]
-    inside = replace(modes, nu=material.poisson_ratio).regular(points, scattering.inside @ incident)[1]
-    pairs = [_compute_stress_and_strain(part, body, sphere.radius) for part, body in ((inside, material), (outside, matrix))]
-    (s_in, e_in), (s_out, e_out) = pairs
+    outside = modes.evaluate_regular(points, incident)[1] + modes.evaluate_outgoing(points, scattering.S @ incident)[1]
+    inside = replace(modes, nu=material.poisson_ratio).evaluate_regular(points, scattering.inside @ incident)[1]
+    s_in, e_in = _compute_stress_and_strain(inside, material, radius)
+    s_out, e_out = _compute_stress_and_strain(outside, matrix, radius)
     jump = e_in - e_out
     density = _contract(s_in, e_in) - _contract(s_out, e_out) - _contract(s_out, jump) - _contract(jump, s_out)
-    x, y, _ = sphere.centre
+
+    def integrate(motion: Floats) -> Floats:
+        """Integrate eq. MS.10 for a motion V_n of the surface at the points, shape (q,)."""
+        return np.asarray(np.einsum("q,qij->ij", weights * radius**2 * motion, density))
+
+    x, y, z = sphere.centre
     offset = float(np.hypot(x, y))
-    radial = np.array([x, y, 0.0]) / offset if offset > 0 else np.zeros(3)
-    area = weights * sphere.radius**2
-    motions = -points[:, 2], points @ radial, np.full(len(points), sphere.radius)
-    shifted = scattering_by(
-        modes, matrix.youngs_modulus, material.youngs_modulus, material.poisson_ratio + COMPLEX_STEP * 1j, sphere.radius
-    )
-    by_poisson = incident.T @ (shifted.T.imag @ incident) / COMPLEX_STEP
-    downward, outward, grow = (np.einsum("q,qij->ij", area * motion, density) for motion in motions)
-    depth = -sphere.centre[2]
-    return {"depth": downward * depth, "offset": outward, "diameter": grow, "poisson_ratio": by_poisson}
+    outward = np.array([x, y, 0.0]) / offset if offset > 0 else np.zeros(3)
+    nu = material.poisson_ratio + COMPLEX_STEP * 1j
+    shifted = compute_scattering(modes, matrix.youngs_modulus, material.youngs_modulus, nu, radius)
+    return {
+        "depth": integrate(-points[:, 2]) * -z,
+        "offset": integrate(points @ outward),
+        "diameter": integrate(np.full(len(points), radius)),
+        "poisson_ratio": incident.T @ (shifted.T.imag @ incident) / COMPLEX_STEP,
+    }
 
 
 def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:

@@ -33,24 +33,22 @@ from geometry.scenes.probe import Material
 from solver.axisymmetric.refinement import compute_total_change
 from solver.axisymmetric.tissue_field import TissueField
 from solver.inclusions.projection import Projection, build_projection, count_projection_bytes
-from solver.inclusions.strata import Strata
-from solver.inclusions.tumours import Tumours
+from solver.inclusions.tumours import Strata, Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import keep_table
 from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.exchange import LESS_MEMORY_HINT, Exchange, Reflector
 from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.reflection_series import Reflections
-from solver.multiple_scattering.resolution import DEGREE_LIMITS, compute_degrees, compute_gap, estimate_unresolved
 from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.shape_derivatives import compute_shape_derivatives
-from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
+from solver.multiple_scattering.spheres import DEGREE_LIMITS, ScatteringSphere, SphereSet, compute_degrees, estimate_unresolved
 
 MAX_MODE_ORDER = 16  # maximum azimuthal order of the modes
 ANGLE_LIMITS = (10, 40)  # minimum and maximum number of angles if a sphere lies off the axis
 MAX_CACHED_DEGREE = 20  # maximum degree of off-axis modes with cached projections: 1 to 30 MB each
 MAX_REFLECTIONS = 6  # each costs one solution per azimuthal order
-_kept_projection = keep_table(build_projection)
+_find_cached_projection = keep_table(build_projection)
 SLOPE_TOLERANCE_FACTOR = 5.0  # derivatives with respect to the modulus are this much more sensitive to omitted terms
 MIN_TIMED_TUMOURS = 4  # tumours after which the time for the rest can be estimated
 TIME_SHARE = 0.5  # of that time: the machine may be busier now than later
@@ -130,10 +128,8 @@ def iterate_scattering(
     section = reflector.states.model.section
     spheres, rounds = arrange_spheres(section, strata, tumours)
     sphere_set = SphereSet.from_spheres(spheres, tumours)
-    exchange, c = (
-        reflector.build_exchange(spheres, rounds),
-        np.concatenate([compute_incident(field, sphere) for sphere in spheres]),
-    )
+    exchange = reflector.build_exchange(spheres, rounds)
+    c = np.concatenate([compute_incident(field, sphere) for sphere in spheres])
     series, orders, previous_energy = Reflections.begin(c, sphere_set.compute_work(c)), rounds.orders, np.inf
     min_work = ORDER_TOLERANCE_SHARE * tolerance * float(np.abs(series.moments[0]).max())
     slopes = sphere_set.compute_slopes(c)
@@ -141,7 +137,8 @@ def iterate_scattering(
         c, orders = yield from _reflect(exchange, sphere_set.scatter(series.fields[-1]), min_work, orders)
         series = series.append(c, sphere_set.compute_work(c))
         change = series.rho / (1 - series.rho) * series.correction
-        previous_energy, decay = _compute_decay(previous_energy, float(np.linalg.norm(series.correction)), series.rho)
+        energy = float(np.linalg.norm(series.correction))
+        decay, previous_energy = _estimate_decay(previous_energy, energy, series.rho), energy
         total = series.sum_fields(series.galerkin_weights + series.remainder_weights)
         last, slopes = slopes, sphere_set.compute_slopes(total)
         slope_change = np.maximum(
@@ -151,27 +148,23 @@ def iterate_scattering(
         settled = np.all(compute_total_change(change[None])[0] <= tolerance * totals)
         if settled and (not sensitive or np.all(slope_change <= SLOPE_TOLERANCE_FACTOR * tolerance * np.max(np.abs(slopes)))):
             break
-    forces, left_out = (
-        series.forces,
-        estimate_unresolved(section, strata, tumours, spheres) + 2 * ORDER_TOLERANCE_SHARE * tolerance,
-    )
-    error = compute_total_change(
-        np.array([change, _estimate_tail(section, spheres, sphere_set, series=series, fields=total), left_out * forces])
-    ).sum(axis=0)
+    left_out = estimate_unresolved(section, strata, tumours, spheres) + 2 * ORDER_TOLERANCE_SHARE * tolerance
+    tail = _estimate_tail(section, spheres, sphere_set, series=series, fields=total)
+    error = compute_total_change(np.array([change, tail, left_out * series.forces])).sum(axis=0)
     slope_error = slope_change + SLOPE_TOLERANCE_FACTOR * left_out * np.abs(slopes)
     moves = tuple(_list_shape_derivatives(tumours, spheres, sphere_set, total)) if places else ()
     return Scattered(
-        forces, slopes, error=error, slope_error=slope_error, shape_derivatives=moves, steps=series.count, orders=orders
+        series.forces, slopes, error=error, slope_error=slope_error, shape_derivatives=moves, steps=series.count, orders=orders
     )
 
 
-def _compute_decay(previous_energy: float, energy: float, rho: float) -> tuple[float, float]:
-    """Return the energy and the sum of all further changes of the derivatives as a multiple of the last change.
+def _estimate_decay(previous_energy: float, energy: float, rho: float) -> float:
+    """Estimate the sum of all further changes of the derivatives as a multiple of the last change.
 
     Derivatives converge like fields: with the square root of the energy.
     """
-    share = min(0.9, np.sqrt(energy / previous_energy)) if np.isfinite(previous_energy) and previous_energy > 0 else rho
-    return energy, share / (1 - share)
+    factor = min(0.9, np.sqrt(energy / previous_energy)) if np.isfinite(previous_energy) and previous_energy > 0 else rho
+    return factor / (1 - factor)
 
 
 def _list_shape_derivatives(
@@ -193,13 +186,13 @@ def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple
     """
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))
-    turn = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
-    x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
+    angle = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
+    x, y = np.cos(angle) * tumours.x + np.sin(angle) * tumours.y, np.cos(angle) * tumours.y - np.sin(angle) * tumours.x
     plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
     axis = bool(np.all(offset <= 1e-9 * radius))
     layers = strata.find_layer(tumours.depth).tolist()
     parity: Literal["even", "both"] = "even" if plane else "both"
-    required = np.clip(np.ceil(np.maximum(*compute_degrees(section, tumours))), *DEGREE_LIMITS).astype(int).tolist()
+    required = np.clip(np.ceil(np.maximum(*compute_degrees(section, strata, tumours))), *DEGREE_LIMITS).astype(int).tolist()
     modes = [
         _share_modes(Modes(degree, strata.materials[layer].poisson_ratio, 0 if axis else min(degree, MAX_MODE_ORDER), parity))
         for degree, layer in zip(required, layers, strict=True)
@@ -210,7 +203,8 @@ def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple
         ScatteringSphere(centre, float(size), sphere_modes, projections[sphere_modes], strata.materials[layer], layer)
         for centre, size, sphere_modes, layer in zip(centres, radius, modes, layers, strict=True)
     ]
-    angles = int(np.clip(np.ceil(np.max(3 * offset / (compute_gap(section, tumours) + 0.2 * radius))) + 6, *ANGLE_LIMITS))
+    distance = np.minimum(tumours.cover, strata.compute_gap(tumours))
+    angles = int(np.clip(np.ceil(np.max(3 * offset / (distance + 0.2 * radius))) + 6, *ANGLE_LIMITS))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
 
@@ -227,12 +221,11 @@ def _find_projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
         f"reflections of {len(modes)} tumours ({LESS_MEMORY_HINT})",
         sum(count_projection_bytes(sphere_modes) for sphere_modes in distinct),
     )
-    return {
-        sphere_modes: (
-            _kept_projection if sphere_modes.order == 0 or sphere_modes.degree <= MAX_CACHED_DEGREE else build_projection
-        )(sphere_modes)
-        for sphere_modes in distinct
-    }
+    projections = {}
+    for sphere_modes in distinct:
+        is_small = sphere_modes.order == 0 or sphere_modes.degree <= MAX_CACHED_DEGREE
+        projections[sphere_modes] = (_find_cached_projection if is_small else build_projection)(sphere_modes)
+    return projections
 
 
 @lru_cache(maxsize=64)
@@ -267,12 +260,12 @@ def _exchange_between_spheres(spheres: Sequence[ScatteringSphere], outgoing: Seq
     """Compute the fields scattered to each sphere by the others in its layer, as regular coefficients."""
     total, start = [np.zeros_like(c) for c in outgoing], perf_counter()
     for k, sphere in enumerate(spheres):
-        left = TIME_SHARE * (perf_counter() - start) / k * (len(spheres) - k) if k >= MIN_TIMED_TUMOURS else 0.0
-        check_time(f"reflections of {len(spheres)} tumours (fewer take less)", left)
+        remaining_time = TIME_SHARE * (perf_counter() - start) / k * (len(spheres) - k) if k >= MIN_TIMED_TUMOURS else 0.0
+        check_time(f"reflections of {len(spheres)} tumours (fewer take less)", remaining_time)
         for neighbour, c in zip(spheres, outgoing, strict=True):
             if neighbour is not sphere and neighbour.layer == sphere.layer:  # from other layers it comes through the interfaces
                 local = (sphere.points - neighbour.centre) / neighbour.radius
-                total[k] += sphere.compute_coefficients(neighbour.modes.displacement(local, c, "outgoing"))
+                total[k] += sphere.compute_coefficients(neighbour.modes.evaluate_displacement(local, c, "outgoing"))
     return total
 
 

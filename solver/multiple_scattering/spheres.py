@@ -1,4 +1,4 @@
-"""Represent the spheres of a set with the modes of the fields about them."""
+"""Represent the spheres of a set with the modes of the fields about them: degrees that resolve the fields, and their errors."""
 
 from __future__ import annotations
 
@@ -10,13 +10,18 @@ from itertools import pairwise
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.meridian.section import Section
 from geometry.scenes.probe import Material
 from solver.inclusions.projection import Projection
 from solver.inclusions.sphere_scattering import Scattering, compute_scattering
-from solver.inclusions.tumours import Tumours
+from solver.inclusions.tumours import Strata, Tumours, compute_contrast
 from solver.inclusions.vector_modes import Modes
 from solver.materials.linear import Isotropic
-from solver.multiple_scattering.rings import ModeSource
+
+DEGREE_LIMITS = (4, 36)  # minimum and maximum degree of the modes
+OMITTED_DEGREES_SHARE = 0.1  # of the effect: error by omitted degrees, times their part of a field next to the surface
+MAX_CONTACT_REFLECTIONS = 1000  # reflections considered between a sphere and a surface it almost touches
+MIN_GAP_RELATIVE = 1e-9  # diameters: minimum distance from an interface
 
 
 @dataclass(frozen=True)
@@ -49,11 +54,6 @@ class ScatteringSphere:
         """2 mu of the surrounding material, with its shear modulus mu, Pa."""
         return float(Isotropic.from_material(self.matrix).two_mu)
 
-    @property
-    def source(self) -> ModeSource:
-        """The sphere as a source of outgoing modes."""
-        return ModeSource(self.centre, self.radius, self.modes)
-
     @cached_property
     def points(self) -> Floats:
         """Points at which displacements are projected, m, shape (q, 3)."""
@@ -66,7 +66,7 @@ class ScatteringSphere:
         is harmonic, so that its mean over the surface equals that over the ball, 3 c / R. In nearly incompressible tissue an
         error of the displacement's flux would be multiplied by the bulk modulus.
         """
-        coefficients = self.projection.coefficients(displacement)
+        coefficients = self.projection.compute_coefficients(displacement)
         if dilation is not None:
             mean = self.radius * np.sqrt(4 * np.pi) / 3 * self.projection.weights / (4 * np.pi)
             coefficients[self.modes.ell == 0] = mean @ dilation
@@ -111,3 +111,52 @@ class SphereSet:
         """Return c^T (dT / d ln E) c of every sphere, with its work matrix T and modulus E, shape (t, k, k)."""
         pairs = zip(self.scatterings, self.parts, strict=True)
         return np.array([c[part].T @ (scattering.by_log_modulus[1] @ c[part]) for scattering, part in pairs])
+
+
+def compute_degrees(section: Section, strata: Strata, tumours: Tumours) -> tuple[Floats, Floats]:
+    """Return the degrees that resolve a sphere's image in surface, floor or interface, and the probe's field; (t,) each."""
+    radius = tumours.diameter / 2
+    above_floor = section.tissue_depth - tumours.depth - radius
+    nearest = np.minimum.reduce([tumours.cover, strata.compute_gap(tumours), above_floor])
+    image = 5 / np.log1p(2 * np.maximum(nearest, MIN_GAP_RELATIVE * tumours.diameter) / radius) + 2
+    return np.asarray(image), np.asarray(4 * radius / (section.tube_radius + tumours.cover) + 4)
+
+
+def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
+    """Estimate the relative error of the effect by omitted degrees; for blocks much smaller than the sphere it is unknown.
+
+    The inner block's field at the sphere, of radius R, is as wide as the block plus its distance. The work of degree l also
+    decays at least as (R / depth)^2l.
+    """
+    radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
+    inner, outer = (size + tumours.cover for size in (section.inner_radius, section.tube_radius))
+    if np.any(4 * radius / inner + 4 > DEGREE_LIMITS[1]):
+        return 1e3
+    pressed = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
+    images = OMITTED_DEGREES_SHARE * _estimate_images(section, strata, tumours, spheres)
+    return float(np.max(images + np.maximum(pressed, np.exp(-degree * outer / (2 * radius)))))
+
+
+def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
+    """Estimate the fraction of degrees above l in a sphere's images in surface, floor and interfaces, shape (t,).
+
+    For a sphere of radius R at a distance d it is at most (1 + 2 d / R)^(-2 l). If they almost touch, the k-th reflection, a
+    fraction q^k of the first field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
+
+        max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
+
+    where q is the fraction of the field that is left after each reflection. A stiff sphere at the floor needs high degrees; one
+    five times as stiff as its layer at an interface does not.
+    """
+    radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
+    moduli = zip(tumours.youngs_modulus.tolist(), tumours.poisson_ratio.tolist(), strict=True)
+    bodies = (Material(youngs_modulus=e, poisson_ratio=nu) for e, nu in moduli)
+    sphere_contrasts = np.array([compute_contrast(sphere.matrix, body) for sphere, body in zip(spheres, bodies, strict=True)])
+    depths = np.array([0.0, section.tissue_depth, *section.interfaces])
+    k = np.arange(1, MAX_CONTACT_REFLECTIONS + 1)[:, None]
+    fractions = np.zeros(len(radius))
+    for depth, contrast in zip(depths, (1.0, 1.0, *strata.contrasts), strict=True):
+        gap = np.maximum(np.abs(tumours.depth - depth) - radius, MIN_GAP_RELATIVE * tumours.diameter)
+        touching = np.max((sphere_contrasts * contrast) ** k * (k / (k + 1)) ** (2.0 * degree), axis=0)
+        fractions = np.maximum(fractions, np.minimum((1 + 2 * gap / radius) ** (-2.0 * degree), touching))
+    return fractions

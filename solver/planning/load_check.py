@@ -183,12 +183,12 @@ class LoadChanges:
         load = scene.load
         force = stiffness * load.indentation if load.indentation is not None else np.full_like(stiffness, load.force or 0.0)
         x = rule.strain * (force / stiffness + rule.tilted)
-        known = (x <= MAX_X) & (force <= CLOSURE_FORCE_SHARE * rule.closure)
-        slopes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, MAX_X))
-        ratio = np.where(known, RATIO_CHANGE_PER_X * rule.covered * x, np.inf)
+        is_covered = (x <= MAX_X) & (force <= CLOSURE_FORCE_SHARE * rule.closure)
+        sensitivity_changes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, MAX_X))
+        ratio = np.where(is_covered, RATIO_CHANGE_PER_X * rule.covered * x, np.inf)
         stiffnesses = (rule.stiffness, *stiffness.tolist())
         weakest = min(stiffnesses) if load.indentation is None else max(stiffnesses)
-        return cls(ratio, np.where(known, slopes, np.inf), replace(rule, stiffness=weakest))
+        return cls(ratio, np.where(is_covered, sensitivity_changes, np.inf), replace(rule, stiffness=weakest))
 
     @property
     def is_known(self) -> Bools:
@@ -204,15 +204,9 @@ def build_rule_from_formulas(scene: Scene, result: Result) -> LoadRule:
     """Build the load rule from a result of formulas, without a mesh; the gap's closure is bounded."""
     inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
     totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
-    return adjust_rule(
-        LoadRule.from_totals(scene, totals, bound_closure_force(scene, totals)),
-        FORMULAS_MARGIN,
-        _get_film_log_sensitivities(result),
-    )
-
-
-def _get_film_log_sensitivities(result: Result) -> Floats | None:
-    return None if result.film_log_sensitivities is None else np.array(result.film_log_sensitivities)
+    rule = LoadRule.from_totals(scene, totals, bound_closure_force(scene, totals))
+    films = result.film_log_sensitivities
+    return adjust_rule(rule, FORMULAS_MARGIN, None if films is None else np.array(films))
 
 
 def describe_effect(rule: LoadRule, force: float, promise: bool) -> str:
@@ -228,6 +222,7 @@ def _is_within(force: float, limit: LargestLoad) -> bool:
 
 
 def _add_notes(result: Result, notes: tuple[Note, ...]) -> Result:
+    """Return a result with further warnings."""
     return replace(result, warnings=(*result.warnings, *notes))
 
 

@@ -107,6 +107,7 @@ def combine_computed_limits(ends: LoadEnds, bounds: LoadLimits, accuracy: float)
     """
 
     def restate(end: LargestLoad | None, question: str) -> LargestLoad | None:
+        """Return a limit with its statement in words, as computed by ``contact``."""
         return None if end is None else replace(end, question=question, known="contact")
 
     return LoadLimits(

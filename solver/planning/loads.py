@@ -19,8 +19,9 @@ from typing import Literal
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from solver.planning.law_factor import compute_law_factor
+from solver.materials.strain_energies import StrainEnergy, build_strain_energy
 from solver.planning.strains import (
     RATIO_CHANGE_PER_X,
     bound_nearing,
@@ -38,6 +39,9 @@ MAX_X = 0.3
 CLOSURE_FORCE_SHARE = 1 / 20  # fraction of the linear closing force up to which the gap is known to stay open
 CANCELLING_WALL_SHARE = 1 / 12  # of eq. PL.9
 CANCELLING_FILM_SHARE = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
+STIFFENING_COEFFICIENT, DISTORTION_COEFFICIENT = 0.24, 17.0  # of eq. PL.12: 11 scenes, c2 1 and 10, c3 1 and 30, need 0.7 of it
+INNER_BODY_SHARE = 1 / 8  # likewise of blocks and inclusions: a soft tumour needs half of it
+TESTED_COUNT, MIN_TESTED_X = 400, 1e-6  # values of x at which eq. PL.12 is evaluated, on a logarithmic scale
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
@@ -109,6 +113,35 @@ def bound_wall_nearing(scene: Scene, totals: Floats) -> float:
     return float(bound_nearing(scene.tissue, radii, (inner, outer), moduli[1]))
 
 
+def compute_law_factor(scene: Scene) -> float:
+    """Return the factor s by which the laws of a scene's materials increase x; 1 where all are neo-Hookean.
+
+    A law f, in shear moduli, is stiffer or softer by 2 f' - 1 than a neo-Hookean one. In tissue and layers under x that adds
+
+        0.24 max |2 f'(I) - 1|  over  I = I_1 - 3 up to 17 x^2      (PL.12)
+
+    to x, in blocks and inclusions an eighth of it. It grows faster than x, of which the rule knows nothing above 0.3: s is the
+    smallest number so that s x includes it for every x up to 0.3 / s.
+    """
+    probe, tissue = scene.probe, scene.tissue
+    x = np.geomspace(MIN_TESTED_X, MAX_X, TESTED_COUNT)
+    outer, inner = (_list_laws(bodies) for bodies in ((tissue, *tissue.layer), (probe.inner, probe.outer, *scene.inclusion)))
+    if not outer and not inner:
+        return 1.0
+    added = np.zeros(TESTED_COUNT)
+    for weight, laws in ((1.0, outer), (INNER_BODY_SHARE, inner)):
+        for law in laws:
+            change = np.maximum.accumulate(np.abs(2 * law.evaluate(DISTORTION_COEFFICIENT * x**2)[1] - 1))
+            added = np.maximum(added, weight * STIFFENING_COEFFICIENT * change)
+    factors = np.maximum.accumulate(1 + added / x)
+    return MAX_X / float(np.interp(MAX_X, factors * x, x))
+
+
+def _list_laws(materials: tuple[Material, ...]) -> list[StrainEnergy]:
+    """List the laws of materials that are not neo-Hookean."""
+    return [law for material in materials if (law := build_strain_energy(material)) is not None]
+
+
 @dataclass(frozen=True)
 class LoadRule:
     """The rule for one probe on one tissue.
@@ -159,7 +192,7 @@ class LoadRule:
         outer *= compute_slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
         added, cover = max(inner, outer), compute_cover_factor(scene.inclusion)
-        law = compute_law_factor(scene, MAX_X)
+        law = compute_law_factor(scene)
         strains = compute_both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover, law=law)
         strain, of_ratio = (float(value) for value in strains)
         covered = of_ratio / strain * compute_cancelling_factor(totals, (probe.inner_area, probe.outer_area))
@@ -241,19 +274,16 @@ class LoadRule:
         """Bound the relative change of the log-sensitivity by a force, N; infinite where unknown or for a sensitivity of 0."""
         if not self.is_known(force):
             return math.inf
+        change = bound_log_sensitivity_change(self.compute_x(force))
         if self.films is None or not any(self.films):
-            return bound_log_sensitivity_change(self.compute_x(force))
+            return change
         sensitivity = abs(self.films[0] - self.films[1])
-        return (
-            bound_log_sensitivity_change(self.compute_x(force)) * compute_sensitivity_size(self.films) / sensitivity
-            if sensitivity
-            else math.inf
-        )
+        return change * compute_sensitivity_size(self.films) / sensitivity if sensitivity else math.inf
 
     def describe_changes(self, force: float, promise: bool) -> str:
         """Return in words how much a force, N, within what the rule knows changes at most.
 
-        Where the films' log-sensitivities may cancel, a fraction of their difference says nothing: the change itself is given.
+        Where the films' log-sensitivities may cancel, a fraction of their difference means nothing: the change itself is given.
 
         Parameters
         ----------

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Scene
-from solver.equivalent_inclusion.first_order_bound import bound_first_order_error, bound_first_order_share
+from geometry.scenes.scene import Scene
+from solver.equivalent_inclusion.first_order import bound_first_order_error, bound_first_order_share
 from solver.inclusions.tumours import Tumours
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.tumour_effects import TumourEffects
+from solver.planning.tumour_effects import compute_tumour_effects
 from solver.results.result import Decision, Effect
 
 LEFT_OUT_ACCURACY_SHARE = 0.1  # fraction of the accuracy for all inclusions left out together
@@ -48,11 +48,12 @@ class _InclusionEffects:
     on_target: Floats
 
     def build_effect(self, k: int, bounded: bool) -> Effect:
+        """Return the effect of inclusion k; ``bounded`` adds its error bound."""
         margin = float(self.doubt[k]) if bounded else 0.0
         return Effect(float(self.ratio[k]) + margin, float(self.stresses[k]) + margin, float(self.stiffness[k]) + margin)
 
 
-def leave_out_negligible(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
+def leave_out_negligible(scene: Scene, coarse: CoarseModel, accuracy: float) -> Reduced:
     """Leave out the inclusions with the smallest effects, while all of them together change less than a tenth of the accuracy.
 
     The target stays, as do a body from a surface file, whose size is not known well enough, and all in layers of tissue: the
@@ -67,7 +68,7 @@ def leave_out_negligible(scene: Scene, rough: CoarseModel, accuracy: float) -> R
     """
     if not scene.inclusion:
         return Reduced(scene, (), 0.0)
-    effects = _compute_effects(scene, rough)
+    effects = _compute_effects(scene, coarse)
     inclusion_effects = [effects.build_effect(k, bounded=True) for k in range(len(scene.inclusion))]
     dropped: list[int] = []
     spent = np.zeros(2)
@@ -75,40 +76,39 @@ def leave_out_negligible(scene: Scene, rough: CoarseModel, accuracy: float) -> R
         cost = np.array(
             [inclusion_effects[k].maximum, effects.on_target[k] / 5]
         )  # DESIGN: the log-sensitivity may be off by 5 times as much
-        known = scene.inclusion[k].surface is None and not scene.tissue.layer
-        if k != scene.target and known and np.all(spent + cost <= LEFT_OUT_ACCURACY_SHARE * accuracy):
+        is_bounded = scene.inclusion[k].surface is None and not scene.tissue.layer
+        if k != scene.target and is_bounded and np.all(spent + cost <= LEFT_OUT_ACCURACY_SHARE * accuracy):
             dropped.append(k)
             spent += cost
     decisions = tuple(_build_decision(scene, k, effects, k in dropped, accuracy) for k in range(len(inclusion_effects)))
-    kept = tuple(_mark_target(scene, k) for k in range(len(inclusion_effects)) if k not in dropped)
-    return Reduced(scene.model_copy(update={"inclusion": kept}) if dropped else scene, decisions, float(spent[0]))
+    remaining = tuple(
+        body.model_copy(update={"target": k == scene.target}) for k, body in enumerate(scene.inclusion) if k not in dropped
+    )
+    return Reduced(scene.model_copy(update={"inclusion": remaining}) if dropped else scene, decisions, float(spent[0]))
 
 
-def _mark_target(scene: Scene, k: int) -> Inclusion:
-    return scene.inclusion[k].model_copy(update={"target": k == scene.target})
-
-
-def _compute_effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
-    base, target = rough.base_states, scene.target
-    tumour_effects = TumourEffects.from_scene(scene, base)
-    tumours, single_effects = tumour_effects.tumours, tumour_effects.single_effects
-    changes = single_effects.forces
-    share = bound_first_order_share(base, tumours)[0]
-    doubt = NEIGHBOUR_SAFETY_FACTOR * bound_first_order_error(share[:, None], changes[:, None])
-    totals = rough.forces.sum(axis=1)
+def _compute_effects(scene: Scene, coarse: CoarseModel) -> _InclusionEffects:
+    """Compute the first-order effect of each inclusion, its error bound, and its effect on the target's sensitivity."""
+    base, target = coarse.base_states, scene.target
+    tumours, effects = compute_tumour_effects(scene, base)
+    changes = effects.forces
+    relative_errors = bound_first_order_share(base, tumours)[0]
+    doubt = NEIGHBOUR_SAFETY_FACTOR * bound_first_order_error(relative_errors[:, None], changes[:, None])
+    totals = coarse.forces.sum(axis=1)
     min_totals = np.minimum(np.abs(totals), np.abs(totals + changes.sum(axis=(0, 2))))
     min_totals = np.maximum(min_totals, 1e-9 * np.abs(totals).sum())  # a stress near zero: nothing is left out
-    parts, doubts = changes.sum(axis=2) / min_totals, doubt / min_totals
+    relative_changes, doubts = changes.sum(axis=2) / min_totals, doubt / min_totals
     doubts[base.strata.compute_gap(tumours)[0] < 0] = np.inf  # across an interface: the first order knows one material about it
-    whole = np.abs(changes.sum(axis=(1, 2))) / min_totals.sum()
-    on_target = np.zeros(len(share))
+    stiffness_changes = np.abs(changes.sum(axis=(1, 2))) / min_totals.sum()
+    on_target = np.zeros(len(relative_errors))
     if target is not None:
         on_target = (
             doubts.sum(axis=1)
-            + np.abs(parts).max(axis=1)
-            + _bound_effect_on_target(tumours, single_effects.forces, single_effects.derivatives["youngs_modulus"], target)
+            + np.abs(relative_changes).max(axis=1)
+            + _bound_effect_on_target(tumours, changes, effects.derivatives["youngs_modulus"], target)
         )
-    return _InclusionEffects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
+    ratio_changes, max_changes = np.abs(relative_changes[:, 0] - relative_changes[:, 1]), np.abs(relative_changes).max(axis=1)
+    return _InclusionEffects(ratio_changes, max_changes, stiffness_changes, doubts.sum(axis=1), on_target)
 
 
 def _bound_effect_on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
@@ -127,6 +127,7 @@ def _bound_effect_on_target(tumours: Tumours, changes: Floats, slopes: Floats, t
 
 
 def _build_decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:
+    """Return the line of the plan about inclusion k."""
     effect = effects.build_effect(k, bounded=dropped)
     size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
     what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"

@@ -20,12 +20,11 @@ from solver.axisymmetric.omitted_details import IN_PLANE_DETAILS, OUTER_TISSUE, 
 from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.layers import decide_layers, warn_of_missing_skin
+from solver.planning.decisions import decide_layers, decide_nonlinear_effects, warn_of_missing_skin
 from solver.planning.load_check import LoadChanges, add_load_effect, build_load_notes, check_load, compute_budget
 from solver.planning.load_limits import build_limits
 from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave_out_negligible
-from solver.planning.nonlinear_effects import decide_nonlinear_effects
 from solver.results.evaluator import OutOfReach
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
@@ -63,7 +62,7 @@ class Plan(LoadedRecord):
     rule
         For loads, see ``CoarseModel.build_rule``.
     load_limits
-        Up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
+        Up to which load linear elasticity holds, by the rule or, where loads are requested, by ``contact``.
     warnings
         One line each.
     refusal
@@ -126,7 +125,9 @@ class Plan(LoadedRecord):
         Refusal
             The error is above the accuracy, unless ``linear``.
         """
-        notes = tuple(note for note in result.warnings if note.kind != "accuracy")  # of a share of what was asked, which is met
+        notes = tuple(
+            note for note in result.warnings if note.kind != "accuracy"
+        )  # about the reduced accuracy, whose total is checked below
         result = replace(result, plan=self._merge_decisions(result.plan), warnings=(*notes, *self.warnings))
         if len(self.scene.inclusion) < len(scene.inclusion):
             result = result.add_error(float(np.expm1(self.left_out)))
@@ -144,15 +145,15 @@ class Plan(LoadedRecord):
 
     def complete_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
         """Complete an evaluator's curve of the reduced scene to one of the whole; see ``complete_result``."""
-        left = float(np.expm1(self.left_out))
+        left_out_change = float(np.expm1(self.left_out))
         if self.evaluator == CONTACT:
-            errors = tuple(combine_errors(error, left) for error in curve.error_estimate)
+            errors = tuple(combine_errors(error, left_out_change) for error in curve.error_estimate)
             return replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
         changes = LoadChanges.from_stiffness(scene, self.rule, np.array(curve.stiffness))
         if not linear:
             check_load(scene, changes.weakest, accuracy, True)
         pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
-        errors = tuple(combine_errors(combine_errors(error, left), load) for error, load in pairs)
+        errors = tuple(combine_errors(combine_errors(error, left_out_change), load) for error, load in pairs)
         notes = build_load_notes(scene, changes.weakest, accuracy, True)
         completed = replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
         return replace(completed, warnings=(*curve.warnings, *notes))
@@ -170,7 +171,7 @@ def build_plan(
     skin: bool = False,
     linear: bool = False,
     *,
-    rough: CoarseModel | None = None,
+    coarse: CoarseModel | None = None,
 ) -> Plan:
     """Plan how to solve a scene; see ``solver.evaluation.plan``.
 
@@ -186,7 +187,7 @@ def build_plan(
         Whether to warn about the effect of a skin on soft tissue without layers.
     linear
         Whether to use linear elasticity at any load.
-    rough
+    coarse
         The scene's coarse model, where it is known: scenes without their tumours and loads may share it.
 
     Raises
@@ -196,46 +197,45 @@ def build_plan(
     Refusal
         So extreme that not even the coarsest mesh can be solved in double precision.
     """
-    rough = CoarseModel.from_scene(scene) if rough is None else rough
-    fewer = leave_out_negligible(scene, rough, accuracy)
-    rule, promise = rough.build_rule(scene), scene.target is not None
-    remaining_accuracy = compute_budget(rule, rule.compute_force(scene), accuracy, promise)
-    requested_accuracy = (
-        remaining_accuracy
-        if len(scene.inclusion) < 2
-        else float((1 + remaining_accuracy) * np.exp(-LEFT_OUT_ACCURACY_SHARE * accuracy) - 1)
-    )
+    coarse = CoarseModel.from_scene(scene) if coarse is None else coarse
+    reduced = leave_out_negligible(scene, coarse, accuracy)
+    rule, promise = coarse.build_rule(scene), scene.target is not None
+
+    def reserve_for_inclusions(available: float) -> float:
+        """Return what an accuracy leaves the evaluator where inclusions may be left out."""
+        several = len(scene.inclusion) > 1
+        return float((1 + available) * np.exp(-LEFT_OUT_ACCURACY_SHARE * accuracy) - 1) if several else available
+
+    requested_accuracy = reserve_for_inclusions(compute_budget(rule, rule.compute_force(scene), accuracy, promise))
     limits = build_limits(rule, accuracy, promise)
     if evaluator is None:
-        evaluator = _choose_evaluator(fewer.scene, rough, requested_accuracy)
+        evaluator = _choose_evaluator(reduced.scene, coarse, requested_accuracy)
         is_beyond_limit = evaluator == AXISYMMETRIC and rule.compute_force(scene) > limits.auto.force
         if (
             not linear
             and (is_beyond_limit or find_refusal(scene, ("contact",)) is not None)
-            and ContactEvaluator().refusal(fewer.scene) is None
+            and ContactEvaluator().refusal(reduced.scene) is None
         ):
             evaluator = CONTACT
     if evaluator == CONTACT:
-        requested_accuracy = (
-            accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-LEFT_OUT_ACCURACY_SHARE * accuracy) - 1)
-        )
-    whole = accuracy if evaluator == CONTACT else compute_budget(rule, rule.compute_force(scene), accuracy, promise=False)
+        requested_accuracy = reserve_for_inclusions(accuracy)
+    max_error = accuracy if evaluator == CONTACT else compute_budget(rule, rule.compute_force(scene), accuracy, promise=False)
     decisions = (
-        _decide_dimension(fewer.scene, rough, evaluator, accuracy),
-        *fewer.decisions,
-        *_decide_edges(rough, accuracy),
-        *decide_layers(rough, accuracy),
-        *(_decide_detail(change, evaluator, accuracy) for change in rough.changes),
-        *decide_nonlinear_effects(scene, rough, accuracy, evaluator == CONTACT),
+        _decide_dimension(reduced.scene, coarse, evaluator, accuracy),
+        *reduced.decisions,
+        *_decide_edges(coarse, accuracy),
+        *decide_layers(coarse, accuracy),
+        *(_decide_detail(change, evaluator, accuracy) for change in coarse.changes),
+        *decide_nonlinear_effects(scene, coarse, accuracy, evaluator == CONTACT),
     )
-    warnings = tuple(warn_of_missing_skin(scene, rough)) if skin else ()
+    warnings = tuple(warn_of_missing_skin(scene, coarse)) if skin else ()
     return Plan(
         evaluator,
-        _describe_model(fewer.scene, evaluator),
-        fewer.scene,
+        _describe_model(reduced.scene, evaluator),
+        reduced.scene,
         requested_accuracy,
-        max(requested_accuracy, float((1 + whole) * np.exp(-fewer.left_out) - 1)),
-        fewer.left_out,
+        max(requested_accuracy, float((1 + max_error) * np.exp(-reduced.left_out) - 1)),
+        reduced.left_out,
         decisions,
         rule=rule,
         load_limits=limits,
@@ -263,27 +263,27 @@ def find_next_evaluator(
     linear
         Whether to use linear elasticity at any load.
     """
-    fewer = planned.scene
+    reduced_scene = planned.scene
     if fault.key.startswith("load."):
-        takes = {CONTACT: not linear and ContactEvaluator().refusal(fewer) is None}
+        takes = {CONTACT: not linear and ContactEvaluator().refusal(reduced_scene) is None}
     elif planned.evaluator in (SOLID, CONTACT):
         takes = {}
     else:
         takes = {
-            AXISYMMETRIC: Axisymmetric().refusal(fewer) is None,
-            HARMONICS: EquivalentInclusion().refusal(fewer) is None,
+            AXISYMMETRIC: Axisymmetric().refusal(reduced_scene) is None,
+            HARMONICS: EquivalentInclusion().refusal(reduced_scene) is None,
             SOLID: SolidEvaluator().may_help(scene, max(accuracy, BEST_ACCURACY)),
         }
     return next((evaluator for evaluator, may in takes.items() if may and evaluator not in tried), None)
 
 
-def _choose_evaluator(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
+def _choose_evaluator(scene: Scene, coarse: CoarseModel, accuracy: float) -> str | None:
     """Return the cheapest evaluator that takes a scene and leaves out no more than the accuracy allows."""
     if find_refusal(scene, ("contact",)) is not None:
         return None
     if find_refusal(scene, GEOMETRY_KINDS) is not None:
         return SOLID
-    flat = sum(change.effect for change in rough.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE))
+    flat = sum(change.effect for change in coarse.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE))
     if flat > accuracy and SolidEvaluator().may_help(scene, accuracy):
         return SOLID
     if Axisymmetric().refusal(scene) is None:
@@ -297,6 +297,7 @@ def _half(scene: Scene) -> bool:
 
 
 def _describe_model(scene: Scene, evaluator: str | None) -> str:
+    """Describe the model of an evaluator in words."""
     if evaluator == SOLID:
         return "three dimensions" + (", half by symmetry" if _half(scene) else "")
     return {
@@ -306,10 +307,10 @@ def _describe_model(scene: Scene, evaluator: str | None) -> str:
     }.get(evaluator or "", "none: no evaluator")
 
 
-def _decide_dimension(scene: Scene, rough: CoarseModel, evaluator: str | None, accuracy: float) -> Decision:
+def _decide_dimension(scene: Scene, coarse: CoarseModel, evaluator: str | None, accuracy: float) -> Decision:
     """Decide on the third dimension: features other than tumours that are not axisymmetric."""
     flat = [
-        change.build_decision(accuracy) for change in rough.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE)
+        change.build_decision(accuracy) for change in coarse.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE)
     ]
     effect = Effect(
         sum((decision.effect for decision in flat), 0.0),
@@ -326,9 +327,9 @@ def _decide_dimension(scene: Scene, rough: CoarseModel, evaluator: str | None, a
     )
 
 
-def _decide_edges(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
+def _decide_edges(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
     """Yield the decision on the tissue's sides and floor, against an unbounded tissue."""
-    effect = rough.edge_effect
+    effect = coarse.edge_effect
     if effect is not None:
         yield Decision.from_effect(
             "far edges", True, effect, accuracy, f"modelled: they change the ratio by about {effect.ratio:.2g}"

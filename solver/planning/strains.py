@@ -18,7 +18,7 @@ COVER_COEFFICIENTS = (
     0.05,
     0.5,
     1.3,
-)  # of eq. PL.7: the worst of 150 scenes needs 86 % of what it says, half of them an eighth
+)  # of eq. PL.7: the worst of 150 scenes needs 86 % of this factor, half of them an eighth
 SHALLOW_COEFFICIENT = (
     25.0  # of eq. PL.5: the worst row needs 97 % of it, at 9 outer radii; at 3 the worst needs 92 %, at one 40 %
 )
@@ -32,9 +32,7 @@ SLIDING_FACTOR = 2.2  # of frictionless faces: examples/scene.toml's log-sensiti
 LAYERED_RATIO_FACTOR = 1.6  # likewise
 CANCELLING_STRESS_SHARE = 0.2  # of eq. PL.10
 NEARING_COEFFICIENTS = (1.45, 0.3, 1.6, 0.12)  # of eq. PL.4: 1.2 times what 2263 scenes need; 7 times too much for half of them
-SLIM_TUBE_COEFFICIENT = (
-    0.15  # of eq. PL.3: the worst of 360 scenes needs 0.9 of what it says then, and 1.35 times that with 0 and no sum
-)
+SLIM_TUBE_COEFFICIENT = 0.15  # of eq. PL.3: the worst of 360 scenes needs 0.9 of it with this value, and 1.35 times it with 0
 
 
 def compute_cover_factor(bodies: Iterable[Inclusion]) -> float:
@@ -48,10 +46,10 @@ def compute_cover_factor(bodies: Iterable[Inclusion]) -> float:
     whatever their moduli are and wherever beside the axis they lie. The log-sensitivity needs no more than eq. PL.2. Bodies from
     surface files, whose sizes are not known here, count as nothing.
     """
-    share, cover_offset, threshold, power = COVER_COEFFICIENTS
+    coefficient, cover_offset, threshold, power = COVER_COEFFICIENTS
     sizes = [(max(body.diameters) if body.diameters is not None else body.diameter or 0.0, body.depth) for body in bodies]
     wide = [size / (max(0.0, depth - size / 2) + cover_offset * size) for size, depth in sizes if size > 0]
-    return float(1 + share * max(0.0, max(wide, default=0.0) - threshold) ** power)
+    return float(1 + coefficient * max(0.0, max(wide, default=0.0) - threshold) ** power)
 
 
 def compute_both_strains(
@@ -128,6 +126,7 @@ def compute_tissue_strain(tube_radius: Numeric, tissue: Tissue, interface: Inter
 
 
 def _get_sliding_factor(interface: Interface) -> float:
+    """Return the factor by which faces that slide increase x."""
     return 1.0 if interface == "bonded" else SLIDING_FACTOR
 
 
@@ -164,9 +163,9 @@ def _list_materials(tissue: Tissue) -> tuple[list[float], list[float]]:
 def _compute_means_below(moduli: list[float], depths: list[float]) -> tuple[float, float]:
     """Mean modulus and harmonic mean of materials that begin at depths, m, weighted by h / z^2 from the first, h, on."""
     begins = [1 - depths[0] / depth for depth in depths] + [1.0]
-    shares = [end - begin for begin, end in pairwise(begins)]
-    mean = sum(share * modulus for share, modulus in zip(shares, moduli, strict=True))
-    return mean, 1 / sum(share / modulus for share, modulus in zip(shares, moduli, strict=True))
+    weights = [end - begin for begin, end in pairwise(begins)]
+    mean = sum(weight * modulus for weight, modulus in zip(weights, moduli, strict=True))
+    return mean, 1 / sum(weight / modulus for weight, modulus in zip(weights, moduli, strict=True))
 
 
 def _compute_soft_strain(tube_radius: Numeric, softer: list[tuple[float, float, float]], depth: float) -> Numeric:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,46 +20,30 @@ SENSITIVITY_MARGIN = 0.05
 MIN_STIFFNESS_RELATIVE = 0.1  # of that without tumours: the first order overestimates the effect of large soft ones
 
 
-@dataclass(frozen=True)
-class TumourEffects:
-    """Effects of each tumour of a scene, each taken as a ball.
+def compute_tumour_effects(scene: Scene, base: Undisturbed) -> tuple[Tumours, Effects]:
+    """Return a scene's tumours, inside the tissue that is modelled, and the effect of each alone.
 
-    Attributes
+    Parameters
     ----------
-    tumours
-        Inside the tissue that is modelled.
-    single_effects
-        Of each tumour alone.
+    scene
+        With tumours of any shape, each taken as a ball.
+    base
+        Base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model is moved into it.
+
+    Raises
+    ------
+    InputError
+        A surface file that cannot be used.
+    Refusal
+        A tumour larger than the modelled tissue.
     """
-
-    tumours: Tumours
-    single_effects: Effects
-
-    @classmethod
-    def from_scene(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
-        """Compute the effects of a scene's tumours.
-
-        Parameters
-        ----------
-        scene
-            With tumours of any shape, each taken as a ball.
-        base
-            Base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model is moved into
-            it.
-
-        Raises
-        ------
-        InputError
-            A surface file that cannot be used.
-        Refusal
-            A tumour larger than the modelled tissue.
-        """
-        balls = tuple(_build_ball(k, body) for k, body in enumerate(scene.inclusion))
-        tumours = base.move_inside(Tumours.from_scene(scene.model_copy(update={"inclusion": balls})))[0]
-        return cls(tumours, compute_effects(base.energies, base.strata.find_hosts(tumours.flatten().depth), tumours.flatten()))
+    balls = tuple(_build_ball(k, body) for k, body in enumerate(scene.inclusion))
+    tumours = base.move_inside(Tumours.from_scene(scene.model_copy(update={"inclusion": balls})))[0]
+    row = tumours.flatten()
+    return tumours, compute_effects(base.energies, base.strata.find_hosts(row.depth), row)
 
 
-def add_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -> LoadRule:
+def add_tumours(rule: LoadRule, scene: Scene, base: Undisturbed) -> LoadRule:
     """Adapt the load rule without tumours to a scene's tumours.
 
     Parameters
@@ -70,19 +53,16 @@ def add_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -
     scene
         With its tumours.
     base
-        Makes the base states on the coarsest mesh, where there are tumours.
+        Base states on the coarsest mesh.
 
     Raises
     ------
     InputError, Refusal
-        See ``TumourEffects.from_scene``.
+        See ``compute_tumour_effects``.
     """
-    if not scene.inclusion:
-        return adjust_rule(rule, 1.0, None)
-    states = base()
-    single_effects, totals = TumourEffects.from_scene(scene, states).single_effects, states.films.totals
-    changed = totals + single_effects.forces.sum(axis=0).sum(axis=1)
-    slopes = None if scene.target is None else single_effects.derivatives["youngs_modulus"][scene.target].sum(axis=1)
+    effects, totals = compute_tumour_effects(scene, base)[1], base.films.totals
+    changed = totals + effects.forces.sum(axis=0).sum(axis=1)
+    slopes = None if scene.target is None else effects.derivatives["youngs_modulus"][scene.target].sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return adjust_rule(rule, float(changed.sum() / totals.sum()), None if slopes is None else slopes / changed)
 

@@ -158,6 +158,7 @@ class FilmEvaluator:
         return [self._solve_or_refuse(scene, accuracy) for scene, accuracy in zip(scenes, accuracies, strict=True)]
 
     def _solve_or_refuse(self, scene: Scene, accuracy: float) -> FilmSolution | InputError:
+        """Solve a scene, or return its refusal."""
         try:
             with start_clock():
                 return self.solve(scene, accuracy)
@@ -181,6 +182,7 @@ class FilmEvaluator:
         return [self._build_result(solution, scene, seconds_each) for solution, scene in zip(solutions, scenes, strict=True)]
 
     def _build_result(self, solution: FilmSolution | InputError, scene: Scene, seconds: float) -> Result | InputError:
+        """Build the result of a solution, or return the refusal."""
         try:
             return solution if isinstance(solution, InputError) else solution.build_result(self.name, scene, seconds)
         except InputError as fault:

@@ -240,8 +240,8 @@ def find_shortfalls(
         notes.append(Note("accuracy", f"{describe_shortfall(reached, accuracy, kind)}: the best of this evaluator"))
     size = abs(films.log_sensitivity or 0.0)
     if films.modulus_derivative is not None and not films.meets_sensitivity(accuracy):
-        share = films.sensitivity_error / size if size > 0 else np.inf
-        good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
+        relative_error = films.sensitivity_error / size if size > 0 else np.inf
+        good = f"good to about {relative_error:.1g} of itself only" if relative_error < 10 else "smaller than its own error"
         notes.append(Note("sensitivity", f"log_sensitivity is {good}"))
     return [*stopped, *notes] if notes else []
 
@@ -250,4 +250,4 @@ def describe_shortfall(reached: float, accuracy: float, kind: ErrorKind = "bound
     """Return the text that the largest error is above the accuracy."""
     errors = "error bounds" if kind == "bound" else f"{kind} errors"
     size = f"of {reached:.2g}" if reached < 1 else "no smaller than the values themselves"
-    return f"{errors} {size} reached, accuracy {accuracy:g} asked for"
+    return f"{errors} {size} reached, accuracy {accuracy:g} requested"

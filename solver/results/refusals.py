@@ -31,6 +31,7 @@ def find_refusal(scene: Scene, kinds: tuple[Kind, ...]) -> str | None:
 
 
 def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
+    """Yield the kinds to which a scene belongs, each with the evaluator that takes it."""
     if scene.contact.interface == "unilateral":
         yield "contact", "contact for contact.interface = 'unilateral'"
     if scene.contact.edge_radius > 0:
@@ -48,6 +49,7 @@ def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
 
 
 def _is_crossed(scene: Scene, body: Inclusion) -> bool:
+    """Return whether an interface of the tissue's layers crosses or touches a body."""
     half = math.hypot(*compute_semi_axes(body)[2])
     return any(abs(interface - body.depth) < half * (1 + TOUCHING_RELATIVE) for interface in scene.tissue.interfaces)
 

@@ -57,7 +57,7 @@ def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
 def test_a_missing_surface_is_noticed_before_anything_is_computed(monkeypatch):
     scene = read_scene(SCENE)
     body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": "none.stl"})
-    for module, name in ((evaluators, "evaluator"), (automatic, "evaluator"), (automatic, "build_supported_plan")):
+    for module, name in ((evaluators, "evaluator"), (automatic, "evaluator"), (automatic, "build_allowed_plan")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("work began"))
     for name in ("auto", "solid"):
         with pytest.raises(InputError, match=r"inclusion\[0\].surface.*exists"):
@@ -139,14 +139,14 @@ def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
 def test_what_reflections_will_hold_is_known(monkeypatch):
     kept, texts = [], []
     monkeypatch.setattr(boundary_samples, "check_memory", lambda _, room: texts.append(room))
-    works = ModeSamples.works
+    works = ModeSamples.compute_works
 
     def seen(self, weights):
         done = works(self, weights)
         kept.append(measure_bytes([[sampler.table for sampler in samplers] for samplers in self._samplers]))
         return done
 
-    monkeypatch.setattr(ModeSamples, "works", seen)
+    monkeypatch.setattr(ModeSamples, "compute_works", seen)
     reflections(lattice(2))
     assert texts[0] == pytest.approx(max(kept), rel=0.2)
 

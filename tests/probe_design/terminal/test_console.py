@@ -11,7 +11,8 @@ from rich.console import Console
 from geometry import read_scene
 from probe_design.reporting.table import Table
 from probe_design.terminal import console
-from probe_design.terminal.console import build_result_table, list_plan_lines, show_stages, show_steps, show_table, write_message
+from probe_design.terminal.console import show_stages, show_steps, show_table, write_message
+from probe_design.terminal.result_tables import build_result_table, list_plan_lines
 from probe_design.terminal.whole_table import WholeTable
 from solver import Result, plan
 from solver.results.load_limits import LargestLoad, LoadLimits

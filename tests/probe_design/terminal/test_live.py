@@ -20,8 +20,7 @@ from hw.signal.reading_fit import ReadingFit
 from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.measuring.acquisition import fit_reading, select_last
-from probe_design.terminal.braille_chart import BLANK_CODE_POINT, draw_chart
-from probe_design.terminal.live import show_live
+from probe_design.terminal.live import BLANK_CODE_POINT, draw_chart, show_live
 from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 from tests.support.hw.faulty_probe import Fault, make_faulty_probe
 from tests.support.hw.fits import fit_sine

@@ -58,7 +58,7 @@ def test_spheres_whose_modes_hold_too_much_are_refused_before_any_is_made(monkey
         raise AssertionError(modes)
 
     monkeypatch.setattr("solver.multiple_scattering.solve.build_projection", made)
-    monkeypatch.setattr("solver.multiple_scattering.solve._kept_projection", made)
+    monkeypatch.setattr("solver.multiple_scattering.solve._find_cached_projection", made)
     base = solve_undisturbed(SCENE, 0.05)
     with use_limits(Limits(memory=4e8)), pytest.raises(LimitReached, match=r"reflections of 30 tumours .* take less.*--memory"):
         arrange_spheres(base.field.states.model.section, base.strata, make_tumours(30))

@@ -13,8 +13,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene_file import scene_from_dict
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import find_gap_closure_load
-from solver.planning.coarse_model import CoarseModel
-from solver.planning.gap_profile import GapProfile
+from solver.planning.coarse_model import CoarseModel, GapProfile
 from solver.planning.loads import CLOSURE_FORCE_SHARE, bound_wall_nearing
 from tests.support.paths import REFERENCE
 

@@ -1,10 +1,16 @@
-"""Present a tolerance budget: a table, and lines about the outputs."""
+"""Present a tolerance budget and a rounded design: a table, and lines about outputs and sizes."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from geometry.scenes.catalogue import format_modulus
+from geometry.scenes.probe import format_mm
 from probe_design.reporting.table import Table
-from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
+
+if TYPE_CHECKING:
+    from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
+    from probe_design.workshop.rounding import Rounding, RoundingCost
 
 OUTPUT_NAMES = {
     "ln_ratio": "ratio",
@@ -46,6 +52,7 @@ def write_tolerance_lines(budget: ToleranceBudget) -> list[str]:
 
 
 def _format_nominal(line: BudgetLine) -> str:
+    """Return the nominal value of a number in its unit."""
     if line.kind == "length":
         return f"{1e3 * line.value:.4g} mm"
     return format_modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
@@ -56,3 +63,24 @@ def _format_sd(line: BudgetLine, sd: float) -> str:
     if line.kind == "length":
         return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"
     return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / line.value:.2g} %"
+
+
+def write_rounding_lines(rounding: Rounding) -> list[str]:
+    """Return the rounded sizes and the effect of rounding, one line each."""
+    lines = [f"rounded: {change.key} = {format_mm(change.before)} to {format_mm(change.after)}" for change in rounding.changes]
+    lines = lines or [f"rounded: nothing, all sizes are multiples of {format_mm(rounding.step)}"]
+    cost_before, cost_after = rounding.before, rounding.after
+    if cost_before is None or cost_after is None:
+        return lines
+    return [*lines, *(f"{key}: {_describe_change(cost_before, cost_after, key)}" for key in ("ratio", "log_sensitivity"))]
+
+
+def _describe_change(cost_before: RoundingCost, cost_after: RoundingCost, key: str) -> str:
+    """Return a number before and after rounding, and its relative change, as text."""
+    old, new = getattr(cost_before, key), getattr(cost_after, key)
+    if old is None or new is None:
+        return "none"
+    change_text = f" ({100 * (new / old - 1):+.2g} %)" if old else ""
+    errors = [cost.error_estimate for cost in (cost_before, cost_after) if cost.error_estimate is not None]
+    error_text = f", each within {100 * max(errors):.2g} %" if key == "ratio" and errors else ""
+    return f"{old:.5g} to {new:.5g}{change_text} by {cost_after.evaluator}{error_text}"

@@ -1,0 +1,132 @@
+"""Build the tables of results of the solver, and of scans and maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from geometry.common.limits import format_maximum
+from probe_design.reporting.table import Table, format_number, format_unit
+from solver.results.result import ERROR_FIELDS, MAX_EFFECT
+
+if TYPE_CHECKING:
+    from probe_design.maps.detectability import Detectability
+    from probe_design.maps.scan import Scan
+    from solver.planning.plan import Plan
+    from solver.results.result import Curve, LoadCurve, Result
+
+SHOWN_QUANTITIES = (
+    "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
+    "stress_inner_error", "stress_outer_error", "stiffness_error", "equivalent_modulus", "residual", "frequency",
+    "ratio_phase", "ratio_phase_error",
+)  # fmt: skip
+
+CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
+
+
+def build_result_table(result: Result) -> Table:
+    """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
+    values = ((name, getattr(result, name)) for name in SHOWN_QUANTITIES)
+    quantiles = ERROR_FIELDS if result.error_kind == "95 %" else ()
+    rows = [
+        (f"{name} (95 %)" if name in quantiles else name, format_number(value, 6), format_unit(name))
+        for name, value in values
+        if value is not None
+    ]
+    rows += [
+        (f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
+        for name, limit in (("linear_limit_load", result.linear_limit_load), ("gap_closure_load", result.gap_closure_load))
+        if limit is not None
+    ]
+    return Table(("quantity", "value", "unit"), rows, f"{result.evaluator}, {result.seconds:.2g} s", left=(0, 2))
+
+
+def build_plan_table(plan: Plan) -> Table:
+    """Return a plan as a table, one row for each decision."""
+    rows = list[tuple[str, ...]]()
+    for decision in plan.decisions:
+        effects = (decision.effect, decision.effect_on_stresses, decision.effect_on_stiffness)
+        sizes = ("-" if effect is None else "unknown" if effect >= MAX_EFFECT else f"{effect:.2g}" for effect in effects)
+        rows.append((decision.feature, "yes" if decision.modelled else "no", *sizes))
+    title = f"{plan.evaluator or 'no evaluator'}: {plan.dimension}"
+    headings = ("feature", "modelled", "ratio", "stresses", "stiffness")
+    return Table(headings, rows, title, "relative changes by each feature", left=(0, 1))
+
+
+def list_plan_lines(plan: Plan) -> list[str]:
+    """Return the reason for each decision, and the limits of the load, one line each."""
+    return [
+        *(f"{decision.feature}: {decision.reason}" for decision in plan.decisions),
+        *(f"load: {line}" for line in plan.load_limits.sentences),
+    ]
+
+
+def build_curve_table(curve: Curve) -> Table:
+    """Return a curve as a table of at most 25 rows; null values are dashes."""
+    columns = {
+        "youngs_modulus, Pa": (curve.youngs_modulus, 4),
+        "ratio": (curve.ratio, 6),
+        "log_sensitivity": (curve.log_sensitivity, 4),
+        "error_estimate": (curve.error_estimate, 2),
+    }
+    title = f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s"
+    return Table.from_columns(title, columns, CURVE_ROWS)
+
+
+def build_scan_table(scan: Scan) -> Table:
+    """Return a scan as a table of at most 41 rows; null values are dashes."""
+    cross_axis = "y" if scan.along == "x" else "x"
+    line_text = f"along {scan.along} at {cross_axis} = {scan.at * 1e3:.6g} mm"
+    columns = {
+        "position, mm": ([1e3 * position for position in scan.position], 4),
+        "ratio": (scan.ratio, 6),
+        "stiffness, N/m": (scan.stiffness, 6),
+        "log_sensitivity": (scan.log_sensitivity, 4),
+        "error_estimate": (scan.error_estimate, 2),
+    }
+    title = f"{scan.evaluator}, {len(scan.ratio)} positions {line_text} in {scan.seconds:.2g} s"
+    return Table.from_columns(title, columns, SCAN_ROWS)
+
+
+def build_threshold_table(maps: Detectability) -> Table:
+    """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
+    noise = f"noise {maps.noise:g} on the ratio"
+    title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
+    diameters = [1e3 * diameter for diameter in maps.diameter]
+
+    def find_ends(verdicts: Iterable[object]) -> tuple[float | None, float | None]:
+        """Return the smallest and the largest diameter with a positive verdict."""
+        chosen = [diameter for diameter, verdict in zip(diameters, verdicts, strict=True) if verdict]
+        return (chosen[0], chosen[-1]) if chosen else (None, None)
+
+    columns: dict[str, tuple[Sequence[float | None], int]] = {
+        "depth, mm": ([1e3 * depth for depth in maps.depth], 4),
+        "largest that fits, mm": ([find_ends(change is not None for change in row)[1] for row in maps.change], 4),
+        "detected from, mm": ([find_ends(row)[0] for row in maps.seen], 4),
+        "resolved from, mm": ([find_ends(row)[0] for row in maps.resolved], 4),
+    }
+    return Table.from_columns(title, columns, MAP_ROWS)
+
+
+def build_load_table(curve: LoadCurve) -> Table:
+    """Return a load curve as a table of at most 25 rows; null values are dashes."""
+    title = f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s"
+    columns = {
+        "force, N": (curve.force, 4),
+        "indentation, mm": ([1e3 * metres for metres in curve.indentation], 4),
+        "ratio": (curve.ratio, 6),
+        "log_sensitivity": (curve.log_sensitivity, 4),
+        "walls, um": ([1e6 * metres for metres in curve.closest_walls], 4),
+        "strain": (curve.largest_strain, 2),
+        "error_estimate": (curve.error_estimate, 2),
+    }
+    return Table.from_columns(title, columns, CURVE_ROWS, keep_last=True)
+
+
+def list_load_lines(curve: LoadCurve) -> list[str]:
+    """Return the limits of the load and the range of constant ratio, one line each."""
+    lines = [] if curve.load_limits is None else list(curve.load_limits.sentences)
+    if curve.constant_ratio is not None:
+        force_range = f"{curve.constant_ratio.low:.3g} and {curve.constant_ratio.high:.3g} N"
+        lines.append(f"the ratio is constant within {curve.constant_ratio.share:g} between {force_range}")
+    return lines
