@@ -52,7 +52,7 @@ class Check(Record):
     Attributes
     ----------
     verdict
-        "within workshop tolerance as far as tested", "out of workshop tolerance", "cannot tell" or "nothing could be tested".
+        "within workshop tolerance as far as tested", "out of workshop tolerance", "undetermined" or "nothing could be tested".
     reason
         What is out of tolerance, or why no verdict is possible; empty if within.
     blocks

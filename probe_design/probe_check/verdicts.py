@@ -28,7 +28,7 @@ from probe_design.probe_check.explanations import (
 from solver.results.evaluator import ProgressCallback, ignore_progress
 
 VERDICT_WITHIN, VERDICT_OUT = "within workshop tolerance as far as tested", "out of workshop tolerance"
-VERDICT_UNKNOWN, VERDICT_UNTESTED = "cannot report", "nothing could be tested"
+VERDICT_UNKNOWN, VERDICT_UNTESTED = "undetermined", "nothing could be tested"
 BENCH_FAULTS = {
     GAIN_NAME: "one film's gain (its cable, its amplifier, its temperature since calibration)",
     BLOCK_MODULI: "the blocks' moduli",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm, qmc, sobol_indices, t
+from scipy.stats import bootstrap, norm, qmc, sobol_indices, t
 
 from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
@@ -114,23 +114,47 @@ def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: i
 
 def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int) -> dict[str, Floats]:
     """Compute indices (4, d) and their intervals (4, d, 2) by name; 0 for outputs that no variable affects."""
+    evaluations: list[Floats] = []
+
+    def record_and_estimate(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
+        evaluations.extend((f_A, f_B, f_AB))
+        return _estimate_indices(f_A, f_B, f_AB)
+
     sampled = sobol_indices(
         func=lambda eta: compute_outputs(eta)[moving],
         n=samples,
         dists=[norm()] * d,  # type: ignore[list-item]  # the stubs want a function of one number
+        method=record_and_estimate,
         rng=np.random.default_rng(seed),
     )
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variable without effect gives NaN: its interval is its index
-        bootstrap = sampled.bootstrap(confidence_level=CONFIDENCE_LEVEL, n_resamples=BOOTSTRAP_RESAMPLES)
+        interval = bootstrap(  # scipy's own for Sobol indices takes no seed
+            [np.arange(samples)],
+            lambda rows: np.array(_estimate_indices(*(part[..., rows] for part in evaluations))),
+            confidence_level=CONFIDENCE_LEVEL,
+            n_resamples=BOOTSTRAP_RESAMPLES,
+            rng=np.random.default_rng(seed),
+        ).confidence_interval
     indices = {}
-    for name in ("first", "total"):
-        index, resampled = (getattr(part, f"{name}_order") for part in (sampled, bootstrap))
-        interval = np.stack([resampled.confidence_interval.low, resampled.confidence_interval.high], axis=-1)
+    for k, (name, index) in enumerate((("first", sampled.first_order), ("total", sampled.total_order))):
+        ends = np.stack([np.asarray(interval.low)[k], np.asarray(interval.high)[k]], axis=-1)
         indices[name], indices[f"{name}_interval"] = np.zeros((len(OUTPUT_NAMES), d)), np.zeros((len(OUTPUT_NAMES), d, 2))
         indices[name][moving] = index
-        indices[f"{name}_interval"][moving] = np.where(np.isfinite(interval), interval, index[..., None])
+        indices[f"{name}_interval"][moving] = np.where(np.isfinite(ends), ends, index[..., None])
     return indices
+
+
+def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
+    """Return first-order and total indices, (outputs, d), from samples A, B and A with one variable each of B.
+
+    Table 2, (b) and (f), of Saltelli et al., Comput. Phys. Commun. 181 (2010) 259. Samples have shapes (outputs, n), (outputs, n)
+    and (d, outputs, n); their means are zero.
+    """
+    variance = np.var([f_A, f_B], axis=(0, -1))
+    first = np.mean(f_B * (f_AB - f_A), axis=-1) / variance
+    total = 0.5 * np.mean((f_A - f_AB) ** 2, axis=-1) / variance
+    return first.T, total.T
 
 
 def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:

@@ -124,6 +124,13 @@ def test_few_samples_scatter_no_more_than_stated() -> None:
     assert scatter.sampled_error < 0.05 * scatter.sd
 
 
+def test_a_budget_is_the_same_again() -> None:
+    """Samples and resamples are seeded, so that `rerun` compares like with like."""
+    first, second = (tolerances(SCENE, samples=64, seed=3) for _ in range(2))
+    assert first.lines == second.lines
+    assert first.lines != tolerances(SCENE, samples=64, seed=4).lines
+
+
 def test_held_tolerances_add_up_to_what_is_allowed_and_cost_least() -> None:
     """Against scipy's minimiser of the cost sum t_j / tau_j under sum (a_j tau_j / t_j)^2 = x^2."""
     from scipy.optimize import minimize
