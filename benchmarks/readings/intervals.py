@@ -4,7 +4,7 @@
 
 Readings are another evaluator's (``truths.py``) with noise as it is stated. The unknown is drawn evenly in its logarithm from a
 broad range, nuisances are drawn from their priors. The intervals are those of ``estimate``, found for all readings of a case at
-once (``intervals.hulls``); the first of each case go through ``estimate`` itself, and must come out alike. Ends that are open
+once (``compute_hulls``); the first of each case go through ``estimate`` itself, and must come out alike. Ends that are open
 count as they are printed. p is of the exact two-sided binomial test that 95 % are covered.
 
 Duration: ten minutes.

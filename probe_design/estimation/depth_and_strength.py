@@ -32,6 +32,7 @@ FULL_WINDOW_FRACTION = 0.8  # of the points of a window: so many inside along bo
 BEST_FIT_WINDOWS = 12  # each a seventh of the one before
 MAX_CONTRAST = 1e4  # of E_object to E_tissue: a stiffer body changes nothing any more
 REFLECTION_UNCERTAINTY = 0.3  # fraction of the change by reflections that counts as error: not all grow with the square of S
+DEPTH_MARGIN, MIN_DEPTH_DISTANCE = 0.05, 0.02  # of ln depth: beyond the interval, and between depths with reflections
 MAX_SQUARED_STRENGTH = 4.0  # squared strength, over that of the fit, beyond which the change by reflections grows no further
 
 
@@ -127,11 +128,13 @@ class Plane:
             v = np.log(rough.diameter / self.model.compute_max_diameter(np.array([rough.depth]))[0])
         is_usable = self.predicted.usable.reshape(len(self.u), -1)[:, int(np.argmin(np.abs(self.v - v)))]
         first, last = self.u[is_usable][[0, -1]]
-        middle = np.log(rough.depth)
-        shallow, deep = rough.depth_interval
-        low = first if shallow is None else np.clip(middle + factor * (np.log(shallow) - middle) - 0.05, first, last)
-        high = last if deep is None else np.clip(middle + factor * (np.log(deep) - middle) + 0.05, first, last)
-        return np.array([low, min(max(middle, low + 0.02), high - 0.02), high])
+        fit, (shallow, deep) = np.log(rough.depth), rough.depth_interval
+        low, high = first, last
+        if shallow is not None:
+            low = np.clip(fit + factor * (np.log(shallow) - fit) - DEPTH_MARGIN, first, last)
+        if deep is not None:
+            high = np.clip(fit + factor * (np.log(deep) - fit) + DEPTH_MARGIN, first, last)
+        return np.array([low, min(max(fit, low + MIN_DEPTH_DISTANCE), high - MIN_DEPTH_DISTANCE), high])
 
     def _predict_both(self, u: Floats, rough: DepthAndStrength) -> tuple[Predictions, Predictions] | None:
         """Predict the fitted strength at depths (ln), to first order and with reflections; None where the model fails."""
@@ -159,8 +162,8 @@ class Plane:
     def interpolate(self, u: Floats, v: Floats) -> tuple[Floats, Bools]:
         """Return interpolated predictions, (m, n, k), and whether they are unusable, (m, n), at all pairs of u and v."""
         shape, predicted = (len(self.u), len(self.v), -1), self.predicted
-        depth_weights = lagrange_weights(self.u, u)
-        value_weights, derivative_weights = hermite_weights(self.v, v)
+        depth_weights = compute_lagrange_weights(self.u, u)
+        value_weights, derivative_weights = compute_hermite_weights(self.v, v)
         value = np.einsum("ma,nb,abk->mnk", depth_weights, value_weights, predicted.value.reshape(shape), optimize=True)
         value += np.einsum("ma,nb,abk->mnk", depth_weights, derivative_weights, self.derivative.reshape(shape), optimize=True)
         is_unusable = ~predicted.usable.reshape(shape[:2])
@@ -275,7 +278,7 @@ def compute_steps(nodes: Floats, points: Floats) -> Floats:
     return np.asarray((points - nodes[0]) / (nodes[1] - nodes[0]))
 
 
-def lagrange_weights(nodes: Floats, points: Floats) -> Floats:
+def compute_lagrange_weights(nodes: Floats, points: Floats) -> Floats:
     """Return cubic Lagrange weights of the four evenly spaced nodes around each point, shape (m, nodes)."""
     steps = compute_steps(nodes, points)
     first = np.clip(np.floor(steps).astype(int) - 1, 0, len(nodes) - 4)
@@ -288,7 +291,7 @@ def lagrange_weights(nodes: Floats, points: Floats) -> Floats:
     return weights
 
 
-def hermite_weights(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
+def compute_hermite_weights(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Return cubic Hermite weights of values and derivatives at evenly spaced nodes, each of shape (m, nodes)."""
     steps, step = compute_steps(nodes, points), nodes[1] - nodes[0]
     first = np.clip(np.floor(steps).astype(int), 0, len(nodes) - 2)

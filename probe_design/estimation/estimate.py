@@ -29,7 +29,7 @@ from geometry.scenes.variables import list_values
 from probe_design.data.noise import MAX_ACCURACY, choose_accuracy
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.estimate_result import DepthAndStrength, Estimate, is_identifiable
-from probe_design.estimation.intervals import OPEN_INTERVAL, Interval, Likelihood, compute_hull, compute_p_value
+from probe_design.estimation.intervals import OPEN_INTERVAL, Interval, Likelihood, compute_hull
 from probe_design.estimation.loaded_track import LoadedModel, add_load, explain_refusal
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel, check_kind
@@ -177,7 +177,7 @@ def search_unknown(
         noise_pieces=tuple(Likelihood(track_if_known.remove_model_error(), noise).find_pieces(y)),
         pieces_if_known=tuple(Likelihood(track_if_known, noise).find_pieces(y)) if nuisances else None,
         best=best,
-        p_value=compute_p_value(min_chi2, len(y), likelihood.compute_noncentrality_root(best)),
+        p_value=likelihood.compute_p_value(best, min_chi2),
         shift=float(likelihood.compute_shift(np.array([best]))[0]),
     )
 

@@ -53,6 +53,7 @@ LIMIT_STRIDE = 10  # q of eq. ES.4 is computed at every tenth point of the runs,
 CHI2_QUANTILE = float(chi2.ppf(CONFIDENCE, 1))
 TOLERATED_SHIFT = 1 / 3  # t of eq. ES.5 up to which the interval neglects the model's error: coverage is still 93.7 %
 GAUSS_NEWTON_STEPS = 6  # for the best fit
+MAX_NONCENTRALITY_ROOT = 30.0  # so large an error of the model explains any readings
 END_TOLERANCE = 1e-7  # of the ends of many intervals, in the unknown's coordinate
 Interval = tuple[float | None, float | None]  # an end is None where it is open
 OPEN_INTERVAL: Interval = (None, None)
@@ -171,9 +172,13 @@ class Likelihood:
         """Return whether no value of the unknown explains the measured values, shape (s,), for s sets of shape (s, k)."""
         return np.asarray(self.find_best(y)[1] - self.compute_floor(y) > UNEXPLAINED_CHI2)
 
-    def compute_noncentrality_root(self, u: float) -> float:
-        """Return the root of the largest noncentrality of chi2 at u that the model's error may cause."""
-        return float(np.interp(u, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1)))
+    def compute_p_value(self, best: float, min_chi2: float) -> float:
+        """Return the probability of a worse fit than the best one, with the noncentrality that the model's error may cause."""
+        degrees = max(len(self.noise) - 1, 1)
+        root = np.interp(best, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1))
+        if root > MAX_NONCENTRALITY_ROOT:
+            return 1.0
+        return float(ncx2.sf(min_chi2, degrees, root**2) if root > 1e-6 else chi2.sf(min_chi2, degrees))
 
     def find_pieces(self, y: Floats) -> list[Piece]:
         """Return the set of eq. ES.4, as separate intervals, for measured values of shape (k,)."""
@@ -226,14 +231,6 @@ def _compute_reach(q: Floats, end: Floats) -> Floats:
     root = np.sqrt(q)
     safe = np.clip(end, 1e-9, 1e9)
     return np.where(root <= end, root, (q / safe + safe) / 2)
-
-
-def compute_p_value(chi_square: float, data_count: int, shift: float) -> float:
-    """Return the probability that chi-square of the best fit is above a value; ``shift`` is the root of the noncentrality."""
-    degrees = max(data_count - 1, 1)
-    if shift > 30:  # such a large model error explains any readings
-        return 1.0
-    return float(ncx2.sf(chi_square, degrees, shift**2) if shift > 1e-6 else chi2.sf(chi_square, degrees))
 
 
 def _add_valleys(run: Floats, best: float, compute_excess: Callable[[Floats], Floats]) -> Floats:

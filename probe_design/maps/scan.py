@@ -116,7 +116,10 @@ def scan(
     line.check_positions(positions)
     if not linear:
         _check_load_at_placement(scene, rule, accuracy, promise)
-    base = line.prepare(float(np.abs(positions).min()))  # used for all positions: only the bounds differ elsewhere
+    nearest_scene = line.place_probe(float(np.abs(positions).min()))
+    base = EquivalentInclusion().prepare(
+        nearest_scene, model_accuracy
+    )  # used for all positions: only the bounds differ elsewhere
     tumours = line.build_tumours(positions)
     plain_readings = compute_readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
     film_readings = line.add_bounds(base, plain_readings, positions)

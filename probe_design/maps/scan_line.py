@@ -89,27 +89,18 @@ class ScanLine:
         table[self.cross_axis] = table[self.cross_axis] - self.offset
         return Tumours(**table)
 
-    def prepare(self, position: float) -> Undisturbed:
-        """Solve the probe at a position on the tissue without tumours.
-
-        Raises
-        ------
-        Refusal
-            The evaluator cannot model the scene, or it is too extreme for double precision.
-        """
-        return EquivalentInclusion().prepare(self._build_scene(position), self.accuracy)
-
     def solve_alone(self, position: float) -> ProbeAlone:
         """Return only the film forces at a position without tumours.
 
         Raises
         ------
         Refusal
-            See ``prepare``.
+            The evaluator cannot model the scene, or it is too extreme for double precision.
         """
-        return EquivalentInclusion().solve_alone(self._build_scene(position), self.accuracy)
+        return EquivalentInclusion().solve_alone(self.place_probe(position), self.accuracy)
 
-    def _build_scene(self, position: float) -> Scene:
+    def place_probe(self, position: float) -> Scene:
+        """Return the scene with the probe at a position."""
         coordinates = {self.axis: abs(position), self.cross_axis: abs(self.offset), "tilt": self.scene.placement.tilt}
         placement = Placement.model_validate({key: float(value) for key, value in coordinates.items()}, context=SI_CONTEXT)
         return self.scene.model_copy(update={"placement": placement})
