@@ -92,6 +92,7 @@ class Likelihood:
     noise: Floats
 
     def _compute_shared_errors(self, u: Floats) -> SharedErrors:
+        """Return the errors that the data share at u of shape (s,), over the noise."""
         return self.track.compute_shared_errors(u).divide_by_noise(self.noise)
 
     def predict(self, u: Floats) -> tuple[Floats, Floats]:

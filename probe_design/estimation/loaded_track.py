@@ -103,6 +103,7 @@ class LoadedModel:
         return values, bounds
 
     def _build_scene(self, value: float) -> Scene:
+        """Return the scene with a value of the unknown, and the probe on the target's axis."""
         scene = _place_on_axis(self.model)
         if self.unknown not in TARGET_UNKNOWNS:
             return scene.replace({self.unknown: value})
@@ -130,6 +131,7 @@ class LoadedModel:
         return forces.films
 
     def _solve(self, scene: Scene) -> FilmForces:
+        """Return the film forces by ``contact``, from rest."""
         with start_clock():
             return ContactEvaluator().solve(scene, self.accuracy).films[0]
 

@@ -207,6 +207,7 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
 
 
 def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:
+    """Return the entries of each reading of a TOML file."""
     data = parse_tables(text, name, "tables headed [[reading]]")
     rows = data.get("reading")
     if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
@@ -215,6 +216,7 @@ def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:
 
 
 def _parse_csv(text: str, name: str) -> list[Mapping[str, object]]:
+    """Return the entries of each reading of a CSV file, whose first row names them; empty cells are left out."""
     try:
         lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
     except csv.Error as fault:
@@ -289,6 +291,7 @@ def is_on_tissue(scene: Scene, x: float, y: float) -> bool:
 
 
 def _read_noise(key: str, value: object) -> float:
+    """Return a relative standard deviation, checked."""
     return check_noise(read_fraction(key, value, ALLOWED_NOISE), key)
 
 

@@ -123,6 +123,7 @@ def _build_unit_noise(linear: Floats) -> LinearGaussian:
 
 
 def _multiply(matrix: Floats, vector: Floats) -> Floats:
+    """Return products of matrices (..., m, n) and vectors (..., n), shape (..., m)."""
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 

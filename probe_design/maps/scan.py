@@ -125,16 +125,10 @@ def scan(
     film_readings = line.add_bounds(base, plain_readings, positions)
     farthest = line.solve_alone(float(np.abs(positions).max()))
     is_outside = base.move_inside(tumours)[1]
-    has_target = ~is_outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool)
     load = LoadChanges.from_stiffness(scene, rule, film_readings.stiffness)
     if not linear:
         check_load(scene, load.weakest, accuracy, promise)
-    log_sensitivity: Column = (None,) * len(positions)
-    if film_readings.derivatives:
-        log_sensitivity = _build_column(film_readings.log_sensitivity, film_readings.resolved & has_target)
-    imposed, force = scene.load.indentation, scene.load.force or 0.0
-    indentation = force / film_readings.stiffness if imposed is None else np.full(len(positions), imposed)
-    stress = film_readings.totals * indentation[:, None] / film_readings.areas
+    stress = _compute_stresses(scene, film_readings)
     return Scan(
         along=along,
         at=line.offset,
@@ -143,7 +137,7 @@ def scan(
         stiffness=tuple(film_readings.stiffness.tolist()),
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
-        log_sensitivity=log_sensitivity,
+        log_sensitivity=_build_log_sensitivities(scene, film_readings, is_outside),
         error_estimate=_build_column(load.add_to_errors(film_readings.error_estimate), film_readings.resolved & load.is_known),
         ratio_without=compute_ratio_fields(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
@@ -157,6 +151,21 @@ def scan(
         scene=scene,
         provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
+
+
+def _compute_stresses(scene: Scene, film_readings: Readings) -> Floats:
+    """Return the stresses under inner and outer block at the scene's load, Pa, shape (n, 2)."""
+    indentation = scene.load.indentation
+    if indentation is None:
+        return film_readings.totals * ((scene.load.force or 0.0) / film_readings.stiffness)[:, None] / film_readings.areas
+    return film_readings.totals * indentation / film_readings.areas
+
+
+def _build_log_sensitivities(scene: Scene, film_readings: Readings, is_outside: Bools) -> Column:
+    """Return the log-sensitivities, None without a target, or where it lies outside the modelled tissue."""
+    if scene.target is None or not film_readings.derivatives:
+        return (None,) * len(film_readings.forces)
+    return _build_column(film_readings.log_sensitivity, film_readings.resolved & ~is_outside[:, scene.target])
 
 
 def _build_column(values: Floats, valid: Bools) -> Column:

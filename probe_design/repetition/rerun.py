@@ -131,6 +131,7 @@ def _read_rows(path: Path) -> Iterator[JsonObject]:
 
 
 def _parse_cell(text: str) -> float | str | None:
+    """Return a cell as a number where it is one, None where it is empty."""
     try:
         return float(text) if text else None
     except ValueError:

@@ -225,6 +225,7 @@ def allocate_tolerances(sds: Floats, contributions: Floats, allowed: float) -> F
 
 
 def _check_request(ratio: float, samples: int) -> None:
+    """Raise ``InputError`` for a ratio or a number of samples that is not allowed."""
     if not 0 < ratio < 1:
         raise InputError("ratio", ratio, "a number above 0 and below 1, such as 0.01")
     if not SAMPLE_LIMITS[0] <= samples <= SAMPLE_LIMITS[1] or samples & (samples - 1):

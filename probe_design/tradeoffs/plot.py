@@ -115,6 +115,7 @@ def _label_accuracies(axes: Axes, results: Sequence[Row]) -> None:
 
 
 def _clip_error(error: float | None) -> float:
+    """Return an error as it is drawn: not below ``MIN_DRAWN_ERROR``, NaN where it is unknown."""
     return math.nan if error is None else max(error, MIN_DRAWN_ERROR)
 
 

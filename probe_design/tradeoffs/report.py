@@ -126,6 +126,7 @@ def _summarize_setting(setting: Setting, rows: Sequence[Row]) -> Cells:
 
 
 def _format_row(row: Row) -> Cells:
+    """Return the table row of one result."""
     times = (_format_seconds(seconds) for seconds in (row.seconds_first, row.seconds_probe, row.seconds_tumour))
     errors = (_format_stated_error(row), _format_true_error(row), _format_error(row.log_sensitivity_error))
     return (row.scene, *_format_setting_cells(row.setting), f"{row.ratio:.6g}", *errors, *times)
