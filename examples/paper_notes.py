@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from paper_order import agreed, order
-
-from solver.published.table3 import AREA_RATIO, TABLE_3, check_position, get_printed_ratios
+from paper_table import AREA_RATIO, TABLE_3, check_position, get_printed_ratios
 
 if TYPE_CHECKING:
     from solver import Result

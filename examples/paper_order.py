@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import combinations, pairwise
 
-from solver.published.table3 import get_printed_ratios
+from paper_table import get_printed_ratios
 
 
 def is_below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:

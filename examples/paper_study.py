@@ -25,6 +25,7 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from paper_notes import notes
+from paper_table import AREA_RATIO, POSITION_NAMES, TABLE_3, check_position
 
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.files import write_whole
@@ -33,7 +34,6 @@ from probe_design.maps.scan import Scan, scan
 from probe_design.reporting.picture_files import check_format
 from probe_design.terminal.console import show_steps, write_message
 from solver import Result, evaluate
-from solver.published.table3 import AREA_RATIO, POSITION_NAMES, TABLE_3, check_position
 
 SCENE = Path(__file__).with_name("paper-study.toml")
 FAR = 0.030  # x of position 4, m: 25 mm from the nearer tumour, 20 mm from the block's side

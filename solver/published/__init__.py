@@ -1,1 +1,1 @@
-"""Evaluator `published`: the paper's equations as printed and corrected, and its Table 3."""
+"""Evaluator `published`: the paper's equations as printed, and eq. (8) corrected."""

@@ -1,8 +1,14 @@
-"""Compute the paper's equations (1) to (12) exactly as printed, defects included, and their inverses that the paper uses.
+"""Compute the paper's equations (1) to (12) exactly as printed, defects included, and eq. (8) with its defects corrected.
 
 "Detecting Embedded Objects Using Haptics with Applications in Artificial Palpation of Tumors", sections 2.3 and 2.4. Symbols are
 the paper's, SI units: ``sigma`` the applied stress on a circle of radius ``a``, ``d`` depth and ``D`` diameter of the object,
-``nu`` Poisson's ratio, ``E_...`` Young's moduli. Their defects are listed in ``solver.published.evaluator``.
+``nu`` Poisson's ratio, ``E_...`` Young's moduli. Their defects are listed in ``solver.published.evaluator``. Corrected,
+
+    1 / E_eq = 1 / E_matrix + k (1 / E_object - 1 / E_matrix),  k = 3 a D / (4 d^2)                                (PU.1)
+
+as the object's shortening has the factor (1-nu^2) like the tissue's, and the shortening of the tissue that it replaces is
+subtracted. So an object of the matrix's modulus has no effect, and a stiffer one increases E_eq. The stress at depth is still the
+far field of eq. (1), valid only for ``d`` well above ``a`` and ``D``.
 
 Every function refuses with ``InputError`` arguments that are not positive and finite (``nu``: 0 to 0.5; eq. (12): any finite
 number), and results beyond double precision.
@@ -169,53 +175,15 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
 
 
 @check_numbers
-def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object: float, E_eq: float) -> float:
-    """Return D from eq. (8), m; it may be larger than 2 d, which the paper does not exclude.
-
-    D = 4 d^2 E_object [E_matrix (1-nu^2) - E_eq (1-nu)^2] / (3 a E_eq [E_object (1-nu)^2 + E_matrix])
+def modulus_corrected(a: float, d: float, D: float, *, E_matrix: float, E_object: float) -> float:
+    """Return E_eq with the defects of eqs. (4) and (6) to (8) corrected, by eq. PU.1, Pa.
 
     Raises
     ------
     InputError
-        E_eq is not below its value at D = 0: no positive diameter fits.
+        k, the object's fraction of the shortening, is not below 1.
     """
-    largest = E_matrix * (1 + nu) / (1 - nu)
-    if E_eq >= largest:
-        raise InputError(
-            "E_eq", E_eq, f"below E_matrix (1+nu) / (1-nu) = {format_maximum(largest)} Pa, else eq. (8) has no positive D"
-        )
-    stiff = E_object * (1 - nu) ** 2
-    return 4 * d**2 * stiff * (largest - E_eq) / (3 * a * E_eq * (stiff + E_matrix))
-
-
-@check_numbers
-def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_eq: float) -> float:
-    """Return E_object from eq. (8), Pa.
-
-    E_object = 3 a D E_matrix E_eq / [4 E_matrix (1-nu^2) d^2 - E_eq (1-nu)^2 (4 d^2 + 3 a D)]
-
-    Raises
-    ------
-    InputError
-        E_eq is not below that of a rigid object: no positive modulus fits.
-    """
-    loose = (1 - nu) ** 2 * (4 * d**2 + 3 * a * D)
-    rigid = 4 * E_matrix * (1 - nu**2) * d**2 / loose
-    if E_eq >= rigid:
-        raise InputError(
-            "E_eq", E_eq, f"below that of a rigid object, {format_maximum(rigid)} Pa, else eq. (8) has no positive E_object"
-        )
-    return 3 * a * D * E_matrix * E_eq / (loose * (rigid - E_eq))
-
-
-@check_numbers
-def object_and_diameter(a: float, d: float, nu: float, E_matrix: float, E_eq: float) -> tuple[float, float]:
-    """Return E_object, Pa, and D, m, from E_eq in the paper's order (end of section 2.3): by eq. (11), then by eq. (8).
-
-    Raises
-    ------
-    InputError
-        E_eq is not below E_matrix / 2.
-    """
-    E_object = object_modulus_from_layers(E_eq, E_matrix)
-    return E_object, diameter_printed(a, d, nu=nu, E_matrix=E_matrix, E_object=E_object, E_eq=E_eq)
+    k = 3 * a * D / (4 * d**2)
+    if k >= 1:
+        raise InputError("3 a D / (4 d^2)", Words(f"{k:.4g}"), "below 1: a smaller or deeper object")
+    return 1 / ((1 - k) / E_matrix + k / E_object)

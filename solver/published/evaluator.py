@@ -9,8 +9,7 @@ from time import perf_counter
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
-from solver.published import corrected_equations as corrected
-from solver.published import equations as printed
+from solver.published.equations import modulus_corrected, modulus_from_compatibility, modulus_printed
 from solver.results.evaluator import ProgressCallback
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Curve, Result
@@ -62,13 +61,17 @@ class Published:
         if reason is not None:
             raise Refusal("evaluator", self.name, reason)
         body, tissue = scene.inclusion[0], scene.tissue
-        sizes, moduli = (scene.probe.tube_radius, body.depth, body.diameter or 0.0), (tissue.youngs_modulus, body.youngs_modulus)
-        elastic = {"nu": tissue.poisson_ratio, "E_matrix": moduli[0], "E_object": moduli[1]}
-        modulus = printed.modulus_printed(*sizes, **elastic)
-        by_7 = printed.modulus_from_compatibility(*sizes, **elastic)
+        sizes = scene.probe.tube_radius, body.depth, body.diameter or 0.0
+        moduli = {"E_matrix": tissue.youngs_modulus, "E_object": body.youngs_modulus}
+        modulus = modulus_printed(*sizes, nu=tissue.poisson_ratio, **moduli)
+        consistent_modulus = modulus_from_compatibility(*sizes, nu=tissue.poisson_ratio, **moduli)
+        try:
+            corrected = f"{modulus_corrected(*sizes, **moduli):.4g} Pa without their defects"
+        except InputError as fault:
+            corrected = f"none without their defects ({fault})"
         null = "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
-        cost = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {by_7:.4g} Pa by eq. (7), {_write_corrected(sizes, moduli)}"
-        texts = (cost, *(f"defect of the paper: {defect}" for defect in PAPER_DEFECTS))
+        summary = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {consistent_modulus:.4g} Pa by eq. (7), {corrected}"
+        texts = (summary, *(f"defect of the paper: {defect}" for defect in PAPER_DEFECTS))
         notes = (Note("null", null), *(Note("published", text) for text in texts))
         return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=notes)
 
@@ -91,13 +94,6 @@ class Published:
             always.
         """
         raise Refusal("evaluator", self.name, "any other for a curve: the paper's equations give no film stresses")
-
-
-def _write_corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -> str:
-    try:
-        return f"{corrected.modulus(*sizes, *moduli):.4g} Pa without their defects"
-    except InputError as fault:
-        return f"none without their defects ({fault})"
 
 
 def create_evaluator(tell: ProgressCallback | None = None) -> Published:

@@ -19,19 +19,19 @@ sys.path.insert(0, str(EXAMPLES))
 import paper_notes
 import paper_order
 import paper_study
+import paper_table
 
 from geometry import BlockTissue, Scene, read_scene
 from geometry.common.resources import Limits
 from solver import Result, evaluate
-from solver.published import table3 as published_table
 from solver.results.warnings import Note
 
 QUICK = "equivalent-inclusion"
 
 
 def test_order_of_positions() -> None:
-    assert paper_order.order(published_table.get_printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
-    assert paper_order.order(published_table.get_printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
+    assert paper_order.order(paper_table.get_printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
+    assert paper_order.order(paper_table.get_printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
     ours, bounds = {1: 1.0, 2: 1.1, 3: 2.0, 4: 1.01}, dict.fromkeys(range(1, 5), 0.01)
     assert paper_order.order(ours, bounds) == "1 ~ 4 < 2 < 3"
     pairs = paper_order.agreed(ours, bounds)
@@ -47,9 +47,9 @@ def test_four_scenes_of_the_study(study: Scene) -> None:
     assert isinstance(study.tissue, BlockTissue)
     assert (study.tissue.length, study.tissue.breadth, study.tissue.depth) == pytest.approx((0.1, 0.08, 0.06))
     assert [body.diameter for body in study.inclusion] == pytest.approx([0.008, 0.005])
-    assert study.probe.inner_area / study.probe.outer_area == pytest.approx(published_table.AREA_RATIO)
+    assert study.probe.inner_area / study.probe.outer_area == pytest.approx(paper_table.AREA_RATIO)
     scenes = paper_study.scenes(study)
-    assert list(scenes) == list(published_table.POSITION_NAMES) == list(published_table.TABLE_3)
+    assert list(scenes) == list(paper_table.POSITION_NAMES) == list(paper_table.TABLE_3)
     for k, scene in scenes.items():
         assert Scene.model_validate(scene.model_dump()) == scene
         nearest = min(abs(body.x - scene.placement.x) for body in scene.inclusion)

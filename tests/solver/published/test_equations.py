@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from geometry import InputError, Refusal
 from solver import evaluate
-from solver.published import corrected_equations as corrected
 from solver.published import equations as printed
 from tests.support.references import named
 
@@ -74,63 +70,18 @@ def test_every_equation_has_its_number() -> None:
         assert f"eq. ({number})" in inspect.getdoc(equation).lower()
 
 
-def draw_between(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.floats(math.log(low), math.log(high)).map(math.exp)
-
-
-LENGTHS = st.tuples(draw_between(1e-4, 1e-1), draw_between(1e-4, 1e-1), draw_between(1e-4, 1e-1))
-MODULI = st.tuples(draw_between(1e-2, 1e9), draw_between(1e-2, 1e9))
-POISSON = st.floats(0.0, 0.5)
-
-
-@given(LENGTHS, MODULI, POISSON)
-def test_equation_8_inverted_for_modulus_and_diameter(sizes: tuple[float, ...], moduli: tuple[float, ...], nu: float) -> None:
-    (a, d, D), (E_matrix, E_object) = sizes, moduli
-    E_eq = printed.modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
-    small = printed.modulus_printed(a, d, 1e-12 * D, nu=nu, E_matrix=E_matrix, E_object=E_object)
-    rigid = printed.modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_object=1e30)
-    # as far as the printed modulus depends on them at all: what cancels is lost
-    if E_eq < small * (1 - 1e-6):
-        diameter = printed.diameter_printed(a, d, nu=nu, E_matrix=E_matrix, E_object=E_object, E_eq=E_eq)
-        assert diameter == pytest.approx(D, rel=1e-8)
-    if E_eq < rigid * (1 - 1e-6):
-        assert printed.object_modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_eq=E_eq) == pytest.approx(E_object, rel=1e-8)
-
-
-@given(LENGTHS, MODULI, POISSON)
-def test_the_paper_s_order_satisfies_both_its_equations(sizes: tuple[float, ...], moduli: tuple[float, ...], nu: float) -> None:
-    (a, d, _), (E_matrix, E_2) = sizes, moduli
-    E_eq = printed.modulus_of_layers(E_matrix, E_2, E_matrix)
-    if E_eq > 0.4999999 * E_matrix:  # so much stiffer that E_eq no longer tells by how much
-        return
-    E_object, D = printed.object_and_diameter(a, d, nu, E_matrix, E_eq)
-    assert E_object == pytest.approx(E_2, rel=1e-7)
-    assert printed.modulus_printed(a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object) == pytest.approx(E_eq, rel=1e-9)
-
-
-def test_the_paper_s_order_cannot_take_the_paper_s_own_modulus() -> None:
-    """Eq. (8) gives its case 1725 Pa, and eq. (11) knows nothing above 500 Pa in a matrix of 1000 Pa."""
-    E_eq = printed.modulus_printed(**CASE, E_matrix=1e3, E_object=1e5)
-    with pytest.raises(InputError, match="below E_1 / 2 = 500 Pa"):
-        printed.object_and_diameter(CASE["a"], CASE["d"], CASE["nu"], 1e3, E_eq)
-
-
-@pytest.mark.parametrize(
-    ("inversion", "limit"),
-    # limits by hand: E_1/2; E_m (1+nu)/(1-nu); 4 E_m (1-nu^2) d^2 / [(1-nu)^2 (4 d^2 + 3 a D)]; E_m / (1 - 3aD/4d^2)
-    [
-        (lambda E_eq: printed.object_modulus_from_layers(E_eq, 1e3), 500.0),
-        (lambda E_eq: printed.diameter_printed(5.72e-3, 0.01, nu=0.4, E_matrix=1e3, E_object=1e5, E_eq=E_eq), 1e3 * 1.4 / 0.6),
-        (lambda E_eq: printed.object_modulus_printed(**CASE, E_matrix=1e3, E_eq=E_eq), 1e3 * 3.36e-4 / (0.36 * 5.3728e-4)),
-        (lambda E_eq: corrected.object_modulus(**SIZES, E_matrix=1e3, E_eq=E_eq), 1e3 / 0.6568),
-    ],
-)
-def test_inversions_refuse_what_has_no_positive_answer(inversion: Callable[[float], float], limit: float) -> None:
-    assert inversion(limit * (1 - 1e-9)) > 0
-    for E_eq in (limit * (1 + 1e-9), 10 * limit):
-        with pytest.raises(InputError, match=r"E_eq = .* below") as refused:
-            inversion(E_eq)
+def test_equation_11_inverted() -> None:
+    assert printed.object_modulus_from_layers(printed.modulus_of_layers(1e3, 7e4, 1e3), 1e3) == pytest.approx(7e4, rel=1e-12)
+    for E_eq in (500 * (1 + 1e-9), 5000.0):
+        with pytest.raises(InputError, match=r"E_eq = .* below E_1 / 2 = 500 Pa") as refused:
+            printed.object_modulus_from_layers(E_eq, 1e3)
         assert "\n" not in str(refused.value)
+
+
+def test_equation_11_cannot_take_the_paper_s_own_modulus() -> None:
+    """Eq. (8) gives its case 1725 Pa, and eq. (11) knows nothing above 500 Pa in a matrix of 1000 Pa."""
+    with pytest.raises(InputError, match="below E_1 / 2 = 500 Pa"):
+        printed.object_modulus_from_layers(printed.modulus_printed(**CASE, E_matrix=1e3, E_object=1e5), 1e3)
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
@@ -162,9 +113,9 @@ def test_results_beyond_double_precision_are_refused(d: float) -> None:
 
 def test_corrected_formula_has_both_limits() -> None:
     # PHYSICS section 1: a tumour of matrix stiffness vanishes; a stiffer one stiffens, 3 a D / (4 d^2) = 0.3432
-    assert corrected.modulus(**SIZES, E_matrix=1e3, E_object=1e3) == pytest.approx(1e3, rel=1e-14)
-    assert corrected.modulus(**SIZES, E_matrix=1e3, E_object=1e12) == pytest.approx(1e3 / (1 - 0.3432), rel=1e-6)
-    assert corrected.modulus(**SIZES, E_matrix=1e3, E_object=1e5) == pytest.approx(1 / (0.6568e-3 + 0.3432e-5), rel=1e-12)
+    assert printed.modulus_corrected(**SIZES, E_matrix=1e3, E_object=1e3) == pytest.approx(1e3, rel=1e-14)
+    assert printed.modulus_corrected(**SIZES, E_matrix=1e3, E_object=1e12) == pytest.approx(1e3 / (1 - 0.3432), rel=1e-6)
+    assert printed.modulus_corrected(**SIZES, E_matrix=1e3, E_object=1e5) == pytest.approx(1 / (0.6568e-3 + 0.3432e-5), rel=1e-12)
 
 
 def test_corrected_formula_is_equation_7_with_its_two_defects_mended() -> None:
@@ -175,29 +126,13 @@ def test_corrected_formula_is_equation_7_with_its_two_defects_mended() -> None:
         + (1 - nu**2) * printed.displacement_object(1.0, a, d, D, E_object)
         - printed.displacement_below(1.0, a, d, D, nu=nu, E_matrix=E_matrix)
     )
-    E_eq = corrected.modulus(a, d, D, E_matrix, E_object)
+    E_eq = printed.modulus_corrected(a, d, D, E_matrix=E_matrix, E_object=E_object)
     assert printed.displacement_equivalent(1.0, a, nu, E_eq) == pytest.approx(shortening, rel=1e-12)
-
-
-@given(draw_between(1e-3, 0.9), LENGTHS, draw_between(1e-3, 1e3), draw_between(1e-2, 1e6))
-def test_corrected_formula_inverted(share: float, sizes: tuple[float, ...], contrast: float, E_matrix: float) -> None:
-    if abs(contrast - 1) < 1e-3:  # nothing of the object is left in E_eq
-        return
-    a, d, _ = sizes
-    D = 4 * d**2 * share / (3 * a)
-    E_eq = corrected.modulus(a, d, D, E_matrix, contrast * E_matrix)
-    assert corrected.object_modulus(a, d, D, E_matrix, E_eq) == pytest.approx(contrast * E_matrix, rel=1e-8)
-    assert corrected.diameter(a, d, E_matrix, contrast * E_matrix, E_eq) == pytest.approx(D, rel=1e-8)
 
 
 def test_corrected_formula_refuses() -> None:
     with pytest.raises(InputError, match="below 1: a smaller or deeper object"):
-        corrected.modulus(a=5e-3, d=3e-3, D=4e-3, E_matrix=1e3, E_object=1e5)
-    for E_eq in (1e3, 2e5, 900.0):
-        with pytest.raises(InputError, match="between E_matrix = 1000 and E_object = 100000 Pa"):
-            corrected.diameter(5e-3, 1e-2, 1e3, 1e5, E_eq)
-    with pytest.raises(InputError, match="between"):
-        corrected.diameter(5e-3, 1e-2, 1e3, 1e3, 1e3)
+        printed.modulus_corrected(a=5e-3, d=3e-3, D=4e-3, E_matrix=1e3, E_object=1e5)
 
 
 def test_evaluator_returns_the_printed_modulus_and_names_the_defects() -> None:
