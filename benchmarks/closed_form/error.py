@@ -1,13 +1,15 @@
 """Fit the closed form's stated errors, 95 % quantiles by class of scene, and measure how many true errors they cover.
 
-``python -m benchmarks.closed_form.error FILE... --fit --seeds K...`` fits eq. CF.19 to scenes of files of ``scenes.py``, drawn
-with these seeds, and writes ``solver/closed_form/error_quantiles.json``. The weights come from quantile regression of the
-logarithms of the errors, all classes together. The constants are calibrated class by class: a tenth of the scenes at a time is
-stated by weights fitted to the others, and the constant is such that 95 % of all are covered (cross-conformal prediction).
+``python -m benchmarks.closed_form.error FILE... --fit --seeds K... --searched FILE...`` fits eq. CF.19 to scenes of files of
+``scenes.py``, drawn with these seeds, and writes ``solver/closed_form/error_quantiles.json``. The weights come from quantile
+regression of the logarithms of the errors, all classes together, scenes that a search picked among them. The constants are
+calibrated class by class on the scenes as drawn: a tenth of them at a time is stated by weights fitted to the others, and the
+constant is such that 95 % of all are covered (cross-conformal prediction).
 
 Without ``--fit`` it prints for the scenes of the files, drawn with another seed, by class and quantity: how many true errors the
-stated ones cover, the median stated over the median true error, and the largest true over stated error; then the coverage of
-scenes whose largest stated error is small, as those that a choice by stated error would pick.
+stated ones cover, with the coverage's 95 % interval (binomial, by Clopper and Pearson), the median stated over the median true
+error, and the largest true over stated error; then the coverage of scenes whose largest stated error is small, as those that a
+choice by stated error would pick.
 
 Duration: seconds.
 """
@@ -19,18 +21,19 @@ import json
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.stats import binomtest
 
 from benchmarks.closed_form.scenes import SolvedScene, read_solved
 from geometry.common.arrays import Bools, Floats
 from solver.closed_form.designs import build_parameters
 from solver.closed_form.error_quantile import QUANTITIES, SCENE_CLASSES, SceneClass, classify, compute_features, state_errors
-from solver.closed_form.evaluator import MAX_LOG_ERROR, solve_columns
+from solver.closed_form.evaluator import MAX_LOG_ERROR, ClosedForm, solve_columns
 
 TABLE = Path(__file__).parents[2] / "solver" / "closed_form" / "error_quantiles.json"
 COVERAGE = 0.95
@@ -44,12 +47,16 @@ FEATURES_OF_TARGET = ("target",)  # features that only the log-sensitivity has
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """True errors of a solved scene, in the order of ``QUANTITIES``, NaN where unknown; its features and stated errors."""
+    """True errors of a solved scene, in the order of ``QUANTITIES``, NaN where unknown; its features and stated errors.
+
+    ``searched`` is whether a search picked the scene.
+    """
 
     kind: SceneClass
     features: dict[str, float]
     true: Floats
     stated: Floats | None
+    searched: bool = False
 
 
 def main() -> None:
@@ -57,23 +64,32 @@ def main() -> None:
     parser.add_argument("files", type=Path, nargs="+")
     parser.add_argument("--fit", action="store_true")
     parser.add_argument("--seeds", type=int, nargs="+", help="what drew the scenes, for the record")
+    parser.add_argument("--searched", type=Path, nargs="*", default=[], help="files of scenes that a search picked")
     options = parser.parse_args()
-    solved = [item for file in options.files for item in read_solved(file)]
-    rows = [row for item in solved if (row := build_row(item, with_stated=not options.fit)) is not None]
+    rows = _read_rows(options.files, with_stated=not options.fit)
     if not options.fit:
         print_coverage(rows)
         return
+    rows += [replace(row, searched=True) for row in _read_rows(options.searched, with_stated=False)]
     origin = {
         "script": "python -m benchmarks.closed_form.error FILE --fit",
         "date": date.today().isoformat(),
         "seeds": options.seeds,
-        "scenes": dict(Counter(row.kind for row in rows)),
+        "scenes": dict(Counter(row.kind for row in rows if not row.searched)),
+        "searched": dict(Counter(row.kind for row in rows if row.searched)),
     }
     TABLE.write_text(json.dumps({"origin": origin, **fit(rows)}, indent=1) + "\n", encoding="utf-8")
 
 
+def _read_rows(files: Sequence[Path], *, with_stated: bool) -> list[ErrorRow]:
+    solved = [item for file in files for item in read_solved(file)]
+    return [row for item in solved if (row := build_row(item, with_stated=with_stated)) is not None]
+
+
 def build_row(solved: SolvedScene, *, with_stated: bool = True) -> ErrorRow | None:
-    """Return the errors of a scene; None where the formulas break down, or refuse it as its stated error is too large."""
+    """Return the errors of a scene; None where it is refused, the formulas break down, or its stated error is too large."""
+    if ClosedForm().refusal(solved.scene) is not None:
+        return None
     scene, (shape, values) = solved.scene, build_parameters(solved.scene)
     forces, derivative = (part[0] for part in solve_columns(shape, values[:, None])[:2])
     if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0)):
@@ -106,7 +122,7 @@ def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
     """Return the weights by quantity and feature, and the constants by class and quantity, three digits."""
     names = list(rows[0].features)
     table = np.array([[row.features[name] for name in names] for row in rows])
-    kinds = np.array([row.kind for row in rows])
+    kinds, drawn = np.array([row.kind for row in rows]), np.array([not row.searched for row in rows])
     weights: dict[str, dict[str, float]] = {}
     constants: dict[str, dict[str, float]] = {kind: {} for kind in SCENE_CLASSES}
     for place, quantity in enumerate(QUANTITIES):
@@ -116,10 +132,11 @@ def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
         features, logs = table[known][:, [names.index(name) for name in used]], np.log(true[known] + FLOORS[quantity])
         fitted = np.array([float(f"{weight:.3g}") for weight in _regress(features, logs, kinds[known])])
         weights[quantity] = dict(zip(used, fitted.tolist(), strict=True))
-        shift = _calibrate(features, np.log(true[known]), logs, kinds[known])
+        shift = _calibrate(features, np.log(true[known]), logs, kinds[known], drawn[known])
         plain = logs - features @ fitted
         for kind in SCENE_CLASSES:
-            constants[kind][quantity] = float(f"{np.quantile(plain[kinds[known] == kind], FIT_QUANTILE) + shift[kind]:.4g}")
+            inside = drawn[known] & (kinds[known] == kind)
+            constants[kind][quantity] = float(f"{np.quantile(plain[inside], FIT_QUANTILE) + shift[kind]:.4g}")
     return {"weights": weights, "constants": constants}
 
 
@@ -141,37 +158,41 @@ def _regress(features: Floats, logs: Floats, kinds: Floats) -> Floats:
     return np.asarray(solution[: features.shape[1]] / width)
 
 
-def _calibrate(features: Floats, true: Floats, logs: Floats, kinds: Floats) -> dict[str, float]:
+def _calibrate(features: Floats, true: Floats, logs: Floats, kinds: Floats, drawn: Bools) -> dict[str, float]:
     """Return for each class what its constant needs above the quantile of the regression, so that ``COVERAGE`` is covered.
 
-    The logarithms ``true`` of errors of a tenth of the scenes at a time are compared with those stated by the other scenes.
+    The logarithms ``true`` of errors of a tenth of the scenes at a time are compared with those stated by the other scenes. The
+    quantiles are those of the scenes as drawn.
     """
     folds, excess = np.random.default_rng(0).permutation(len(logs)) % FOLDS, np.empty(len(logs))
     for fold in range(FOLDS):
         fitted = folds != fold
-        plain = logs - features @ _regress(features[fitted], logs[fitted], kinds[fitted])
-        rest = true - logs + plain
+        predicted = features @ _regress(features[fitted], logs[fitted], kinds[fitted])
         for kind in SCENE_CLASSES:
             inside = kinds == kind
-            excess[~fitted & inside] = rest[~fitted & inside] - np.quantile(plain[fitted & inside], FIT_QUANTILE)
+            middle = np.quantile((logs - predicted)[fitted & inside & drawn], FIT_QUANTILE)
+            excess[~fitted & inside] = (true - predicted)[~fitted & inside] - middle
     shifts: dict[str, float] = {}
     for kind in SCENE_CLASSES:
-        own = np.sort(excess[kinds == kind])
-        shifts[kind] = float(own[min(math.ceil(COVERAGE * (len(own) + 1)), len(own)) - 1])
+        sorted_excess = np.sort(excess[(kinds == kind) & drawn])
+        rank = math.ceil(COVERAGE * (len(sorted_excess) + 1))
+        shifts[kind] = float(sorted_excess[min(rank, len(sorted_excess)) - 1])
     return shifts
 
 
 def print_coverage(rows: Sequence[ErrorRow]) -> None:
     """Print the table of coverage by class and quantity, and that of scenes with small stated errors."""
-    print("| class | quantity | scenes | covered | median true | median stated | stated/true | largest true/stated |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| class | quantity | scenes | covered | interval | median true | median stated | stated/true | largest true/stated |")
+    print("|---|---|---|---|---|---|---|---|---|")
     for kind in SCENE_CLASSES:
         for place, quantity in enumerate(QUANTITIES):
             true, stated = select_errors(rows, kind, place)
             if len(true):
-                medians = np.median(true), np.median(stated)
+                medians, covered = (np.median(true), np.median(stated)), int((true <= stated).sum())
+                interval = binomtest(covered, len(true)).proportion_ci()
                 print(
-                    f"| {kind} | {quantity} | {len(true)} | {np.mean(true <= stated):.1%} | {medians[0]:.2g} | {medians[1]:.2g} "
+                    f"| {kind} | {quantity} | {len(true)} | {covered / len(true):.1%} "
+                    f"| {interval.low:.1%} to {interval.high:.1%} | {medians[0]:.2g} | {medians[1]:.2g} "
                     f"| {medians[1] / medians[0]:.1f} | {np.max(true / stated):.2g} |"
                 )
     small = [row for row in rows if row.stated is not None and row.stated[:4].max() <= SMALL_ERROR]

@@ -15,14 +15,13 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Probe
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
 from solver.closed_form.designs import Shape
 from solver.closed_form.lateral_boundary import compute_side_radius
 from solver.results.detail_compliance import iterate_details
@@ -30,6 +29,7 @@ from solver.results.film_forces import Bound
 
 SceneClass = Literal["bare", "layered", "off axis", "near sides"]
 SCENE_CLASSES: tuple[SceneClass, ...] = ("bare", "layered", "off axis", "near sides")
+MAX_SOFTNESS = 30.0  # ratio of moduli: plates on softer layers are not further off, and few were drawn
 QUANTITIES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 
 
@@ -103,89 +103,58 @@ def state_errors(scene: Scene, shape: Shape, forces: Floats, slopes: Floats) -> 
     """
     table, features = _read_table(), compute_features(scene, shape, forces, slopes)
     exponents = {
-        name: table.constants[classify(shape)][name] + sum(weight * features[key] for key, weight in table.weights[name].items())
+        name: table["constants"][classify(shape)][name]
+        + sum(weight * features[key] for key, weight in table["weights"][name].items())
         for name in QUANTITIES
     }
     ratio, inner, outer, stiffness, sensitivity = (math.exp(exponents[name]) for name in QUANTITIES)
     return StatedErrors(ratio, np.array([inner, outer]), stiffness, sensitivity)
 
 
-@dataclass(frozen=True)
-class _Table:
-    """Weights by quantity and feature, and constants by class and quantity, of eq. CF.19."""
-
-    weights: dict[str, dict[str, float]]
-    constants: dict[str, dict[str, float]]
-
-
 @cache
-def _read_table() -> _Table:
-    """Read ``error_quantiles.json``; it names the scenes and the command that it comes from."""
+def _read_table() -> dict[str, dict[str, dict[str, float]]]:
+    """Read ``error_quantiles.json``: weights by quantity and feature, constants by class and quantity of eq. CF.19."""
     document = json.loads(resources.files("solver.closed_form").joinpath("error_quantiles.json").read_text(encoding="utf-8"))
-    return _Table(document["weights"], document["constants"])
+    return {key: document[key] for key in ("weights", "constants")}
 
 
 def compute_features(scene: Scene, shape: Shape, forces: Floats, slopes: Floats) -> dict[str, float]:
     """Return the features of eq. CF.19: each is large, or small, where one of the approximations is rough.
 
-    - soft tube, soft disc: how stiff the tissue's surface is against the blocks, whose ends few functions describe;
-    - thin wall, narrow gap, unequal blocks: lengths over the outer radius, under which tractions are steep;
+    - soft tube: how stiff the tissue's surface is compared with the tube, whose end few functions describe;
+    - thin wall, unequal radii, unequal heights: shapes of the blocks under which tractions are steep;
     - thin cover, large tumour: of the worst tumour, whose images are of few moments;
-    - compressible: 1 - 2 nu of the tissue's surface;
-    - cancelled: the forces beyond their sum, as where a block hangs on the other;
-    - interfaces: contrasts of layers, weighted less the deeper they are;
+    - opposed forces: the forces beyond their sum, as where a block hangs on the other;
+    - softer layers: the modulus of the first layer over that of the softest, at most ``MAX_SOFTNESS``;
     - far sides: how much sides that are left out matter; near sides: how near modelled ones are;
-    - target: how much the target's modulus changes of both totals.
+    - target: how much the target's modulus changes of both totals; of the log-sensitivity alone.
 
     See ``state_errors`` for the arguments.
     """
     probe, tissue = scene.probe, scene.tissue
     radius, wall = probe.tube_radius, probe.tube_radius - probe.hole_radius
-    surface = tissue.layer[0] if tissue.layer else tissue
-    modulus = surface.youngs_modulus / (1 - surface.poisson_ratio**2)
-    softness = (
-        modulus / probe.inner.youngs_modulus * min(probe.core_height / probe.inner_radius, 1.0),
-        modulus / probe.outer.youngs_modulus * min(probe.tube_height / wall, 1.0),
-    )
+    layers = (*tissue.layer, tissue)
+    modulus = layers[0].youngs_modulus / (1 - layers[0].poisson_ratio ** 2)
+    softness = modulus / probe.outer.youngs_modulus * min(probe.tube_height / wall, 1.0)
+    sizes = [(body.diameter or 0.0, body.depth) for body in scene.inclusion]
     totals = forces.sum(axis=1)
-    far_sides, near_sides = _measure_sides(scene, shape)
-    return {
-        "soft disc": math.log(0.1 + softness[0] / (1 + softness[0])),
-        "soft tube": math.log(0.1 + softness[1] / (1 + softness[1])),
+    features = {
+        "soft tube": math.log(0.1 + softness / (1 + softness)),
         "thin wall": math.log(0.001 + wall / radius),
-        "narrow gap": math.log(0.001 + probe.gap / radius),
-        "unequal blocks": math.log(probe.inner_radius / radius) ** 2,
-        "thin cover": math.log1p(max((_get_cover_ratio(body) for body in scene.inclusion), default=0.0)),
-        "large tumour": math.log1p(max(((body.diameter or 0.0) / radius for body in scene.inclusion), default=0.0)),
-        "compressible": math.log(0.1 + 1 - 2 * surface.poisson_ratio),
-        "cancelled": math.log(float((np.abs(forces).sum(axis=1) / totals).max())),
-        "interfaces": math.log(0.1 + _sum_contrasts(scene)),
-        "far sides": far_sides,
-        "near sides": near_sides,
+        "unequal radii": math.log(probe.inner_radius / radius) ** 2,
+        "unequal heights": abs(math.log(probe.core_height / probe.tube_height)),
+        "thin cover": math.log1p(max((size / (depth - size / 2) for size, depth in sizes), default=0.0)),
+        "large tumour": math.log1p(max((size / radius for size, _ in sizes), default=0.0)),
+        "opposed forces": math.log(float((np.abs(forces).sum(axis=1) / totals).max())),
+        "softer layers": math.log(min(layers[0].youngs_modulus / min(layer.youngs_modulus for layer in layers), MAX_SOFTNESS)),
+        "far sides": 0.0,
+        "near sides": 0.0,
         "target": math.log(1e-7 + float(np.abs(slopes.sum(axis=1) / totals).sum())),
     }
-
-
-def _get_cover_ratio(body: Inclusion) -> float:
-    """Return the diameter over what covers a sphere."""
-    size = body.diameter or 0.0
-    return size / (body.depth - size / 2)
-
-
-def _sum_contrasts(scene: Scene) -> float:
-    """Return the sum of the interfaces' contrasts of modulus, each weighted less the deeper it is."""
-    tissue = scene.tissue
-    moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
-    return sum(
-        abs(upper - lower) / (upper + lower) / (1 + 10 * depth / scene.probe.tube_radius)
-        for depth, (upper, lower) in zip(tissue.interfaces, pairwise(moduli), strict=True)
-    )
-
-
-def _measure_sides(scene: Scene, shape: Shape) -> tuple[float, float]:
-    """Return how much left-out sides matter, and how near modelled ones are, each 0 where the other holds."""
-    tissue, outer = scene.tissue, scene.probe.tube_radius
-    if tissue.shape == "half-space":
-        return 0.0, 0.0
-    side = compute_side_radius(tissue)
-    return (0.0, math.log1p(outer / side)) if shape.side_nodes else (math.log1p(10 * tissue.depth * outer / side**2), 0.0)
+    if tissue.shape != "half-space":
+        side = compute_side_radius(tissue)
+        if shape.side_nodes:
+            features["near sides"] = math.log1p(radius / side)
+        else:
+            features["far sides"] = math.log1p(10 * tissue.depth * radius / side**2)
+    return features

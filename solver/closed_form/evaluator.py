@@ -22,6 +22,7 @@ from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.designs import Shape, build_parameters, iterate_solutions
 from solver.closed_form.error_quantile import StatedErrors, state_errors
+from solver.closed_form.lateral_boundary import compute_side_radius
 from solver.layers.materials import list_material_layers
 from solver.layers.squeeze import compute_squeeze
 from solver.linalg.workspace import use_own_workspace
@@ -36,6 +37,7 @@ MAX_RESIDUAL = 1e-10
 COLUMNS_AT_ONCE = 4  # designs whose number is a multiple of it are computed alike, bit for bit
 ERROR_KIND: ErrorKind = "95 %"
 MIN_DEPTH_OUTER_RADII = 0.1  # of the tissue, in outer radii
+MIN_SIDE_OUTER_RADII = 1.05  # of the tissue: nearer to the rim of the probe, ratios were up to eighteen times off
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
 MAX_POISSON_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
@@ -78,8 +80,11 @@ class ClosedForm(FilmEvaluator):
                 "axisymmetric or solid for an inclusion nearer to an interface of layers than "
                 f"{MIN_COVER_DIAMETERS:g} of its diameter"
             )
-        if scene.tissue.shape != "half-space" and scene.tissue.depth < MIN_DEPTH_OUTER_RADII * scene.probe.tube_radius:
-            return f"axisymmetric for tissue thinner than {MIN_DEPTH_OUTER_RADII:g} outer radii"
+        if scene.tissue.shape != "half-space":
+            if scene.tissue.depth < MIN_DEPTH_OUTER_RADII * scene.probe.tube_radius:
+                return f"axisymmetric for tissue thinner than {MIN_DEPTH_OUTER_RADII:g} outer radii"
+            if compute_side_radius(scene.tissue) < MIN_SIDE_OUTER_RADII * scene.probe.tube_radius:
+                return f"axisymmetric or solid for tissue whose sides are within {MIN_SIDE_OUTER_RADII:g} outer radii"
         if compute_squeeze(scene) > MAX_SQUEEZE:
             return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"
         return explain_incompressible_refusal(scene)

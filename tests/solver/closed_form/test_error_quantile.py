@@ -22,10 +22,11 @@ from tests.support.paths import REFERENCE, ROOT, SCENE
 TABLE = json.loads((ROOT / "solver" / "closed_form" / "error_quantiles.json").read_text(encoding="utf-8"))
 STORED = REFERENCE / "closed-form-errors" / "scenes.jsonl"
 STORED_SEED, FRESH_SEED = 4, 2026  # of ``benchmarks.closed_form.scenes``
-FRESH_SCENES = 200  # of each class, 60 off the axis, which take longer
-PROMISED_COVERAGE = 0.93, 0.97
+FRESH_SCENES = {"drawn": 200, "searched": 60}  # of each class
+FRESH_OFF_AXIS_SCENES = {"drawn": 60, "searched": 20}  # they take longer
+PROMISED_COVERAGE = 0.93, 0.97  # of each class and quantity
 MIN_SHARPNESS_COUNT = 50  # errors from which their median is sharp enough to compare: that of 20 scatters by a factor of two
-RARE = 0.002  # chance on each side that a count of a class and quantity fails at the limits of the promised coverage
+RARE = 0.002  # probability on each side that a count fails if the coverage is at a limit of the promised: 4 % that one of 20 does
 
 
 def test_the_table_has_an_origin_and_other_scenes_than_those_of_the_tests() -> None:
@@ -33,20 +34,28 @@ def test_the_table_has_an_origin_and_other_scenes_than_those_of_the_tests() -> N
     assert runs(origin["script"].split()[2])
     assert not {STORED_SEED, FRESH_SEED} & set(origin["seeds"])
     assert all(origin["scenes"][kind] >= 400 for kind in SCENE_CLASSES)
+    assert origin["searched"]["near sides"] >= 100
     assert TABLE["weights"].keys() == set(QUANTITIES)
     assert TABLE["constants"].keys() == set(SCENE_CLASSES)
 
 
-def check_coverage(rows: list[ErrorRow], kind: SceneClass) -> None:
-    """Check that as many errors are covered as a true coverage of 93 to 97 % leaves room for, and that the stated are sharp."""
+def check_coverage(rows: list[ErrorRow], kind: SceneClass, origin: str) -> None:
+    """Check by a binomial test that the coverage is 93 to 97 %, and that the median stated error is below 10 true ones.
+
+    A count that is improbable (``RARE``) under every coverage in that range fails. So 200 scenes hold the coverage within 87 and
+    100 %, and 1000 within 90 and 98 %; ``docs/explanation/closed-form.md`` states what many scenes measured.
+    """
     for place, quantity in enumerate(QUANTITIES):
         true, stated = select_errors(rows, kind, place)
         covered = int((true <= stated).sum())
         sharpness = float(np.median(stated) / np.median(true))
-        print(f"{kind}, {quantity}: {covered} of {len(true)}, stated/true {sharpness:.1f}, worst {np.max(true / stated):.2g}")
+        worst = np.max(true / stated)
+        print(f"{kind}, {origin}, {quantity}: {covered} of {len(true)}, stated/true {sharpness:.1f}, worst {worst:.2g}")
         lowest, highest = binom.ppf(RARE, len(true), PROMISED_COVERAGE[0]), binom.ppf(1 - RARE, len(true), PROMISED_COVERAGE[1])
+        if origin == "searched":  # may be covered more often, but not less
+            highest = len(true)
         assert lowest <= covered <= highest, (kind, quantity)
-        if len(true) >= MIN_SHARPNESS_COUNT:
+        if origin == "drawn" and len(true) >= MIN_SHARPNESS_COUNT:
             assert sharpness < 10, (kind, quantity)
 
 
@@ -54,16 +63,19 @@ def check_coverage(rows: list[ErrorRow], kind: SceneClass) -> None:
 def test_stored_scenes_are_covered_as_stated(kind: SceneClass) -> None:
     rows = [row for solved in read_solved(STORED) if solved.kind == kind and (row := build_row(solved)) is not None]
     assert len(rows) >= 24
-    check_coverage(rows, kind)
+    check_coverage(rows, kind, "drawn")
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
+@pytest.mark.parametrize("origin", ["drawn", "searched"])
 @pytest.mark.parametrize("kind", SCENE_CLASSES)
-def test_fresh_scenes_are_covered_as_stated(kind: SceneClass) -> None:
-    count = 60 if kind == "off axis" else FRESH_SCENES
-    drawn = [draw_solved(np.random.default_rng([FRESH_SEED, SCENE_CLASSES.index(kind), number]), kind) for number in range(count)]
-    check_coverage([row for solved in drawn if (row := build_row(solved)) is not None], kind)
+def test_fresh_scenes_are_covered_as_stated(kind: SceneClass, origin: str) -> None:
+    """Scenes drawn afresh, and those that a search picks: of 100 probes, the one with the largest log-sensitivity."""
+    count = (FRESH_OFF_AXIS_SCENES if kind == "off axis" else FRESH_SCENES)[origin]
+    generators = [np.random.default_rng([FRESH_SEED, SCENE_CLASSES.index(kind), number]) for number in range(count)]
+    solved = [draw_solved(rng, kind, searched=origin == "searched") for rng in generators]
+    check_coverage([row for item in solved if (row := build_row(item)) is not None], kind, origin)
 
 
 def test_it_answers_when_named_and_warns_but_auto_never_chooses_it() -> None:
