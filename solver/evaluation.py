@@ -11,7 +11,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.common.json_types import JsonObject
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
 from geometry.scenes.fit_check import list_doubts
@@ -150,8 +149,13 @@ def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -
         phase = compute_ratio_phase(scene, quasi_static, accuracy, frequency)
     except PhaseUnknown as reason:
         return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {reason}")))
-    phase_fields: JsonObject = {f"ratio_phase{key}": value for key, value in phase.suffixed_fields.items()}
-    return replace(result, **phase_fields, warnings=(*result.warnings, *phase.notes))
+    return replace(
+        result,
+        ratio_phase=phase.value,
+        ratio_phase_error=phase.error,
+        ratio_phase_derivatives=phase.derivatives,
+        warnings=(*result.warnings, *phase.notes),
+    )
 
 
 def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:

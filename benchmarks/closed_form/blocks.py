@@ -23,8 +23,8 @@ import solver.closed_form.block_compliance as blocks
 from geometry import Contact, CylinderTissue, InputError, Load, Material, Probe, Scene
 from geometry.common.arrays import Floats
 from solver import evaluate
-from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
+from solver.closed_form.tractions import ElasticBlocks
 
 GROUND_MODULUS_PA = 1e10  # Pa, under blocks of 1 kPa
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import cProfile
 import pstats
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
@@ -28,7 +28,7 @@ from benchmarks.closed_form.accuracy import REFERENCE, draw_designs
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from solver.closed_form import bessel
-from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, Shape, compute_forces, compute_gradients
+from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, Shape, compute_forces
 from solver.linalg.memory import keep_freed
 from solver.linalg.threads import limit_to_one_thread
 
@@ -94,6 +94,29 @@ def best(run: Callable[[], object]) -> float:
     """Return the least of several runs, s."""
     run()
     return min(repeat(run, timer=process_time, number=1, repeat=REPEATS))
+
+
+def compute_gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return forces of one design and their derivatives by some of its parameters, by complex steps: exact to rounding.
+
+    Parameters
+    ----------
+    shape
+        See ``Shape``.
+    values
+        The parameters, shape (parameters,).
+    which
+        Indices of k of them.
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Forces and slope of the design, shape (2, 2, 2), and their derivatives, shape (k, 2, 2, 2).
+    """
+    steps = np.zeros((len(values), len(which)), dtype=complex)
+    steps[list(which), range(len(which))] = 1e-30j * np.abs(values[list(which)])
+    complex_forces = np.stack(compute_forces(shape, values[:, None] + steps), axis=1)
+    return complex_forces[0].real, complex_forces.imag / (1e-30 * np.abs(values[list(which)]))[:, None, None, None]
 
 
 def _held(shape: Shape, values: Floats) -> float:

@@ -39,16 +39,17 @@ def list_loss_factors(scene: Scene) -> dict[str, float]:
 
     The one inclusion of a scene is ``inclusion``, as in ``list_values``.
     """
-    return {f"{name}.loss_factor": body.loss_factor for name, body in _list_materials(scene).items()}
+    return {f"{name}.loss_factor": body.loss_factor for name, body in list_materials(scene).items()}
 
 
 def list_law_constants(scene: Scene) -> dict[str, float]:
     """Return the constants of every law at finite strain that has some, by their keys, ``tissue.c2_over_c1``."""
-    bodies = {name: body for name, body in _list_materials(scene).items() if body.law != "neo-hookean"}
+    bodies = {name: body for name, body in list_materials(scene).items() if body.law != "neo-hookean"}
     return {f"{name}.{key}": getattr(body, key) for name, body in bodies.items() for key in LAW_CONSTANTS}
 
 
-def _list_materials(scene: Scene) -> dict[str, Material]:
+def list_materials(scene: Scene) -> dict[str, Material]:
+    """Return every material of a scene that can be lossy, by its key; that of the one inclusion is ``inclusion``."""
     bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCK_NAMES} | {"tissue": scene.tissue}
     bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
     alone = len(scene.inclusion) == 1

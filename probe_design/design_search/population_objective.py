@@ -40,7 +40,7 @@ from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import build_parameters
-from solver.tumour_waves.population import TumourDraws
+from solver.tumour_waves.moments import TumourDraws
 from solver.tumour_waves.population_films import Films, ManyTumours
 
 MAX_SEARCH_TUMOURS = 64  # tumours in the objective

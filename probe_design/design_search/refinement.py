@@ -30,7 +30,7 @@ from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.planning.coarse_model import CoarseModel
-from solver.tumour_waves.population import TumourDraws
+from solver.tumour_waves.moments import TumourDraws
 from solver.tumour_waves.population_films import Films, ManyTumours
 
 LOG_DIFFERENCE_STEP, MAX_LOG_CHANGE = 0.03, 0.25  # of the logarithms

@@ -35,7 +35,6 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial, legendre
 
-from geometry.common.arrays import Floats, Ints
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_functions import (
     RADIAL_FUNCTIONS,
@@ -44,6 +43,7 @@ from solver.closed_form.block_functions import (
     interpolate_axial_integrals,
     interpolate_radial_integrals,
 )
+from solver.closed_form.tractions import ElasticBlocks
 
 
 def _build_polynomials() -> Any:
@@ -56,46 +56,6 @@ def _build_polynomials() -> Any:
 
 
 _POLYNOMIAL_COEFFICIENTS = _build_polynomials()
-
-
-@dataclass(frozen=True)
-class ElasticBlocks:
-    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI."""
-
-    hole: Array | None
-    radius: Array
-    height: Array
-    E: Array
-    nu: Array
-
-    def take(self, which: Ints) -> ElasticBlocks:
-        """Return the blocks with indices ``which``."""
-        hole = None if self.hole is None else self.hole[which]
-        return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which])
-
-    @property
-    def start(self) -> Array:
-        """Inner radius, m."""
-        return 0 * self.radius if self.hole is None else self.hole
-
-    @property
-    def width(self) -> Array:
-        """Radius of a disc, wall of a tube, m."""
-        return self.radius - self.start
-
-    @property
-    def area(self) -> Array:
-        """Area of the end, m^2."""
-        return np.pi * self.width * (self.radius + self.start)
-
-    @property
-    def steepness(self) -> Array:
-        """The decay b of eq. CF.9 times the height."""
-        return (2.2 if self.hole is None else 2.0) * self.height / self.width
-
-    def radii(self, y: Floats) -> Array:
-        """Return the radii at fractions y (k,) of the width, m, shape (n, k)."""
-        return self.start[:, None] + self.width[:, None] * np.asarray(y)
 
 
 def compute_end_compliance(block: ElasticBlocks, bonded: bool) -> Array:

@@ -23,7 +23,7 @@ import numpy as np
 from geometry.common.arrays import Ints
 from geometry.common.resources import check_time
 from solver.closed_form.bessel import Array
-from solver.closed_form.block_compliance import ElasticBlocks, compute_end_compliance
+from solver.closed_form.block_compliance import compute_end_compliance
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.inclusions import build_loaded_spheres
 from solver.closed_form.lateral_boundary import Sides, build_cut_waves, solve_free_sides
@@ -34,6 +34,8 @@ from solver.closed_form.off_axis import Disc
 from solver.closed_form.sphere_moments import SphereArray
 from solver.closed_form.tractions import (
     LOADS,
+    BlockPair,
+    ElasticBlocks,
     build_wave_rule,
     combine_disc_works,
     compute_load_areas,
@@ -42,8 +44,6 @@ from solver.closed_form.tractions import (
     transform_long_waves,
 )
 from solver.layers.stack import TissueLayer, compute_floor_change
-
-Pair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
 
 INTEGRAL_REACH = 10.0  # exponent at which the integrals over wave numbers are cut off
 FLOOR_REACH = 6.0
@@ -116,7 +116,7 @@ class ContactSolution:
 
 
 def solve_contact(
-    blocks: Pair,
+    blocks: BlockPair,
     tissue: Tissue,
     spheres: Sequence[SphereArray],
     *,
@@ -181,7 +181,7 @@ class Shared:
 
 
 def _assemble_without_spheres(
-    blocks: Pair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
+    blocks: BlockPair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
 ) -> tuple[Array, Array, Sides | None]:
     """Return C without the floor, A, and the sides; equal blocks and tissues are computed once."""
     if shared is not None:
@@ -195,7 +195,7 @@ def _assemble_without_spheres(
     return C if sides is None else C + sides.work, compute_load_areas(blocks, C), sides
 
 
-def _add_end_compliances(C: Array, blocks: Pair, bonded: bool) -> None:
+def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
     """Add the compliance of the blocks' ends to C; pressures of both blocks come before shears of both."""
     loads = LOADS.loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
@@ -205,7 +205,7 @@ def _add_end_compliances(C: Array, blocks: Pair, bonded: bool) -> None:
         C[:, index[:, None], index] += compute_end_compliance(block, bonded)[:, : len(index), : len(index)]
 
 
-def _compute_works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
+def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
     """Return works of pressures, shears and pressures on shears, without the floor, from those of discs."""
     if tissue.layers:
         return compute_layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
@@ -213,7 +213,7 @@ def _compute_works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool)
 
 
 def _choose_waves(
-    blocks: Pair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
+    blocks: BlockPair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
     """Choose the wave numbers; return them, the transforms of the loads, shapes (n, q, loads), and the weights k dk."""
     reaches = [INTEGRAL_REACH / _find_shortest_path(sphere, tissue) for sphere in spheres]
@@ -237,7 +237,7 @@ def _find_shortest_path(sphere: SphereArray, tissue: Tissue) -> Array:
     return path
 
 
-def _compute_sides(blocks: Pair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
+def _compute_sides(blocks: BlockPair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
     """Compute what free sides add to the works, eq. CF.11."""
     k, weights = build_cut_waves(tissue.radius, blocks[1].radius, nodes)
     E, nu = _average_column(tissue)
@@ -254,7 +254,7 @@ def _average_column(tissue: Tissue) -> tuple[Array, Array]:
     return tissue.depth / whole, sum(share * layer.nu for share, layer in zip(shortening, tissue.stack, strict=True)) / whole
 
 
-def _build_disc(blocks: Pair, tissue: Tissue, layer_nodes: int) -> Disc:
+def _build_disc(blocks: BlockPair, tissue: Tissue, layer_nodes: int) -> Disc:
     """Build the disc that stands for both ends: each has the compliance of a half-space, averaged over the areas."""
     area = blocks[0].area + blocks[1].area
 

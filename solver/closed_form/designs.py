@@ -1,14 +1,14 @@
-"""The closed form on arrays of designs, and of complex steps for derivatives.
+"""Evaluate the closed form on arrays of designs, and differentiate it by complex steps.
 
-All use ``contact.solve_contact``: ``compute_forces`` evaluates it on arrays of designs, ``compute_gradients`` on arrays of
-complex steps, and ``evaluator`` on scenes and on the variants from which their errors are estimated.
+``compute_forces`` evaluates ``contact.solve_contact`` on arrays of designs, whose numbers may be complex: with an imaginary part
+of 1e-30 of a parameter, that of the forces is their derivative, exact to rounding. ``evaluator`` does so on scenes.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -17,7 +17,6 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
-from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import (
     FLOOR_REACH,
     INTEGRAL_REACH,
@@ -31,7 +30,8 @@ from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.lateral_boundary import compute_side_radius, count_side_nodes
 from solver.closed_form.layered_works import count_layer_nodes
 from solver.closed_form.sphere_moments import SphereArray
-from solver.layers.materials import list_material_layers
+from solver.closed_form.tractions import ElasticBlocks
+from solver.layers.scene_layers import list_material_layers
 from solver.layers.stack import TissueLayer
 from solver.linalg.memory import keep_freed
 
@@ -177,29 +177,6 @@ def _solve_alone(shape: Shape, column: Array) -> ContactSolution:
     except np.linalg.LinAlgError:
         nan_forces, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
         return ContactSolution(nan_forces, nan_forces, np.full((1, 1, 1), np.nan), no_loads, no_loads)
-
-
-def compute_gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
-    """Return forces of one design and their derivatives by some of its parameters, by complex steps: exact to rounding.
-
-    Parameters
-    ----------
-    shape
-        See ``Shape``.
-    values
-        The parameters, shape (parameters,).
-    which
-        Indices of k of them.
-
-    Returns
-    -------
-    tuple[Floats, Floats]
-        Forces and slope of the design, shape (2, 2, 2), and their derivatives, shape (k, 2, 2, 2).
-    """
-    steps = np.zeros((len(values), len(which)), dtype=complex)
-    steps[list(which), range(len(which))] = 1e-30j * np.abs(values[list(which)])
-    complex_forces = np.stack(compute_forces(shape, values[:, None] + steps), axis=1)
-    return complex_forces[0].real, complex_forces.imag / (1e-30 * np.abs(values[list(which)]))[:, None, None, None]
 
 
 def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:

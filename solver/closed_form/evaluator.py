@@ -23,8 +23,7 @@ from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.designs import Shape, build_parameters, iterate_solutions
 from solver.closed_form.error_quantile import StatedErrors, state_errors
 from solver.closed_form.lateral_boundary import compute_side_radius
-from solver.layers.materials import list_material_layers
-from solver.layers.squeeze import compute_squeeze
+from solver.layers.scene_layers import compute_squeeze, list_material_layers
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
@@ -40,8 +39,9 @@ MIN_DEPTH_OUTER_RADII = 0.1  # of the tissue, in outer radii
 MIN_SIDE_OUTER_RADII = 1.05  # of the tissue: nearer to the rim of the probe, ratios were up to eighteen times off
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
-MAX_POISSON_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
-MAX_SQUEEZE = 50.0  # see ``solver.layers.squeeze``: beyond it totals are up to nine times too small
+MAX_TISSUE_POISSON_RATIO = 0.499999  # of tissue with a tumour
+MAX_BLOCK_POISSON_RATIO = 0.499999999999
+MAX_SQUEEZE = 50.0  # see ``solver.layers.scene_layers``: beyond it totals are up to nine times too small
 BROKEN_FORMULAS_ADVICE = "axisymmetric, as the formulas break down for this scene"
 
 
@@ -87,7 +87,7 @@ class ClosedForm(FilmEvaluator):
                 return f"axisymmetric or solid for tissue whose sides are within {MIN_SIDE_OUTER_RADII:g} outer radii"
         if compute_squeeze(scene) > MAX_SQUEEZE:
             return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"
-        return explain_incompressible_refusal(scene)
+        return _explain_incompressible_refusal(scene)
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Solve the scene with the formulas, with a warning where their stated error is above ``accuracy``.
@@ -103,10 +103,7 @@ class ClosedForm(FilmEvaluator):
             if isinstance(item, InputError):
                 raise item
             solutions.append(item)
-        worst = max(solutions, key=lambda item: item.max_error)
-        notes = tuple(find_shortfalls(worst.films, worst.max_error, accuracy, kind=ERROR_KIND))
-        films, residual = tuple(item.films for item in solutions), max(item.residual for item in solutions)
-        return FilmSolution(films, residual, notes=notes, error_kind=ERROR_KIND)
+        return _build_solution(solutions, accuracy)
 
     @use_own_workspace
     def solve_many(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[FilmSolution | InputError]:
@@ -118,7 +115,8 @@ class ClosedForm(FilmEvaluator):
             return super().solve_many(scenes, accuracies)
         pairs = zip(solutions, accuracies, strict=True)
         return [
-            solution if isinstance(solution, InputError) else _build_answer(solution, accuracy) for solution, accuracy in pairs
+            solution if isinstance(solution, InputError) else _build_solution([solution], accuracy)
+            for solution, accuracy in pairs
         ]
 
     @use_own_workspace
@@ -155,9 +153,12 @@ class ClosedForm(FilmEvaluator):
         return ClosedFormForces(films, errors, float(residual))
 
 
-def _build_answer(forces: ClosedFormForces, accuracy: float) -> FilmSolution:
-    notes = tuple(find_shortfalls(forces.films, forces.max_error, accuracy, kind=ERROR_KIND))
-    return FilmSolution((forces.films,), forces.residual, notes=notes, error_kind=ERROR_KIND)
+def _build_solution(solutions: Sequence[ClosedFormForces], accuracy: float) -> FilmSolution:
+    """Return the film forces of several moduli, with a warning where the largest of their errors is above ``accuracy``."""
+    worst = max(solutions, key=lambda item: item.max_error)
+    notes = tuple(find_shortfalls(worst.films, worst.max_error, accuracy, kind=ERROR_KIND))
+    films, residual = tuple(item.films for item in solutions), max(item.residual for item in solutions)
+    return FilmSolution(films, residual, notes=notes, error_kind=ERROR_KIND)
 
 
 def _is_near_interface(body: Inclusion, scene: Scene) -> bool:
@@ -166,18 +167,19 @@ def _is_near_interface(body: Inclusion, scene: Scene) -> bool:
     return any(abs(body.depth - face) < (0.5 + MIN_COVER_DIAMETERS) * (body.diameter or 0.0) for face in faces)
 
 
-def explain_incompressible_refusal(scene: Scene) -> str | None:
+def _explain_incompressible_refusal(scene: Scene) -> str | None:
     """Return which Poisson's ratio is too near to 0.5 for the formulas in double precision, and its limit; else None."""
-    probe = scene.probe
-    bodies: dict[str, tuple[str, Material]] = {
-        "probe.inner": ("block", probe.inner),
-        "probe.outer": ("block", probe.outer),
-        "tissue": ("tissue", scene.tissue),
-    }
-    bodies |= {f"tissue.layer[{index}]": ("tissue", layer) for index, layer in enumerate(scene.tissue.layer)}
-    for key, (kind, body) in bodies.items():
-        if body.poisson_ratio > MAX_POISSON_RATIO[kind] and (scene.inclusion or kind == "block"):
-            return f"{key}.poisson_ratio up to {MAX_POISSON_RATIO[kind]:.12g}, or another evaluator"
+    probe, tissue = scene.probe, scene.tissue
+    bodies: list[tuple[str, Material, float]] = [
+        ("probe.inner", probe.inner, MAX_BLOCK_POISSON_RATIO),
+        ("probe.outer", probe.outer, MAX_BLOCK_POISSON_RATIO),
+    ]
+    if scene.inclusion:
+        layers = [(f"tissue.layer[{index}]", layer) for index, layer in enumerate(tissue.layer)]
+        bodies += [(key, body, MAX_TISSUE_POISSON_RATIO) for key, body in (("tissue", tissue), *layers)]
+    for key, body, limit in bodies:
+        if body.poisson_ratio > limit:
+            return f"{key}.poisson_ratio up to {limit:.12g}, or another evaluator"
     return None
 
 

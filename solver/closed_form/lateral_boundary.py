@@ -23,7 +23,7 @@ from numpy.polynomial import legendre
 
 from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.block_compliance import ElasticBlocks, build_ritz_system, evaluate_radial_functions
+from solver.closed_form.block_compliance import build_ritz_system, evaluate_radial_functions
 from solver.closed_form.block_functions import (
     AXIAL_FUNCTIONS,
     RADIAL_FUNCTIONS,
@@ -33,6 +33,7 @@ from solver.closed_form.block_functions import (
     interpolate_radial_integrals,
 )
 from solver.closed_form.layer import Waves, compute_fields
+from solver.closed_form.tractions import ElasticBlocks
 
 BLUR_RELATIVE = 0.35  # of the distance from the probe to the cut
 MIN_BLUR_RELATIVE = 0.08  # of the cut's radius

@@ -44,16 +44,17 @@ from solver.layers.stack import (
     FREE_SURFACE,
     Echo,
     Matrix,
+    ShearEchoes,
     Symmetric,
     TissueLayer,
     compute_arriving,
     compute_echo,
     compute_echoes,
     compute_reflection,
+    compute_shear_echoes,
     invert_matrix,
     multiply_matrices,
 )
-from solver.layers.vertical_shear import ShearEchoes, compute_shear_echoes
 
 # signs of the moments seen in a horizontal mirror
 MIRROR_SIGNS = np.array([1, 1, -1, -1, -1, -1, 1, 1, 1, 1, 1])

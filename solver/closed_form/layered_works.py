@@ -29,7 +29,7 @@ from solver.closed_form.bessel import Array, spherical_bessel
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.off_axis import MAX_DEGREE
 from solver.closed_form.tractions import (
-    EndPair,
+    BlockPair,
     build_wave_rule,
     combine_disc_works,
     integrate_load_products,
@@ -45,15 +45,15 @@ from solver.layers.stack import (
     compute_echoes,
     compute_floor_change,
     compute_last_wave,
+    compute_shear_compliance,
 )
-from solver.layers.vertical_shear import compute_shear_compliance
 
 NODES_PER_WAVE = 0.35  # times wave number and the outermost radius, beyond eight
 SLOPE_WAVE_RATIO = 0.9  # wave number, relative to the last, of the second point for the derivative B
 
 
 def compute_layered_works(
-    blocks: EndPair, layers: tuple[TissueLayer, ...], depth: Array | None, nodes: int, bonded: bool
+    blocks: BlockPair, layers: tuple[TissueLayer, ...], depth: Array | None, nodes: int, bonded: bool
 ) -> list[Array]:
     """Compute the works of pressures, shears and pressures on shears, without the floor of the stiffest layer alone.
 

@@ -11,38 +11,56 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from solver.closed_form.bessel import Array, bessel
 
 
-class LoadedEnds(Protocol):
-    """The tissue ends of n blocks of one kind: what the loads on them depend on.
+@dataclass(frozen=True)
+class ElasticBlocks:
+    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI."""
 
-    Attributes
-    ----------
-    radius
-        Outer radii, m, shape (n,).
-    width
-        Of the ends from axis or hole to the outer radius, m, shape (n,).
-    """
+    hole: Array | None
+    radius: Array
+    height: Array
+    E: Array
+    nu: Array
+
+    def take(self, which: Ints) -> ElasticBlocks:
+        """Return the blocks with indices ``which``."""
+        hole = None if self.hole is None else self.hole[which]
+        return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which])
 
     @property
-    def radius(self) -> Array: ...  # noqa: D102
+    def start(self) -> Array:
+        """Inner radius, m."""
+        return 0 * self.radius if self.hole is None else self.hole
 
     @property
-    def width(self) -> Array: ...  # noqa: D102
+    def width(self) -> Array:
+        """Radius of a disc, wall of a tube, m."""
+        return self.radius - self.start
 
-    def radii(self, y: Any) -> Array:
+    @property
+    def area(self) -> Array:
+        """Area of the end, m^2."""
+        return np.pi * self.width * (self.radius + self.start)
+
+    @property
+    def steepness(self) -> Array:
+        """The decay b of eq. CF.9 times the height."""
+        return (2.2 if self.hole is None else 2.0) * self.height / self.width
+
+    def radii(self, y: Floats) -> Array:
         """Return the radii at fractions y (k,) of the width, m, shape (n, k)."""
-        ...
+        return self.start[:, None] + self.width[:, None] * np.asarray(y)
 
 
-EndPair = tuple[LoadedEnds, LoadedEnds]  # of the inner block and the outer
+BlockPair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
 
 
 @dataclass(frozen=True)
@@ -161,7 +179,7 @@ def _build_transform_weights(solid: Loads, tube: Loads) -> tuple[Any, Any]:
     return pressure, shear
 
 
-def compute_load_areas(blocks: EndPair, like: Array) -> Array:
+def compute_load_areas(blocks: BlockPair, like: Array) -> Array:
     """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
@@ -189,7 +207,7 @@ def build_block_diagonal(parts: tuple[Array, Array]) -> Array:
     return full
 
 
-def list_disc_radii(blocks: EndPair) -> tuple[Array, Array]:
+def list_disc_radii(blocks: BlockPair) -> tuple[Array, Array]:
     """Return the radii of the discs whose differences are the rings, and the radius of each disc's block, shapes (n, discs)."""
     inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, LOADS.loads, strict=True))
     count = inner.shape[1] - 1
@@ -197,7 +215,7 @@ def list_disc_radii(blocks: EndPair) -> tuple[Array, Array]:
     return np.concatenate([inner[:, 1:], outer], axis=1), radius
 
 
-def combine_disc_works(blocks: EndPair, works: Sequence[Array]) -> list[Array]:
+def combine_disc_works(blocks: BlockPair, works: Sequence[Array]) -> list[Array]:
     """Combine the works of discs to works of the loads: of pressures, shears, pressures on shears."""
     pressure, shear = LOADS.discs
     sides = ((pressure, pressure), (shear, shear), (pressure, shear))
@@ -220,7 +238,7 @@ def build_wave_rule(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 
     return s * (linear + s * (quadratic + s * cubic)), (linear + s * (2 * quadratic + s * 3 * cubic)) * weight / 2
 
 
-def transform_long_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array, Array]:
+def transform_long_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears (no shears unless bonded) at long waves k (n, q); shapes (n, q, loads)."""
     pair = LOADS
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, pair.loads, strict=True)], axis=1)
@@ -234,7 +252,7 @@ def transform_long_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array
     return pressure, batched_matmul(J1 * (rings * radii / outer)[:, None, :], pair.transform_weights[1])
 
 
-def transform_all_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array, Array]:
+def transform_all_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears at waves of any length: those of the rings themselves."""
     (c, radius), discs = list_disc_radii(blocks), LOADS.discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
@@ -244,7 +262,7 @@ def transform_all_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array,
     return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], discs[1])
 
 
-def integrate_load_products(blocks: EndPair) -> tuple[Array, Array]:
+def integrate_load_products(blocks: BlockPair) -> tuple[Array, Array]:
     """Integrate products of two pressures, and of two shears, over the ends; shapes (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []

@@ -13,11 +13,9 @@ from __future__ import annotations
 import math
 
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import BLOCK_NAMES, list_loss_factors
+from geometry.scenes.variables import list_loss_factors, list_materials
 
-ValueOfMaterial = dict[
-    str, float
-]  # by the materials' names, "probe.inner", "tissue.layer[0]", "inclusion[1]"; of all that can be lossy
+ValueOfMaterial = dict[str, float]  # by the names "probe.inner", "tissue.layer[0]", "inclusion[1]"; of all that can be lossy
 
 
 def compute_loss_angles(scene: Scene) -> ValueOfMaterial:
@@ -41,25 +39,12 @@ def compute_angle_spread(scene: Scene) -> float:
 
 
 def scale_moduli(scene: Scene, log_changes: ValueOfMaterial, times: float) -> Scene:
-    """Return a scene whose moduli are multiplied by exp(times * by), ``log_changes`` a number for each material."""
-
-    def scale_modulus(name: str, body: object) -> dict[str, float]:
-        return {"youngs_modulus": body.youngs_modulus * math.exp(times * log_changes[name])}  # type: ignore[attr-defined]
-
-    probe, tissue, alone = scene.probe, scene.tissue, len(scene.inclusion) == 1
-    blocks = {
-        key: getattr(probe, key).model_copy(update=scale_modulus(f"probe.{key}", getattr(probe, key))) for key in BLOCK_NAMES
-    }
-    layers = (part.model_copy(update=scale_modulus(f"tissue.layer[{k}]", part)) for k, part in enumerate(tissue.layer))
-    bodies = (
-        part.model_copy(update=scale_modulus("inclusion" if alone else f"inclusion[{k}]", part))
-        for k, part in enumerate(scene.inclusion)
-    )
-    return scene.model_copy(
-        update={
-            "probe": probe.model_copy(update=blocks),
-            "tissue": tissue.model_copy(update={"layer": tuple(layers), **scale_modulus("tissue", tissue)}),
-            "inclusion": tuple(bodies),
+    """Return a scene whose moduli are multiplied by exp(times * log_changes), ``log_changes`` a number for each material."""
+    materials = list_materials(scene)
+    return scene.replace(
+        {
+            f"{name}.youngs_modulus": materials[name].youngs_modulus * math.exp(times * change)
+            for name, change in log_changes.items()
         }
     )
 

@@ -68,11 +68,6 @@ class RatioPhase:
     derivatives: dict[str, float]
     notes: tuple[Note, ...] = ()
 
-    @property
-    def suffixed_fields(self) -> dict[str, object]:
-        """The values by the suffix that is appended to the name ``ratio_phase``."""
-        return {"": self.value, "_error": self.error, "_derivatives": self.derivatives}
-
 
 def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float) -> RatioPhase:
     """Compute the phase of the ratio under a small sinusoidal load, for which linear elasticity holds.
@@ -103,9 +98,7 @@ def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency
         raise PhaseUnknown(swing_refusal)
     if result.ratio is None or result.error_estimate is None:
         raise PhaseUnknown("the ratio has to be known with its error")
-    if (
-        result.evaluator == CONTACT_EVALUATOR
-    ):  # derivatives change with the load more than the ratio, which may return to its value
+    if result.evaluator == CONTACT_EVALUATOR:  # derivatives change with the load more than the ratio, which may return
         raise PhaseUnknown("nothing is known of phases at finite strain and with contact")
     reason, differentiate = choose_derivatives(scene, accuracy)
     if reason is not None:
@@ -119,15 +112,12 @@ def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency
             )
         except SolveError as fault:
             raise PhaseUnknown(f"its derivatives cannot be solved for: {fault}") from fault
-    ratio_factor = result.ratio / middle.ratio
-    log_error = abs(math.log(ratio_factor)) + math.log1p(result.error_estimate) if ratio_factor > 0 else math.inf
-    first_order_error = (
-        compute_angle_spread(scene)
-        * (RATIO_ERROR_FACTOR * log_error + INERTIA_ERROR_FACTOR * compute_inertia_number(scene, frequency))
-        if compute_angle_spread(scene)
-        else 0.0
-    )
-    error = HIGHER_ORDER_FACTOR * third + first_order_error
+    ratio_factor, spread = result.ratio / middle.ratio, compute_angle_spread(scene)
+    error = HIGHER_ORDER_FACTOR * third
+    if spread:
+        log_error = abs(math.log(ratio_factor)) + math.log1p(result.error_estimate) if ratio_factor > 0 else math.inf
+        inertia_error = INERTIA_ERROR_FACTOR * compute_inertia_number(scene, frequency)
+        error += spread * (RATIO_ERROR_FACTOR * log_error + inertia_error)
     if not error <= MAX_PHASE_ERROR_RAD:
         raise PhaseUnknown(f"its error would be {error:.2g} rad, above the allowed {MAX_PHASE_ERROR_RAD:g} rad")
     notes = () if any(deltas.values()) else (LOSSLESS_NOTE,)

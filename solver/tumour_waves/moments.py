@@ -1,4 +1,4 @@
-"""Compute strain moments about spheres under waves of traction, independently of the probe.
+"""Draws of a population as arrays, and strain moments about their spheres under waves of traction, for any probe.
 
 The strain's moments about a sphere (``closed_form.sphere_moments``) are, under loads whose Hankel transforms at the wave numbers
 k are p and q, sums over k of numbers that depend only on tissue, sphere and its distance from the probe's axis. They are
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from solver.closed_form.contact import INTEGRAL_REACH, NODES_PER_WAVE
 from solver.closed_form.inclusions import build_moment_form
 from solver.closed_form.layered_spheres import build_sphere_in_layer
@@ -19,11 +19,77 @@ from solver.closed_form.off_axis import shift_waves
 from solver.closed_form.sphere_moments import ALL_MOMENTS, SphereArray
 from solver.closed_form.tractions import build_wave_rule
 from solver.inclusions.eshelby import compute_strengths
-from solver.tumour_waves.population import TumourDraws, build_layers
+from solver.layers.stack import TissueLayer
 
 MAX_WAVE_NUMBERS = 160  # maximum number of wave numbers
 MIN_PATH_RADII = 0.2  # of a sphere's radius: minimum distance to a face for the choice of wave numbers
 ON_AXIS = 1e-6  # m: smaller offsets count as this one; off-axis moments tend to those on the axis
+
+
+@dataclass(frozen=True)
+class TumourDraws:
+    """m spheres, each in its own tissue; SI.
+
+    Attributes
+    ----------
+    radius, depth, x, y
+        Radii and positions of the spheres, m, shape (m,).
+    youngs_modulus, poisson_ratio
+        Elastic constants of the spheres, shape (m,).
+    tissue
+        Layers from the surface downwards and the tissue's own material, each thickness (of the last the floor's depth, or None on
+        half-spaces), modulus and Poisson's ratio, shape (layers + 1, 3, m).
+    bounded
+        Whether the tissue has a floor; if not, the last thickness is ignored.
+    """
+
+    radius: Floats
+    depth: Floats
+    x: Floats
+    y: Floats
+    youngs_modulus: Floats
+    poisson_ratio: Floats
+    tissue: Floats
+    bounded: bool
+
+    @property
+    def layers(self) -> Ints:
+        """The layer that holds each centre, 0 the first, shape (m,)."""
+        faces = np.cumsum(self.tissue[:-1, 0], axis=0)
+        return np.asarray((faces <= self.depth).sum(axis=0))
+
+    def select(self, which: Ints) -> TumourDraws:
+        """Return some of the draws."""
+        return TumourDraws(
+            self.radius[which],
+            self.depth[which],
+            self.x[which],
+            self.y[which],
+            self.youngs_modulus[which],
+            self.poisson_ratio[which],
+            self.tissue[:, :, which],
+            self.bounded,
+        )
+
+    @property
+    def hosts(self) -> tuple[Floats, Floats]:
+        """Modulus and Poisson's ratio of the tissue around each sphere, shapes (m,)."""
+        column = np.arange(len(self.radius))
+        return self.tissue[self.layers, 1, column], self.tissue[self.layers, 2, column]
+
+    @property
+    def tissues(self) -> tuple[Floats, Ints]:
+        """The distinct tissues, shape (layers + 1, 3, u), and the number of each draw's tissue, shape (m,)."""
+        flat = self.tissue.reshape(-1, len(self.radius))
+        distinct, which = np.unique(flat, axis=1, return_inverse=True)
+        return distinct.reshape(*self.tissue.shape[:2], -1), np.asarray(which).reshape(-1)
+
+
+def build_layers(tissue: Floats, bounded: bool) -> list[TissueLayer]:
+    """Build the layers of n tissues given as an array (layers + 1, 3, n)."""
+    *upper, (depth, modulus, poisson) = tissue
+    thicknesses = sum((layer[0] for layer in upper), start=0 * depth)
+    return [TissueLayer(*layer) for layer in upper] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,10 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.json_types import JsonObject
 from solver.closed_form.bessel import Array
-from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import ContactSolution, Tissue, solve_contact
-from solver.closed_form.tractions import transform_long_waves
+from solver.closed_form.tractions import ElasticBlocks, transform_long_waves
 from solver.layers.stack import TissueLayer
-from solver.tumour_waves.moments import Moments, compute_moments
-from solver.tumour_waves.population import TumourDraws
+from solver.tumour_waves.moments import Moments, TumourDraws, compute_moments
 
 FLOOR_NODES = 16
 MOST_PAIRS = 4096  # pairs of probe and tissue solved at once

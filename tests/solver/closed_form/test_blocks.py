@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from solver.closed_form.block_compliance import ElasticBlocks, _correct_modulus, compute_end_compliance
+from solver.closed_form.block_compliance import _correct_modulus, compute_end_compliance
 from solver.closed_form.block_functions import (
     HEIGHT_NODES,
     TABLE_HEIGHT_NODES,
@@ -17,7 +17,7 @@ from solver.closed_form.block_functions import (
     build_axial_functions,
     compute_axial_integrals,
 )
-from solver.closed_form.tractions import LOADS
+from solver.closed_form.tractions import LOADS, ElasticBlocks
 from solver.linalg.piecewise import PiecewisePolynomials
 
 

@@ -9,18 +9,19 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import jv, spherical_jn
 
+from benchmarks.closed_form.speed import compute_gradients
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
 from geometry.scenes.units import SI_CONTEXT
 from solver import evaluate
 from solver.closed_form.bessel import bessel, spherical_bessel
-from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
-from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, build_parameters, compute_forces, compute_gradients
+from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, build_parameters, compute_forces
 from solver.closed_form.evaluator import ClosedForm
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.layered_spheres import SphereInLayer, build_sphere_in_layer
 from solver.closed_form.off_axis import Disc, compute_off_axis_response
 from solver.closed_form.sphere_moments import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray
+from solver.closed_form.tractions import ElasticBlocks
 from solver.layers.stack import TissueLayer, compute_floor_change
 from solver.results.film_forces import compute_result_fields
 from tests.support.references import Expected, expected, named

@@ -12,10 +12,10 @@ from benchmarks.closed_form.error import ErrorRow, build_row, select_errors
 from benchmarks.closed_form.scenes import draw_solved, read_solved
 from geometry import read_scene
 from solver import evaluate, plan
-from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.error_quantile import QUANTITIES, SCENE_CLASSES, SceneClass
 from solver.closed_form.evaluator import ClosedForm
+from solver.closed_form.tractions import ElasticBlocks
 from tests.support.named import runs
 from tests.support.paths import REFERENCE, ROOT, SCENE
 

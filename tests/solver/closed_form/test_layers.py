@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.closed_form.speed import compute_gradients
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.units import SI_CONTEXT
-from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import (
     LAYER_PARAMETERS,
@@ -19,13 +19,13 @@ from solver.closed_form.designs import (
     TISSUE_PARAMETERS,
     build_parameters,
     compute_forces,
-    compute_gradients,
 )
 from solver.closed_form.evaluator import ClosedForm
 from solver.closed_form.layer import build_waves_in_layer, compute_fields
 from solver.closed_form.layered_spheres import build_sphere_in_layer
 from solver.closed_form.layered_works import count_layer_nodes
 from solver.closed_form.sphere_moments import ALL_MOMENTS, SphereArray
+from solver.closed_form.tractions import ElasticBlocks
 from solver.layers.stack import TissueLayer, compute_arriving, compute_compliance_change, compute_echoes
 from solver.results.film_forces import compute_result_fields
 from tests.support.layered_waves import states

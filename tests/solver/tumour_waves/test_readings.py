@@ -12,7 +12,7 @@ from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
-from solver.tumour_waves.population import TumourDraws
+from solver.tumour_waves.moments import TumourDraws
 from solver.tumour_waves.population_films import Films, ManyTumours
 
 DEPTH = np.array([6.5e-3, 9e-3, 12e-3, 16e-3])

@@ -1,14 +1,27 @@
-"""Measure how much blocks squeeze a soft layer, which formulas with few pressures cannot resolve."""
+"""The layers of a scene: with neighbours of one material merged, and how much blocks squeeze a soft one."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from geometry.scenes.scene import Scene
-from solver.layers.materials import list_material_layers
+from geometry.scenes.scene import Scene, Tissue
 from solver.layers.stack import TissueLayer, compute_compliance_change, compute_echoes, compute_last_wave
 
 WAVE_COUNT = 12  # wave numbers at which the surface's compliance is computed
+
+
+def list_material_layers(tissue: Tissue, merged: bool = True) -> list[list[float]]:
+    """Return thickness, modulus and Poisson's ratio of layers above the tissue's own material; equal neighbours are merged."""
+    own_material, layers = [tissue.youngs_modulus, tissue.poisson_ratio], list[list[float]]()
+    for layer in tissue.layer:
+        material = [layer.youngs_modulus, layer.poisson_ratio]
+        if merged and layers and layers[-1][1:] == material:
+            layers[-1][0] += layer.thickness
+        else:
+            layers.append([layer.thickness, *material])
+    while merged and layers and layers[-1][1:] == own_material:
+        layers.pop()
+    return layers
 
 
 def compute_squeeze(scene: Scene) -> float:
