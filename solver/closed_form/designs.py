@@ -70,8 +70,8 @@ class Shape:
         Whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
     side_nodes
         Of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
-    places
-        For each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
+    sphere_layers
+        For each inclusion, the index of the layer that holds it, the tissue's own material last.
     layers
         How many layers of other materials the tissue has.
     layer_nodes
@@ -84,14 +84,9 @@ class Shape:
     bonded: bool = True
     bounded: bool = True
     side_nodes: int = 0
-    places: tuple[int, ...] = ()
+    sphere_layers: tuple[int, ...] = (0,)
     layers: int = 0
     layer_nodes: int = 0
-
-    @property
-    def sphere_layers(self) -> tuple[int, ...]:
-        """The layer that holds each inclusion; 0 for all where ``places`` is empty."""
-        return self.places or (0,) * len(self.on_axis)
 
 
 def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
@@ -195,15 +190,22 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
         values += [(body.diameter or 0.0) / 2, body.depth, offset, body.youngs_modulus, body.poisson_ratio]
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
-    sides = count_side_nodes(probe.tube_radius, depth, side) if bounded else 0
     layers = list_material_layers(tissue, merged)
     for layer in layers:
         values += layer
     faces = list(accumulate(layer[0] for layer in layers))
-    places = tuple(bisect(faces, body.depth) for body in scene.inclusion)
-    places = places if any(places) else ()
-    nodes = _count_wave_nodes(scene, faces), count_layer_nodes(probe.tube_radius, layers[0][0]) if layers else 0
-    return Shape(on_axis, scene.target, nodes[0], bonded, bounded, sides, places, len(layers), nodes[1]), np.array(values)
+    shape = Shape(
+        on_axis,
+        scene.target,
+        _count_wave_nodes(scene, faces),
+        bonded,
+        bounded,
+        count_side_nodes(probe.tube_radius, depth, side) if bounded else 0,
+        sphere_layers=tuple(bisect(faces, body.depth) for body in scene.inclusion),
+        layers=len(layers),
+        layer_nodes=count_layer_nodes(probe.tube_radius, layers[0][0]) if layers else 0,
+    )
+    return shape, np.array(values)
 
 
 def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:

@@ -85,7 +85,7 @@ class Sides:
     tissue, axial_functions
         The cylinder and its functions along the height.
     sink, widen
-        Amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``TissueColumn``.
+        Amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``_solve_column``.
     side_works
         Those works under each load, shape (n, works, m).
     """
@@ -136,7 +136,7 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
     tissue
         The cylinder, as a disc.
     """
-    column, axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness)
+    (work, sink, widen), axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness)
     R, dz = tissue.radius[:, None, None], axial_functions.weight.T[:, :, None]
     at_cut, heights = _compute_cut_fields(field, loads, weights, tissue, axial_functions.zeta.T), axial_functions.zeta.shape[0]
     ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
@@ -148,30 +148,22 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
         ],
         axis=1,
     )
-    added = side_works.swapaxes(1, 2) @ (column.work @ side_works)
-    return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, axial_functions, column.sink, column.widen, side_works)
+    added = side_works.swapaxes(1, 2) @ (work @ side_works)
+    return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, axial_functions, sink, widen, side_works)
 
 
-@dataclass(frozen=True)
-class TissueColumn:
-    """Response of a cylinder of tissue to unit works at its side, on the f_j and, divided by half the radius, on the g_j.
+def _solve_column(tissue: ElasticBlocks) -> tuple[Array, Array, Array]:
+    """Return the response of a cylinder of tissue to unit works at its side.
 
-    Every P_i is 1 at the side, and of the U_i the first alone is not 0.
+    The works are on the f_j and, divided by half the radius, on the g_j: every P_i is 1 at the side, and of the U_i the first
+    alone is not 0.
 
-    Attributes
-    ----------
-    work
-        Of these on each other, shape (n, works, works).
-    sink, widen
-        Amounts of the P_i f_j and of the U_i g_j of eq. CF.8, shapes (n, functions, works).
+    Returns
+    -------
+    tuple[Array, Array, Array]
+        The works of these on each other, shape (n, works, works), and the amplitudes of the P_i f_j and of the U_i g_j of
+        eq. CF.8, shapes (n, functions, works).
     """
-
-    work: Array
-    sink: Array
-    widen: Array
-
-
-def _solve_column(tissue: ElasticBlocks) -> TissueColumn:
     transverse, axial, slender = (
         interpolate_radial_integrals(None),
         interpolate_axial_integrals(tissue.steepness),
@@ -191,7 +183,7 @@ def _solve_column(tissue: ElasticBlocks) -> TissueColumn:
     by_height = axial.modes.transpose(2, 0, 1)[:, None] @ modes
     sink = (transverse.modes[:, :, 0] @ by_height.reshape(n, RADIAL_FUNCTIONS, -1)).reshape(modes.shape)
     work = system.compute_compliance(amplitudes) * scale * unit.swapaxes(1, 2)
-    return TissueColumn(work, sink.reshape(n, -1, works) * scale, amplitudes * (scale / size))
+    return work, sink.reshape(n, -1, works) * scale, amplitudes * (scale / size)
 
 
 def _compute_cut_fields(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:

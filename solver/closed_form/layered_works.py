@@ -39,7 +39,6 @@ from solver.closed_form.tractions import (
 from solver.layers.stack import (
     LAYER_WAVE_REACH,
     PROBE_WAVE_REACH,
-    Symmetric,
     TissueLayer,
     compute_compliance_change,
     compute_echoes,
@@ -157,17 +156,14 @@ def compute_disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nod
 def _compute_surface_compliance(k: Array, layers: tuple[TissueLayer, ...], depth: Array | None) -> list[Array]:
     """Return C of eq. CF.20 for pressures, shears and both, without the floor of the stiffest layer alone; shapes (n, q)."""
     first, near_echo = layers[0], compute_echoes(k, layers, depth is not None)[0].near_echo
-    whole = [(a + b) / (2 * first.mu) for a, b in zip(first.half_space, _compute_echo_change(first, near_echo), strict=True)]
+    change = (0.0, 0.0, 0.0) if near_echo is None else compute_compliance_change(first, near_echo)
+    whole = [(a + b) / (2 * first.mu) for a, b in zip(first.half_space, change, strict=True)]
     if depth is None:
         return [part + 0 * k for part in whole]
     firm = find_stiffest(layers)
     alone = TissueLayer(depth, firm.E, firm.nu)
     floor = compute_floor_change(k, alone)
     return [part - floor_part / (2 * alone.mu) for part, floor_part in zip(whole, floor, strict=True)]
-
-
-def _compute_echo_change(first: TissueLayer, near_echo: Symmetric | None) -> Symmetric:
-    return (0.0, 0.0, 0.0) if near_echo is None else compute_compliance_change(first, near_echo)
 
 
 def _sum_waves(left: Array, weights: Array, right: Array) -> Array:

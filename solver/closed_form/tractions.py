@@ -91,7 +91,7 @@ class Loads:
         x = (legendre.leggauss(RADII)[0] + 1) / 2
         return np.sqrt(x) if self.solid else x
 
-    def compute_transform_weights(self, values: Any) -> Any:
+    def build_transform(self, values: Any) -> Any:
         """Build the matrix from a wave at ``radii`` to its integrals r dr / width with the functions, shape (radii, functions).
 
         A disc's carry the factor r, a tube's leave it to the wave's values.
@@ -145,38 +145,26 @@ class PairLoads:
 def _build_pair_loads() -> PairLoads:
     """Build the loads of both blocks, their rings narrow at the edges."""
     step = np.arange(RINGS + 1) / RINGS
-    disc, tube = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
-    disc_loads, tube_loads = _build_loads(disc, _DISC_PRESSURES, True), _build_loads(tube, _TUBE_PRESSURES, False)
-    return PairLoads(
-        (disc_loads, tube_loads), _build_disc_matrices(disc_loads, tube_loads), _build_transform_weights(disc_loads, tube_loads)
+    cuts = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
+    pressures = [
+        np.array([_average_on_rings(block_cuts, function) for function in functions]).T
+        for block_cuts, functions in zip(cuts, (_DISC_PRESSURES, _TUBE_PRESSURES), strict=True)
+    ]
+    disc, tube = (
+        Loads(block_cuts, pressure, pressure[:, :SHEARS], solid)
+        for block_cuts, pressure, solid in zip(cuts, pressures, (True, False), strict=True)
     )
+    disc_rings = np.eye(RINGS) - np.eye(RINGS, k=1)  # differences of discs
+    tube_rings = np.eye(RINGS + 1, RINGS, k=-1) - np.eye(RINGS + 1, RINGS)
+    kinds = (disc.pressure, tube.pressure), (disc.shear, tube.shear)
+    discs = [_join_blocks(disc_rings @ on_disc, tube_rings @ on_tube) for on_disc, on_tube in kinds]
+    weights = [_join_blocks(disc.build_transform(on_disc), tube.build_transform(on_tube)) for on_disc, on_tube in kinds]
+    return PairLoads((disc, tube), (discs[0], discs[1]), (weights[0], weights[1]))
 
 
-def _build_loads(cuts: Any, pressures: Any, solid: bool) -> Loads:
-    pressure = np.array([_average_on_rings(cuts, function) for function in pressures]).T
-    return Loads(cuts, pressure, pressure[:, :SHEARS], solid)
-
-
-def _build_disc_matrices(solid: Loads, tube: Loads) -> tuple[Any, Any]:
-    count = len(solid.cuts) - 1
-    inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
-    outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
-    kinds = ((solid.pressure, tube.pressure), (solid.shear, tube.shear))
-    pressure, shear = (
-        build_block_diagonal(((inner @ disc_values)[None], (outer @ tube_values)[None]))[0] for disc_values, tube_values in kinds
-    )
-    return pressure, shear
-
-
-def _build_transform_weights(solid: Loads, tube: Loads) -> tuple[Any, Any]:
-    kinds = ((solid.pressure, tube.pressure), (solid.shear, tube.shear))
-    pressure, shear = (
-        build_block_diagonal(
-            (solid.compute_transform_weights(disc_values)[None], tube.compute_transform_weights(tube_values)[None])
-        )[0]
-        for disc_values, tube_values in kinds
-    )
-    return pressure, shear
+def _join_blocks(disc: Floats, tube: Floats) -> Floats:
+    """Return one block-diagonal matrix of two matrices."""
+    return np.asarray(build_block_diagonal((disc[None], tube[None]))[0])
 
 
 def compute_load_areas(blocks: BlockPair, like: Array) -> Array:
