@@ -28,12 +28,12 @@ def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
 
     No scene's waves have larger arguments.
     """
-    return _interpolate(x, [_fit_cylindrical(order) for order in range(first, orders)])
+    return _interpolate(x, [_fit_cubics(0, order) for order in range(first, orders)])
 
 
 def spherical_bessel(x: Array, orders: int) -> Array:
     """Return the spherical Bessel functions j_0, ..., j_(orders-1) of x from 0 to ``MAX_ARGUMENT``; shape (orders, *x.shape)."""
-    return _interpolate(x, [_fit_spherical(order) for order in range(orders)])
+    return _interpolate(x, [_fit_cubics(1, order) for order in range(orders)])
 
 
 def _interpolate(x: Array, tables: list[Any]) -> Array:
@@ -57,27 +57,19 @@ def _interpolate(x: Array, tables: list[Any]) -> Array:
     return interpolated.reshape(len(tables), *x.shape)
 
 
-@lru_cache(maxsize=32)
-def _fit_cylindrical(order: int) -> Floats:
-    """Fit the cubics of J_n from its values and its derivative (J_(n-1) - J_(n+1)) / 2."""
-    lower_order = _get_table_values(0, order - 1) if order else -_get_table_values(0, 1)
-    return _fit_cubics(_get_table_values(0, order), (lower_order - _get_table_values(0, order + 1)) / 2)
+@lru_cache(maxsize=64)
+def _fit_cubics(kind: int, order: int) -> Floats:
+    """Fit cubics to the values and derivatives of J_n (kind 0) or j_n (kind 1) at the table's steps.
 
-
-@lru_cache(maxsize=32)
-def _fit_spherical(order: int) -> Floats:
-    """Fit the cubics of j_n from its values and its derivative j_(n-1) - (n+1) j_n / x; at x = 0 it is 1/3 for n = 1, else 0."""
-    value = _get_table_values(1, order)
+    The derivatives are (J_(n-1) - J_(n+1)) / 2 and (n j_(n-1) - (n+1) j_(n+1)) / (2n+1). The coefficients are ordered from the
+    highest power, shape (4, steps).
+    """
+    value, next_order = _get_table_values(kind, order), _get_table_values(kind, order + 1)
     if order == 0:
-        return _fit_cubics(value, -_get_table_values(1, 1))
-    x = np.arange(1.0, MAX_ARGUMENT * STEPS_PER_UNIT + 1) / STEPS_PER_UNIT
-    return _fit_cubics(
-        value, np.append(1 / 3 if order == 1 else 0.0, _get_table_values(1, order - 1)[1:] - (order + 1) * value[1:] / x)
-    )
-
-
-def _fit_cubics(value: Floats, slope: Floats) -> Floats:
-    """Return coefficients of the cubics through values and slopes, highest power first, shape (4, steps)."""
+        slope = -next_order
+    else:
+        weight = (0.5, 0.5) if kind == 0 else (order / (2 * order + 1), (order + 1) / (2 * order + 1))
+        slope = weight[0] * _get_table_values(kind, order - 1) - weight[1] * next_order
     rise, slope = np.diff(value), slope / STEPS_PER_UNIT
     bend = slope[:-1] + slope[1:] - 2 * rise
     return np.stack([bend, rise - slope[:-1] - bend, slope[:-1], value[:-1]])

@@ -30,7 +30,7 @@ from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.lateral_boundary import compute_side_radius, count_side_nodes
 from solver.closed_form.layered_works import count_layer_nodes
 from solver.closed_form.sphere_moments import SphereArray
-from solver.closed_form.tractions import ElasticBlocks
+from solver.closed_form.tractions import BlockPair, ElasticBlocks
 from solver.layers.scene_layers import list_material_layers
 from solver.layers.stack import TissueLayer
 from solver.linalg.memory import keep_freed
@@ -91,10 +91,10 @@ class Shape:
 
 def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
     """Solve the contact for parameters p, shape (parameters, n)."""
-    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
+    depth, side, modulus, poisson = p[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers = split_parameters(shape, p)
-    blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
-    tissue = TissueArray(depth if shape.bounded else None, et, nt, side, tuple(TissueLayer(*layer) for layer in layers))
+    tissue_layers = tuple(TissueLayer(*layer) for layer in layers)
+    tissue = TissueArray(depth if shape.bounded else None, modulus, poisson, side, tissue_layers)
     spheres = [
         SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis, layer=place)
         for b, on_axis, place in zip(bodies, shape.on_axis, shape.sphere_layers, strict=True)
@@ -105,7 +105,14 @@ def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
         if share
         else None
     )
-    return solve_contact(blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, shared=shared, **nodes)
+    return solve_contact(build_blocks(p), tissue, spheres, target=shape.target, bonded=shape.bonded, shared=shared, **nodes)
+
+
+def build_blocks(parameters: Array) -> BlockPair:
+    """Build the blocks of n designs from parameters of which PROBE_PARAMETERS are the first, shape (parameters, n)."""
+    inner_radius, gap, outer_radius, inner_height, outer_height, *materials = parameters[: len(PROBE_PARAMETERS)]
+    inner = ElasticBlocks(None, inner_radius, inner_height, *materials[:2])
+    return inner, ElasticBlocks(inner_radius + gap, outer_radius, outer_height, *materials[2:])
 
 
 def _find_shared(rows: Array) -> Shared | None:

@@ -90,15 +90,8 @@ def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tu
         upward = rising_fade, t * rising_fade
     results = []
     for load in (waves.by_pressure, waves.by_shear):
-        c = [k * part.T for part in load]
-        b, a = c[1] * downward[0], c[0] * downward[0]
-        a += c[1] * downward[1]
-        whole, b_sum, b_difference, lower = a, b, b, a
-        if upward is not None:
-            upward_b, raised = c[3] * upward[0], c[2] * upward[0]
-            raised -= c[3] * upward[1]
-            whole, b_sum, b_difference, lower = a + raised, b + upward_b, b - upward_b, a - raised
-        results.append((whole, b_sum, (2 * nu - 1) * b_difference - lower, (3 - 4 * nu) * b_difference + lower))
+        plain, b_sum, b_difference, mirrored_plain = _combine_waves([k * part.T for part in load], downward, upward)
+        results.append((plain, b_sum, (2 * nu - 1) * b_difference - mirrored_plain, (3 - 4 * nu) * b_difference + mirrored_plain))
     return results
 
 
@@ -118,15 +111,17 @@ def compute_strain_amplitudes(
     two_nu_minus_1
         2 nu - 1; all arrays broadcast.
     """
-    b = load[1] * downward[0]
-    a = load[0] * downward[0] + load[1] * downward[1]
+    plain, b_sum, b_difference, mirrored_plain = _combine_waves(load, downward, upward)
+    return plain, 2 * two_nu_minus_1 * b_sum - plain, two_nu_minus_1 * b_difference - mirrored_plain
+
+
+def _combine_waves(load: Sequence[Array], downward: WavePair, upward: WavePair | None) -> tuple[Array, Array, Array, Array]:
+    """Return a + a', b + b', b - b' and a - a' of ``compute_fields``; see ``compute_strain_amplitudes`` for the arguments."""
+    a, b = load[0] * downward[0] + load[1] * downward[1], load[1] * downward[0]
     if upward is None:
-        bent = two_nu_minus_1 * b
-        return a, 2 * bent - a, bent - a
-    upward_b = load[3] * upward[0]
-    raised = load[2] * upward[0] - load[3] * upward[1]
-    whole = a + raised
-    return whole, 2 * two_nu_minus_1 * (b + upward_b) - whole, two_nu_minus_1 * (b - upward_b) + raised - a
+        return a, b, b, a
+    upward_a, upward_b = load[2] * upward[0] - load[3] * upward[1], load[3] * upward[0]
+    return a + upward_a, b + upward_b, b - upward_b, a - upward_a
 
 
 def build_waves_in_layer(k: Array, layer: TissueLayer, echo: Echo) -> Waves:

@@ -37,7 +37,7 @@ from solver.closed_form.sphere_moments import (
     AXIAL_MOMENTS,
     SphereArray,
     SphereWaves,
-    compute_half_space_moments,
+    compute_ball_waves,
     compute_sphere_waves,
 )
 from solver.layers.stack import (
@@ -88,7 +88,7 @@ def build_sphere_in_layer(
     layer_echoes = compute_echoes(k, layers, rigid)
     a, own_echo = compute_arriving(layer_echoes, sphere.layer), layer_echoes[sphere.layer]
     local = replace(sphere, depth=sphere.depth - sum(upper.thickness for upper in upper_layers))
-    downward = compute_sphere_waves(local, build_waves_in_layer(k, layer, own_echo))
+    downward = compute_sphere_waves(local, build_waves_in_layer(k, layer, own_echo), compute_ball_waves(local, k))
     upward, turned_up = (None, None) if own_echo.far_echo is None else _compute_upward_moments(local, layer, downward)
     top = _compute_top_reflection(k, layers[: sphere.layer + 1])
     scale = weights * k * ((4 * np.pi / 3 * sphere.radius**3) / (16 * np.pi * (1 - layer.nu) * layer.mu[:, 0]))[:, None]
@@ -108,8 +108,10 @@ def _compute_upward_moments(
     local: SphereArray, layer: TissueLayer, downward: SphereWaves
 ) -> tuple[tuple[Array, Array], Array | None]:
     """Return moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
-    way = downward.waves.k * (layer.thickness - local.depth)[:, None]
-    (pressed, sheared), turned = compute_half_space_moments(downward.ball, way, layer.nu, local.on_axis)
+    k, mirrored = downward.waves.k, replace(local, depth=layer.thickness - local.depth)
+    waves = build_waves_in_layer(k, TissueLayer(None, layer.E, layer.nu), Echo(None, None, k))
+    upward = compute_sphere_waves(mirrored, waves, downward.ball)
+    (pressed, sheared), turned = upward.moments, upward.turned
     signs = MIRROR_SIGNS[: pressed.shape[1], None]
     return (signs * pressed, -signs * sheared), None if turned is None else -signs * turned
 

@@ -174,9 +174,9 @@ class SphereWaves:
     turned: Array | None
 
 
-def compute_sphere_waves(sphere: SphereArray, waves: Waves) -> SphereWaves:
-    """Compute the moments about spheres under waves of the tissue."""
-    k, ball = waves.k, compute_ball_waves(sphere, waves.k)
+def compute_sphere_waves(sphere: SphereArray, waves: Waves, ball: BallWaves) -> SphereWaves:
+    """Compute the moments about spheres, at depths from the top of their layer, under waves of the tissue."""
+    k = waves.k
     way = k * sphere.depth[:, None]
     downward, upward = ball.average_downward(way), None if waves.depth is None else ball.average_upward(way, k * waves.depth)
     two_nu_minus_1, moments = (2 * waves.nu - 1)[:, :, None], []
@@ -186,16 +186,6 @@ def compute_sphere_waves(sphere: SphereArray, waves: Waves) -> SphereWaves:
     return SphereWaves(
         ball, waves, sphere.depth, (moments[0], moments[1]), None if sphere.on_axis else _compute_turned_moments(downward[0])
     )
-
-
-def compute_half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) -> tuple[tuple[Array, Array], Array | None]:
-    """Compute ``moments`` and ``turned`` of ``SphereWaves`` on half-spaces; ``way`` is k times the depth, (n, q)."""
-    downward, one_minus_2nu, ones = ball.average_downward(way), (1 - 2 * nu)[:, None, None], np.ones(1)
-    loads = ((-one_minus_2nu, ones), (1 + one_minus_2nu, -ones))
-    pressed, sheared = (
-        _stack_moments(compute_strain_amplitudes(load, downward, None, -one_minus_2nu), on_axis) for load in loads
-    )
-    return (pressed, sheared), None if on_axis else _compute_turned_moments(downward[0])
 
 
 def _stack_moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:

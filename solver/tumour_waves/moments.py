@@ -8,6 +8,7 @@ computed once for all designs.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class TumourDraws:
         column = np.arange(len(self.radius))
         return self.tissue[self.layers, 1, column], self.tissue[self.layers, 2, column]
 
-    @property
+    @cached_property
     def tissues(self) -> tuple[Floats, Ints]:
         """The distinct tissues, shape (layers + 1, 3, u), and the number of each draw's tissue, shape (m,)."""
         flat = self.tissue.reshape(-1, len(self.radius))

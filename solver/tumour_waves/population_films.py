@@ -22,7 +22,8 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.json_types import JsonObject
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import ContactSolution, Tissue, solve_contact
-from solver.closed_form.tractions import ElasticBlocks, transform_long_waves
+from solver.closed_form.designs import build_blocks
+from solver.closed_form.tractions import transform_long_waves
 from solver.layers.stack import TissueLayer
 from solver.tumour_waves.moments import Moments, TumourDraws, compute_moments
 
@@ -59,12 +60,6 @@ class ManyTumours:
         The tumours.
     moments
         See ``moments.Moments``.
-    tissues
-        The distinct tissues, shape (layers + 1, 3, u).
-    which
-        Number of each draw's tissue, shape (m,).
-    bounded
-        Whether the tissues have a floor.
     bonded
         Whether blocks and tissue stick.
     side
@@ -75,9 +70,6 @@ class ManyTumours:
 
     draws: TumourDraws
     moments: Moments
-    tissues: Floats
-    which: Ints
-    bounded: bool
     bonded: bool
     side: tuple[float, int]
     layer_nodes: int
@@ -87,9 +79,7 @@ class ManyTumours:
         cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
     ) -> ManyTumours:
         """Compute everything that does not depend on the probe."""
-        tissues, which = draws.tissues
-        draw_moments = compute_moments(draws, positions, widest)
-        return cls(draws, draw_moments, tissues, which, draws.bounded, bonded, side, layer_nodes)
+        return cls(draws, compute_moments(draws, positions, widest), bonded, side, layer_nodes)
 
     def compute_films(self, probes: Array) -> Films:
         """Compute the film forces of n probes, eq. TW.1.
@@ -104,12 +94,13 @@ class ManyTumours:
 
     @property
     def _chunk(self) -> int:
-        return max(1, MOST_PAIRS // int(self.tissues.shape[2]))
+        return max(1, MOST_PAIRS // int(self.draws.tissues[0].shape[2]))
 
     def _compute_chunk(self, probes: Array) -> Films:
-        n, u = probes.shape[1], self.tissues.shape[2]
-        base = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(self.tissues, n))
-        blocks = _build_blocks(probes)
+        tissues, tissue_of_draw = self.draws.tissues
+        n, u = probes.shape[1], tissues.shape[2]
+        base = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n))
+        blocks = build_blocks(probes)
         k = np.repeat(self.moments.k[None], n, axis=0)
         kinds = transform_long_waves(blocks, k, self.bonded)
         tractions = base.tractions.reshape(n, u, -1, 2)
@@ -119,7 +110,7 @@ class ManyTumours:
         total = together.sum(axis=-1, keepdims=True)
         forms = (self.moments.form, self.moments.form_by_log)
         change, by_log = (np.moveaxis((_apply_forms(form, total) * together).sum(axis=2), 2, 0) for form in forms)
-        baseline = base.forces.sum(axis=2).reshape(n, u, 2)[:, self.which]
+        baseline = base.forces.sum(axis=2).reshape(n, u, 2)[:, tissue_of_draw]
         return Films(baseline, change, by_log)
 
     def _solve_without_tumours(self, probes: Array, tissues: Floats) -> ContactSolution:
@@ -127,9 +118,9 @@ class ManyTumours:
         *upper, (depth, modulus, poisson) = tissues
         layers = tuple(TissueLayer(*layer) for layer in upper)
         side = np.full(probes.shape[1], self.side[0])
-        tissue = Tissue(depth if self.bounded else None, modulus, poisson, side, layers)
+        tissue = Tissue(depth if self.draws.bounded else None, modulus, poisson, side, layers)
         settings: JsonObject = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
-        return solve_contact(_build_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
+        return solve_contact(build_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
 
     def _compute_moments(self, pressed: Array, sheared: Array) -> Array:
         """Compute moments about each sphere under each block from waves (n, u, q, 2), shape (m, P, moments, n, 2)."""
@@ -138,13 +129,8 @@ class ManyTumours:
         moments: Any = 0.0
         for kernel, sent in ((self.moments.pressed, pressed), (self.moments.sheared, sheared)):
             columns = np.ascontiguousarray(np.moveaxis(sent, 0, 2)).reshape(sent.shape[1], sent.shape[2], -1)  # (u, q, 2 n)
-            moments = moments + _multiply_real(kernel, columns, self.which)
+            moments = moments + _multiply_real(kernel, columns, self.draws.tissues[1])
         return moments.reshape(m, -1, self.moments.form.shape[1], n, 2) if rows else moments
-
-
-def _build_blocks(probes: Array) -> tuple[ElasticBlocks, ElasticBlocks]:
-    r2, gap, ro, hi, ho, ei, ni, eo, no = probes
-    return ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
 
 
 def _apply_forms(form: Floats, vectors: Array) -> Array:

@@ -38,8 +38,7 @@ CONSTANT = {  # one value, or one for each of a few numbers of points
 LARGEST = SolidHarmonics(DEGREE_LIMITS[1] + 2, MAX_MODE_ORDER + 2)
 ROUNDS = AzimuthalGrid(2 * ANGLE_LIMITS[1], False)
 BOUNDED = {  # the largest value, of which there are at most ``maxsize``
-    "solver.closed_form.bessel._fit_cylindrical": (bessel._fit_cylindrical, (3,)),
-    "solver.closed_form.bessel._fit_spherical": (bessel._fit_spherical, (3,)),
+    "solver.closed_form.bessel._fit_cubics": (bessel._fit_cubics, (1, 3)),
     "solver.inclusions.solid_harmonics._build_recursion": (_build_recursion, (LARGEST.degree, LARGEST.order)),
     "solver.inclusions.solid_harmonics.build_derivatives": (build_derivatives, (LARGEST, "outgoing")),
     "solver.multiple_scattering.rings._compute_waves": (_compute_waves, (ROUNDS,)),
