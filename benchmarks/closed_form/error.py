@@ -196,8 +196,8 @@ def print_coverage(rows: Sequence[ErrorRow]) -> None:
                     f"| {medians[1] / medians[0]:.1f} | {np.max(true / stated):.2g} |"
                 )
     small = [row for row in rows if row.stated is not None and row.stated[:4].max() <= SMALL_ERROR]
-    covered = [f"{quantity} {_count_covered(small, place):.1%}" for place, quantity in enumerate(QUANTITIES)]
-    print(f"covered where all stated errors are at most {SMALL_ERROR:.0%}, {len(small)} scenes: {', '.join(covered)}")
+    coverages = [f"{quantity} {_count_covered(small, place):.1%}" for place, quantity in enumerate(QUANTITIES)]
+    print(f"covered where all stated errors are at most {SMALL_ERROR:.0%}, {len(small)} scenes: {', '.join(coverages)}")
 
 
 def select_errors(rows: Sequence[ErrorRow], kind: SceneClass, place: int) -> tuple[Floats, Floats]:
