@@ -172,7 +172,8 @@ class DrawnBench:
         )
         moduli = [block.tolerance * share.modulus_derivative for block, share in zip(bench.blocks, shares.blocks, strict=True)]
         logs = shares.log_ratios + moduli * random.standard_normal(len(moduli))
-        logs = logs + shares.slopes @ (shares.compute_tolerances(bench.workshop) * random.standard_normal(len(shares.variables)))
+        deviations = shares.compute_tolerances(bench.workshop) * random.standard_normal(len(shares.variables))
+        logs = logs + shares.derivatives @ deviations
         leaks = {"inner": fault.pin, "outer": fault.ring}
         parts_of_load = compute_inner_fractions(logs, bench.reference)
         for k, block in enumerate(bench.reference):

@@ -220,6 +220,7 @@ def _combine_fits(fits: Sequence[SineFit]) -> SineFit:
         blocks=np.concatenate([turn * fit.blocks for turn, fit in zip(turns, fits, strict=True)]),
         blocks_variance=np.concatenate([fit.blocks_variance for fit in fits]),
         mains=max(mains, default=(0, None))[1],
+        hum=np.tensordot(weights, stack("hum"), 1),
         seconds=sum(fit.seconds for fit in fits),
         rows=int(rows.sum()),
     )

@@ -21,7 +21,7 @@ from hw.signal.steadiness import estimate_bending_error, estimate_spike_error, f
 MAX_HARMONICS = 3  # of the load, the fundamental included
 MAX_MAINS_HARMONICS = 3  # harmonics of the mains, the fundamental included
 MIN_CYCLES = 3.0  # periods of the load: a shorter record cannot be distinguished from the drift polynomial
-MIN_SAMPLE_SHARE = 0.1  # of a record's samples that must be there and not saturated
+MIN_SAMPLE_FRACTION = 0.1  # of a record's samples that must be there and not saturated
 MAX_CONDITION = 1e10  # of the normal matrix: 1e6 with three cycles, beyond 1e10 where most of each cycle is cut off
 MIN_SWING_V = 1e-18  # no converter resolves less: a channel that changes by less shows nothing, and its squares underflow
 SEARCH_RANGE_HZ = 1.0  # Hz about the nominal frequency in which the load is searched
@@ -146,8 +146,8 @@ def fit_stretch(samples: Samples, frequency: float) -> SineFit:
 
 def _check_samples(samples: Samples, requested: int) -> None:
     min_samples = 4 * (2 * (MAX_HARMONICS + MAX_MAINS_HARMONICS) + DRIFT_COEFFICIENTS)
-    if len(samples.index) < max(min_samples, MIN_SAMPLE_SHARE * requested):
-        needed = f"at least {min_samples} and a share of {MIN_SAMPLE_SHARE:g} are needed"
+    if len(samples.index) < max(min_samples, MIN_SAMPLE_FRACTION * requested):
+        needed = f"at least {min_samples} and a fraction of {MIN_SAMPLE_FRACTION:g} are needed"
         raise TooShort(f"{len(samples.index)} of {requested} samples arrived and are not saturated: {needed}")
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > MIN_SWING_V]
     if dead or not np.all(np.isfinite(samples.volts)):
@@ -213,7 +213,7 @@ def _fit_frequencies(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Sol
 
 
 def _solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
-    """Return the solution. Raises ``NoSine`` where the samples do not determine one."""
+    """Solve the model at fixed frequencies. Raises ``NoSine`` where the samples do not determine a sinusoid."""
     try:
         solved = solve(lines, t, volts)
     except np.linalg.LinAlgError:

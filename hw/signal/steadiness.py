@@ -110,15 +110,15 @@ def assess_steadiness(amplitudes: Complexes, block_amplitudes: Complexes, varian
     """
     weights = 1 / np.maximum(noise, np.finfo(float).tiny)
     total = float((np.abs(amplitudes) ** 2 * weights).sum())
-    common = (block_amplitudes * np.conj(amplitudes) * weights).sum(axis=1) / total
-    channel_parts = block_amplitudes - common[:, None] * amplitudes
+    load_factors = (block_amplitudes * np.conj(amplitudes) * weights).sum(axis=1) / total  # g_k
+    remainders = block_amplitudes - load_factors[:, None] * amplitudes  # r_kc
     channel_changes = [
-        np.hypot(estimate_change(part.real, variances * sample), estimate_change(part.imag, variances * sample))
-        for part, sample in zip(channel_parts.T, noise, strict=True)
+        np.hypot(estimate_change(changes.real, variances * variance), estimate_change(changes.imag, variances * variance))
+        for changes, variance in zip(remainders.T, noise, strict=True)
     ]
     return Steadiness(
-        load=estimate_change(np.abs(common), variances / total),
-        phase=estimate_change(np.unwrap(np.angle(common)), variances / total),
+        load=estimate_change(np.abs(load_factors), variances / total),
+        phase=estimate_change(np.unwrap(np.angle(load_factors)), variances / total),
         channels=np.array(channel_changes),
     )
 

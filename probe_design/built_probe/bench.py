@@ -184,7 +184,7 @@ class Reference(Frozen):
 
     @property
     def leak_sd(self) -> float:
-        """Standard deviation of the inner film's share of the load due to leakage; 0 on tissue."""
+        """Standard deviation of the inner film's fraction of the load due to leakage; 0 on tissue."""
         return 0.0 if self.on == "tissue" else DEFAULT_LEAK_SD if self.leak is None else self.leak
 
     @property

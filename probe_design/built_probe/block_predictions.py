@@ -44,7 +44,7 @@ class BlockPrediction:
         ln(F_inner / F_outer).
     bound
         Bound on the solver's error of ``log_ratio``.
-    slopes
+    derivatives
         Derivatives of ``log_ratio`` with respect to the design's variables, per SI unit, shape (v,).
     modulus_derivative
         Derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
@@ -54,7 +54,7 @@ class BlockPrediction:
 
     log_ratio: float
     bound: float
-    slopes: Floats
+    derivatives: Floats
     modulus_derivative: float
     rule: LoadRule | None = None
 
@@ -107,9 +107,9 @@ class BlockPredictions:
         return np.array([block.log_ratio for block in self.blocks])
 
     @property
-    def slopes(self) -> Floats:
+    def derivatives(self) -> Floats:
         """Derivatives of ``log_ratios`` with respect to the variables, per SI unit, shape (blocks, v)."""
-        return np.array([block.slopes for block in self.blocks]).reshape(len(self.blocks), len(self.variables))
+        return np.array([block.derivatives for block in self.blocks]).reshape(len(self.blocks), len(self.variables))
 
     def list_linear_limits(self) -> list[float]:
         """List the largest loads, N, that linear elasticity allows on the blocks."""
@@ -207,10 +207,10 @@ def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
     log_derivatives = gradient.derivatives["ratio"][0] / gradient.values["ratio"][0]
     derivative_by_name = dict(zip(gradient.variables, log_derivatives, strict=True))
     modulus_derivative = float(derivative_by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
-    slopes = [derivative_by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names]
+    derivatives = [derivative_by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names]
     rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
     bound = solution.films[0].bound.log_ratio
-    return BlockPrediction(log_ratio, bound, np.array([*slopes, modulus_derivative]), modulus_derivative, rule)
+    return BlockPrediction(log_ratio, bound, np.array([*derivatives, modulus_derivative]), modulus_derivative, rule)
 
 
 def differentiate_area_ratio(probe: Probe, name: str) -> float:

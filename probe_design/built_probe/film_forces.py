@@ -64,11 +64,11 @@ def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Meas
     temperature_changes = bound_warming(measurement, bench, scene.probe)
     worst = int(np.argmax(temperature_changes))
     if temperature_changes[worst] > bench.load.most_warming:
-        worth = temperature_changes[worst] * compute_newtons_per_kelvin(scene)[worst]
+        equivalent_force = temperature_changes[worst] * compute_newtons_per_kelvin(scene)[worst]
         raise Flawed(
             f"film {FILM_NAMES[worst]} warmed by up to {temperature_changes[worst]:.2g} K during the reading, worth "
-            f"{worth:.2g} N; at most "
-            f"{bench.load.most_warming:g} K is allowed: wait until the temperature is steady, or null the amplifier's offset"
+            f"{equivalent_force:.2g} N; at most {bench.load.most_warming:g} K is allowed: "
+            "wait until the temperature is steady, or null the amplifier's offset"
         )
     return measurement
 
@@ -94,8 +94,8 @@ def compute_film_forces(measurement: Measurement, scene: Scene, tolerance: bool 
     per_newton = abs(compute_charge_per_force(scene))
     if per_newton == 0:
         raise InputError("probe.film.d33", Words("no charge per force"), "psi1 d31 + psi2 d32 + d33 other than 0")
-    spread = measurement.in_phase_covariance + (measurement.in_phase_tolerance if tolerance else 0.0)
-    return measurement.in_phase / per_newton, spread / per_newton**2
+    covariance = measurement.in_phase_covariance + (measurement.in_phase_tolerance if tolerance else 0.0)
+    return measurement.in_phase / per_newton, covariance / per_newton**2
 
 
 def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Floats:

@@ -82,7 +82,7 @@ def estimate_gains(observations: Sequence[Observation], predictions: BlockPredic
     return Gains(
         matrix=matrix,
         covariance=covariance,
-        slopes=derivatives @ fit.compute_posterior_mean(problem.shift_residuals(predictions.slopes).T).T,
+        slopes=derivatives @ fit.compute_posterior_mean(problem.shift_residuals(predictions.derivatives).T).T,
         workshop=predictions.compute_tolerances(bench.workshop),
         absolute=problem.is_absolute,
         cross_talk_resolved=(inner_resolved, outer_resolved),
@@ -94,8 +94,8 @@ def estimate_gains(observations: Sequence[Observation], predictions: BlockPredic
 
 def _build_unresolved_error(gain_sd: float) -> InputError:
     entry = Words(f"these leave a gain uncertain by {gain_sd:.2g}")
-    allowed = "two or more references on which the films' shares differ: a pin on the inner and a ring on the outer block do most"
-    return InputError("reference", entry, allowed)
+    references = "two or more references on which the films' fractions of the load differ"
+    return InputError("reference", entry, f"{references}: a pin on the inner and a ring on the outer block do most")
 
 
 def compute_mean_gain_sd(bench: Bench) -> float:
@@ -251,5 +251,5 @@ class _GainProblem:
         """Cholesky factor of the predictions' covariance: each block's own error, and the workshop's error shared by all."""
         blocks = zip(self.predictions.blocks, (item for item in self.references if item.on == "tissue"), strict=True)
         block_variances = np.array([prediction.compute_variance(reference) for prediction, reference in blocks])
-        workshop_errors = self.predictions.slopes * self.predictions.compute_tolerances(self.bench.workshop)
+        workshop_errors = self.predictions.derivatives * self.predictions.compute_tolerances(self.bench.workshop)
         return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(workshop_errors, block_variances).covariance))

@@ -67,12 +67,12 @@ def compute_ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) ->
     return phase, math.sqrt(variance)
 
 
-def compare_ratio_phase(value: float, spread: float, predicted: Result) -> tuple[float | None, list[str]]:
+def compare_ratio_phase(value: float, value_sd: float, predicted: Result) -> tuple[float | None, list[str]]:
     """Return the difference of a phase from its prediction in standard deviations, and a warning if it is above 5."""
     expected, error = predicted.ratio_phase, predicted.ratio_phase_error
     if expected is None or error is None:
         return None, []
-    z = (value - expected) / math.hypot(spread, SD_PER_BOUND * error)
+    z = (value - expected) / math.hypot(value_sd, SD_PER_BOUND * error)
     if abs(z) <= CONTRADICTION_SD:
         return z, []
     text = f"the ratio's phase is {value:.2g} rad, and {expected:.2g} by the scene's loss factors"

@@ -90,15 +90,15 @@ def build_signals(
     charges = compute_charge_per_force(scene) * np.array(built.gains) @ forces
     amplifiers = built.build_amplifiers(bench.amplifier.build_films())
     sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
-    first, second = (
+    fundamental, second_harmonic = (
         np.append(charges * [amplifier.response(k * frequency) for amplifier in amplifiers], sensitivity * forces.sum())
         for k in (1, 2)
     )
     random = np.random.default_rng(seed)
 
     def compute_volts(times: Floats) -> Floats:
-        turns = 2j * np.pi * frequency * times[:, None] + 0.7j
-        load = (first * np.exp(turns) + 0.01 * second * np.exp(2 * turns)).real  # with a second harmonic
+        wave = np.exp(2j * np.pi * frequency * times[:, None] + 0.7j)
+        load = (fundamental * wave + 0.01 * second_harmonic * wave**2).real  # with a second harmonic of 1 %
         hum = built.hum * np.array([1.0, 0.7, 0.1]) * np.cos(2 * np.pi * built.mains * times)[:, None]
         drift = built.drift * np.array([1.0, 0.6, 0.0]) * (1 - np.exp(-times / 60.0))[:, None]
         noise = built.noise * random.standard_normal((len(times), 3))
@@ -160,9 +160,9 @@ class VirtualBench:
         """Build the signals on each reference under a load, N, or the reference's known one; each run has other noise."""
         random = np.random.default_rng(self.seed)
         delivered = [draw_delivered(item, random) for item in self.bench.reference]
-        shares = compute_inner_fractions(predict_log_ratios(self.scene, delivered), delivered)
+        fractions = compute_inner_fractions(predict_log_ratios(self.scene, delivered), delivered)
         loads = np.array([item.known_force or load for item in delivered])
-        forces = loads[:, None] * np.stack([shares, 1 - shares], axis=1)
+        forces = loads[:, None] * np.stack([fractions, 1 - fractions], axis=1)
         return tuple(self._build_signals(item, 1 + run * len(forces) + k) for k, item in enumerate(forces))
 
     def _build_signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:

@@ -34,11 +34,11 @@ MAX_ROWS = 20  # references that fit on the page
 
 @dataclass(frozen=True)
 class ExpectedSignal:
-    """The expected signal on a reference: its name, the load's amplitude (N), the inner film's share, both amplitudes (V)."""
+    """The expected signal on a reference: its name, the load's amplitude, N, the inner film's fraction, both amplitudes, V."""
 
     name: str
     load: float
-    share: float
+    inner_fraction: float
     volts: tuple[float, float]
 
 
@@ -152,7 +152,7 @@ def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
         (0.40, "load, mN"),
         (0.52, "inner, mV"),
         (0.64, "outer, mV"),
-        (0.76, "inner's share"),
+        (0.76, "inner's fraction"),
         (0.90, "read"),
     )
     for x, heading in columns:
@@ -163,7 +163,7 @@ def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
             f"{k + 1}  {signal.name}",
             f"{1e3 * signal.load:.3g}",
             *(f"{1e3 * amplitude:.3g}" for amplitude in signal.volts),
-            f"{signal.share:.3f}",
+            f"{signal.inner_fraction:.3f}",
         )
         for (x, _), cell in zip(columns, (*cells, "\N{WHITE SQUARE}"), strict=True):
             figure.text(x, y, cell, fontsize=9)

@@ -93,11 +93,11 @@ class Changes:
     def _compute_derivative(self, deviation: Deviation, name: str) -> Floats:
         if name == GAIN_NAME:
             return np.ones(len(deviation.logs))
-        slope = self.predictions.slopes[:, self.predictions.variables.index(name)]
-        if name == BLOCK_MODULI:  # already a derivative with respect to ln of the blocks' moduli
-            return slope
+        derivative = self.predictions.derivatives[:, self.predictions.variables.index(name)]
+        if name == BLOCK_MODULI:  # already with respect to ln of the blocks' moduli
+            return derivative
         value = dict(zip(self.names, self.values, strict=True)).get(name, _get_nominal(self.predictions, name))
-        return (slope - deviation.get_bias(name)) * (1.0 if _is_additive(name) else value)
+        return (derivative - deviation.get_bias(name)) * (1.0 if _is_additive(name) else value)
 
     def _predict(self, values: Floats) -> BlockPredictions:
         new = dict(zip(self.names, values.tolist(), strict=True))
@@ -162,8 +162,8 @@ def _build_linear_model(
     changes: Changes, deviation: Deviation, errors: LinearGaussian, names: tuple[str, ...] = ()
 ) -> LinearGaussian:
     """Return the deviation's dependence on steps of ``names``, or of the changed variables, of which nothing is known before."""
-    slopes = changes.compute_derivatives(deviation, names)
-    return errors.add_unknowns(slopes, np.full(slopes.shape[1], UNKNOWN_STEP_SD))
+    derivatives = changes.compute_derivatives(deviation, names)
+    return errors.add_unknowns(derivatives, np.full(derivatives.shape[1], UNKNOWN_STEP_SD))
 
 
 def _compute_sds(model: LinearGaussian, n: int) -> Floats:

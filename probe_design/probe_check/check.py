@@ -210,7 +210,7 @@ class Comparison:
         workshop = {
             name: (derivatives - bias.get(name, 0.0)) * tolerance
             for name, derivatives, tolerance in zip(
-                self.predictions.variables, self.predictions.slopes.T, tolerances, strict=True
+                self.predictions.variables, self.predictions.derivatives.T, tolerances, strict=True
             )
         }
         gain_errors = entry_derivatives @ self.gains.errors_as_drawn
@@ -243,12 +243,12 @@ class Comparison:
 def _compute_log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
     """Return ln(F_inner / F_outer), its variance due to noise, and its derivatives with respect to M's entries, shape (4,)."""
     forces = gains.compute_forces(films)
-    slope = np.array([1.0, -1.0]) / forces
-    film_derivatives = slope @ np.linalg.inv(gains.matrix)
+    force_derivatives = np.array([1.0, -1.0]) / forces
+    film_derivatives = force_derivatives @ np.linalg.inv(gains.matrix)
     return (
         float(np.log(forces[0] / forces[1])),
         float(film_derivatives @ covariance @ film_derivatives),
-        slope @ gains.differentiate_by_entries(films),
+        force_derivatives @ gains.differentiate_by_entries(films),
     )
 
 

@@ -122,14 +122,14 @@ def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> floa
     tolerances
         Deviation of one or two variables of ``deviation.workshop``, in tolerances.
     """
-    sizes, directions = np.linalg.eigh(_compute_information(deviation, list(tolerances)))
-    resolved = sizes > MIN_INFORMATION
-    middle = np.sqrt(sizes[resolved]) * (directions.T @ np.array(list(tolerances.values())))[resolved]
-    spread = np.stack(np.meshgrid(*[NORMAL_QUANTILES] * len(middle), indexing="ij"), axis=-1) if len(middle) else np.zeros(0)
-    margin = float(chdtri(len(deviation.logs), SIGNIFICANCE_LEVEL)) - np.sum(
-        (middle + spread) ** 2 / (1 + sizes[resolved]), axis=-1
-    )
-    freedom = len(deviation.logs) - len(middle)
+    information, directions = np.linalg.eigh(_compute_information(deviation, list(tolerances)))
+    is_determined = information > MIN_INFORMATION
+    information = information[is_determined]  # s_i of eq. PC.4
+    means = np.sqrt(information) * (directions.T @ np.array(list(tolerances.values())))[is_determined]
+    noise = np.stack(np.meshgrid(*[NORMAL_QUANTILES] * len(means), indexing="ij"), axis=-1) if len(means) else np.zeros(0)
+    limit = float(chdtri(len(deviation.logs), SIGNIFICANCE_LEVEL))  # of chi-square, above which the probe fails
+    margin = limit - np.sum((means + noise) ** 2 / (1 + information), axis=-1)  # left to the other directions
+    freedom = len(deviation.logs) - len(means)
     return float(np.mean(chdtrc(freedom, np.maximum(margin, 0.0)) if freedom else margin < 0))
 
 

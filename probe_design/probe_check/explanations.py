@@ -79,9 +79,13 @@ class VariablePair:
 
 def compute_explanations(deviation: Deviation, predictions: BlockPredictions) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """Fit each variable alone by linear theory; return the explanations, best first, and the names of undetermined variables."""
-    slopes = dict(zip(predictions.variables, predictions.slopes.T, strict=True)) | {GAIN_NAME: np.ones(len(deviation.logs))}
+    derivatives = dict(zip(predictions.variables, predictions.derivatives.T, strict=True))
+    derivatives |= {GAIN_NAME: np.ones(len(deviation.logs))}
     nominal = dict(zip(predictions.variables, predictions.nominal.tolist(), strict=True)) | {GAIN_NAME: 1.0}
-    fits = [_fit_variable(deviation, name, slope - deviation.get_bias(name), nominal[name]) for name, slope in slopes.items()]
+    fits = [
+        _fit_variable(deviation, name, derivative - deviation.get_bias(name), nominal[name])
+        for name, derivative in derivatives.items()
+    ]
     good = [explanation for explanation in fits if explanation.uncertainty < MAX_RELATIVE_SD * explanation.nominal]
     unresolved = tuple(explanation.variable for explanation in fits if explanation not in good)
     return tuple(sorted(good, key=lambda explanation: explanation.chi_square)), unresolved

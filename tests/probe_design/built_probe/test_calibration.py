@@ -60,14 +60,14 @@ def test_slopes_are_finite_differences_of_the_film_forces() -> None:
         if name in (BLOCK_MODULI, "probe.inner.poisson_ratio", "probe.outer.poisson_ratio"):
             continue
         logs = [_log_force_ratio(_changed(scene(), name, turn), block) for turn in (1 + step, 1 - step)]
-        slope = shares().blocks[1].slopes[k] * shares().nominal[k]
+        slope = shares().blocks[1].derivatives[k] * shares().nominal[k]
         assert slope == pytest.approx((logs[0] - logs[1]) / (2 * step), rel=2e-3, abs=2e-5), name
 
 
 def test_slope_by_the_block_s_modulus() -> None:
     logs = [_log_force_ratio(scene(), _softer(BENCH.blocks[1], turn)) for turn in (1.001, 0.999)]
     assert shares().blocks[1].modulus_derivative == pytest.approx((logs[0] - logs[1]) / 0.002, rel=2e-3)
-    assert shares().blocks[1].slopes[-1] == shares().blocks[1].modulus_derivative
+    assert shares().blocks[1].derivatives[-1] == shares().blocks[1].modulus_derivative
 
 
 def _changed(drawn: Scene, name: str, turn: float) -> Scene:
@@ -133,7 +133,7 @@ def test_coverage_of_the_gains(force: bool, blocks_alone: bool) -> None:
 def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, random: np.random.Generator) -> list[Observation]:
     """Readings of a probe and blocks off by their tolerances, with a force sensor of any scale."""
     known, noise = shares(), 2e-5
-    design = known.slopes @ (known.compute_tolerances(BENCH.workshop) * random.standard_normal(len(known.variables)))
+    design = known.derivatives @ (known.compute_tolerances(BENCH.workshop) * random.standard_normal(len(known.variables)))
     spreads = [share.compute_variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
     logs = known.log_ratios + design + spreads * random.standard_normal(len(spreads))
     sensor = np.exp(0.05 * random.standard_normal())
@@ -156,9 +156,8 @@ def test_slopes_of_the_estimate_are_what_other_predictions_do() -> None:
     seen = _observed(np.eye(2), BENCH.blocks, True, np.random.default_rng(3))
     bench = BENCH.model_copy(update={"reference": BENCH.blocks})
     step = 0.01 * known.nominal[k]
-    moved = replace(
-        known, blocks=tuple(replace(variant, log_ratio=variant.log_ratio + variant.slopes[k] * step) for variant in known.blocks)
-    )
+    blocks = tuple(replace(block, log_ratio=block.log_ratio + block.derivatives[k] * step) for block in known.blocks)
+    moved = replace(known, blocks=blocks)
     estimate, moved_estimate = (estimate_gains(seen, variant, bench) for variant in (known, moved))
     assert (moved_estimate.matrix - estimate.matrix).ravel() == pytest.approx(estimate.slopes[:, k] * step, rel=0.05, abs=2e-5)
     assert np.abs(moved_estimate.matrix - estimate.matrix).max() > 1e-3

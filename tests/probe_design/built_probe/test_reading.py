@@ -114,7 +114,7 @@ def test_steady_warming_shows_as_an_offset(forces: Floats) -> None:
 
 def test_share_s_variance_has_block_and_solver() -> None:
     """Evenly spread within +-b: b^2 / 3."""
-    share = BlockPrediction(log_ratio=0.0, bound=0.03, slopes=np.zeros(0), modulus_derivative=0.5)
+    share = BlockPrediction(log_ratio=0.0, bound=0.03, derivatives=np.zeros(0), modulus_derivative=0.5)
     assert share.compute_variance(Reference(youngs_modulus=1e3, tolerance=0.02)) == pytest.approx(0.01**2 + 0.03**2 / 3)
 
 

@@ -52,7 +52,7 @@ def gains() -> Gains:
 def deviation(logs: tuple[float, ...] | None = None, noise: float = NOISE) -> Deviation:
     """Blocks as delivered, read with little noise; ``logs``: as read."""
     known = shares()
-    allowed = zip(known.variables, known.slopes.T, known.compute_tolerances(BENCH.workshop), strict=True)
+    allowed = zip(known.variables, known.derivatives.T, known.compute_tolerances(BENCH.workshop), strict=True)
     model = np.array([share.compute_variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
     read = np.array(known.log_ratios if logs is None else logs)
     workshop = {name: slope * tolerance for name, slope, tolerance in allowed}
