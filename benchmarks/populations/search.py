@@ -87,7 +87,7 @@ def verify_populations() -> MeasuredTable:
     for name in POPULATIONS:
         optimum = optimize_for_population(design(name), lambda stage, done, total: None)
         cells = [
-            "-" if candidate is None else "{:.3f} +- {:.3f}".format(*candidate.objective)
+            "-" if candidate is None else "{:.3f} ± {:.3f}".format(*candidate.objective)
             for candidate in (optimum.start, optimum.single, optimum.best_tried)
         ]
         table.add(

@@ -81,13 +81,13 @@ class Noise:
         """Return the noise of a scene's probe, with the charge per force of its film if it has one."""
         return cls(ratio, charge_per_force=find_charge_per_force(scene.probe))
 
-    def compute_information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
+    def compute_information(self, sensitivity: Any, inner_fraction: Any, force: Any) -> Any:
         """Return the information of one reading about ln E_object (eqs. DS.4, DS.5); floats or arrays.
 
-        ``share_inner`` is the inner film's fraction of ``force``, N; the outer film has the rest.
+        ``inner_fraction`` is the inner film's fraction of ``force``, N; the outer film has the remainder.
         """
         full = self.charge / (self.charge_per_force * force)
-        variance = 2 * compute_channel_noise(self.ratio) ** 2 + (full / share_inner) ** 2 + (full / (1 - share_inner)) ** 2
+        variance = 2 * compute_channel_noise(self.ratio) ** 2 + (full / inner_fraction) ** 2 + (full / (1 - inner_fraction)) ** 2
         return sensitivity**2 / variance
 
 

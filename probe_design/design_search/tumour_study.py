@@ -282,7 +282,7 @@ class TumourStudy:
         search = search_combinations(study.objective, study.search_space, lambda done, total: None)
         for _, best in iterate_distinct(search.choices, study.search_space, MIN_LOG_DISTANCE):
             return self.verify(best)
-        raise InputError("outer-radius", radius, "room for a design")
+        raise InputError("outer-radius", radius, "a limit within which a design fits")
 
     def _can_improve(self, verified: TumourVerification, best: float) -> bool:
         """Return whether a design could become better than the best so far by more load."""

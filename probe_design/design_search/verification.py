@@ -267,16 +267,16 @@ def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICA
     Refusal
         The evaluator cannot model the scene.
     """
-    made = evaluator(evaluator_name)
-    assert isinstance(made, FilmEvaluator)
-    return made.solve(scene, accuracy)
+    film_evaluator = evaluator(evaluator_name)
+    assert isinstance(film_evaluator, FilmEvaluator)
+    return film_evaluator.solve(scene, accuracy)
 
 
 def evaluate_closed_form(scenes: Sequence[Scene], accuracy: float = VERIFICATION_ACCURACY) -> list[FilmSolution | InputError]:
     """Return the closed form's result or refusal for each scene; ten scenes take twice the time of one."""
-    made = evaluator("closed-form")
-    assert isinstance(made, FilmEvaluator)
-    return made.solve_many(scenes, [accuracy] * len(scenes))
+    closed_form = evaluator("closed-form")
+    assert isinstance(closed_form, FilmEvaluator)
+    return closed_form.solve_many(scenes, [accuracy] * len(scenes))
 
 
 def _set_load(scene: Scene, pressed: Pressing) -> Scene:

@@ -154,10 +154,10 @@ def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
         exponents = z[low : low + MAX_SCANS_AT_ONCE] @ templates.T - (templates**2).sum(axis=1) / 2
         max_exponent = exponents.max(axis=1)
         tiny = (max_exponent < SMALL_EXPONENT) & (exponents.min(axis=1) > -SMALL_EXPONENT)
-        whole = np.empty(len(max_exponent))
-        whole[tiny] = np.log1p(np.expm1(exponents[tiny]).mean(axis=1))
-        whole[~tiny] = max_exponent[~tiny] + np.log(np.exp(exponents[~tiny] - max_exponent[~tiny, None]).mean(axis=1))
-        result[low : low + MAX_SCANS_AT_ONCE] = whole
+        log_mean = np.empty(len(max_exponent))
+        log_mean[tiny] = np.log1p(np.expm1(exponents[tiny]).mean(axis=1))
+        log_mean[~tiny] = max_exponent[~tiny] + np.log(np.exp(exponents[~tiny] - max_exponent[~tiny, None]).mean(axis=1))
+        result[low : low + MAX_SCANS_AT_ONCE] = log_mean
     return result
 
 

@@ -58,12 +58,12 @@ class Range:
         """Mean; geometric if ``log``."""
         return float(np.exp(np.mean(np.log(self.values)))) if self.log else float(np.mean(self.values))
 
-    def compute_quantiles(self, share: Floats) -> Floats:
+    def compute_quantiles(self, fractions: Floats) -> Floats:
         """Return the quantiles of the range at fractions from 0 to 1; any shape."""
         if not self.continuous:
-            return np.asarray(np.array(self.values)[np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)])
+            return np.asarray(np.array(self.values)[np.minimum((fractions * len(self.values)).astype(int), len(self.values) - 1)])
         low, high = self.values
-        return np.asarray(low * (high / low) ** share if self.log else low + (high - low) * share, dtype=float)
+        return np.asarray(low * (high / low) ** fractions if self.log else low + (high - low) * fractions, dtype=float)
 
 
 Entry = TypeVar("Entry")

@@ -195,8 +195,8 @@ class Examination:
         known = len(probabilities) > 1 or len(detector.templates) == 1
         draws = 0.0 if known else math.sqrt(float(probabilities[0] * (1 - probabilities[0])) / SCANS_PER_TUMOUR)
         parts = {cause: float(np.sum(np.abs(slopes * item)[reflected])) for cause, item in readings.errors.items()}
-        whole = sum(parts.values())
-        causes = {cause: part / whole for cause, part in parts.items()} if whole > 0 else {}
+        total = sum(parts.values())
+        causes = {cause: part / total for cause, part in parts.items()} if total > 0 else {}
         return math.hypot(threshold, draws), float(np.abs(upper - lower)[reflected].mean() / 2), causes
 
 

@@ -47,7 +47,7 @@ MAX_REFLECTED_READINGS, MAX_LAYERED_REFLECTED_READINGS = (
 )  # tumours with reflections, on one material and on layers: about 10 and 50 ms each
 MIN_REFLECTED = 16  # minimum of tumours with reflections for any number of positions, as they are a sample
 LOG_DIFFERENCE_STEP = 0.002  # step of the logarithms of the tissue's numbers
-LARGEST_CHANGE = 0.5  # relative change of the ratio by the load; loads far beyond it are refused anyway
+MAX_LOAD_CHANGE_RELATIVE = 0.5  # relative change of the ratio by the load; loads far beyond it are refused anyway
 TARGET_KEYS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset"}
 
 
@@ -114,28 +114,28 @@ class InclusionScan:
         Reflections matter if they may change a signal by more than ``tolerance``, shape (2,); ``allowed`` has shape (u,).
         """
         first = compute_readings(self.base, tumours, 0, True, reflect=False)
-        answers = deepcopy(first)
-        change_bounds = np.maximum(answers.bound - self.base.films.bound.totals, 0.0)
+        best = deepcopy(first)
+        change_bounds = np.maximum(best.bound - self.base.films.bound.totals, 0.0)
         left_out = np.stack(
-            [(change_bounds / np.abs(answers.totals)).sum(axis=1), change_bounds.sum(axis=1) / answers.stiffness], axis=1
+            [(change_bounds / np.abs(best.totals)).sum(axis=1), change_bounds.sum(axis=1) / best.stiffness], axis=1
         )
         chosen = np.flatnonzero(allowed & np.any(left_out > tolerance, axis=1))
         if not len(chosen):
             return first, first
         better = compute_readings(self.base, tumours.select(chosen), 0, True, reflect=True)
-        for field in fields(answers):
+        for field in fields(best):
             if field.name not in ("areas", "derivatives"):
-                getattr(answers, field.name)[chosen] = getattr(better, field.name)
-        for key, slopes in answers.derivatives.items():
+                getattr(best, field.name)[chosen] = getattr(better, field.name)
+        for key, slopes in best.derivatives.items():
             slopes[chosen] = better.derivatives[key]
-        return first, answers
+        return first, best
 
-    def compute_tumour_derivatives(self, answers: Readings, indices: Ints, name: str) -> Floats:
+    def compute_tumour_derivatives(self, readings: Readings, indices: Ints, name: str) -> Floats:
         """Return the derivatives of the signals with respect to a number of the tumours, shape (k, m)."""
-        film_derivatives = answers.derivatives[TARGET_KEYS[name]].sum(axis=2)
+        film_derivatives = readings.derivatives[TARGET_KEYS[name]].sum(axis=2)
         parts = [
-            film_derivatives[:, 0] / answers.totals[:, 0] - film_derivatives[:, 1] / answers.totals[:, 1],
-            film_derivatives.sum(axis=1) / answers.stiffness,
+            film_derivatives[:, 0] / readings.totals[:, 0] - film_derivatives[:, 1] / readings.totals[:, 1],
+            film_derivatives.sum(axis=1) / readings.stiffness,
         ]
         if name == "x":
             toward = self._x_distances / np.maximum(np.hypot(self._x_distances, self.draw.lateral_offset), 1e-300)
@@ -155,8 +155,8 @@ class InclusionScan:
             base = solve_other_tissue(self.base, ScenePopulation.replace_tissue_numbers(scene, {name: size * math.exp(step)}))
             totals = compute_readings(base, tumours, 0, reflect=False).totals
             sides.append((self._take_logarithms(totals[indices]), self._take_logarithms(base.films.totals[None])))
-        whole, blank = ((upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*sides, strict=True))
-        return whole - np.repeat(blank, len(self.protocol.positions)), blank
+        slopes, blank_slopes = ((upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*sides, strict=True))
+        return slopes - np.repeat(blank_slopes, len(self.protocol.positions)), blank_slopes
 
     def _take_logarithms(self, totals: Floats) -> Floats:
         return np.asarray(compute_logarithms(totals, self.protocol.stiffness))
@@ -249,33 +249,33 @@ def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, n
     by_tissue = {
         name: scan.compute_tissue_derivatives(tumours, indices, name) for name in best.derivatives if not is_of_tumour(name)
     }
-    for target, answers in ((first, first_and_best[0]), (best, first_and_best[1])):
-        check_films_compressed(answers.totals, scene)
-        _write_signals(target, scan, answers, indices, scene)
+    for target, readings in ((first, first_and_best[0]), (best, first_and_best[1])):
+        check_films_compressed(readings.totals, scene)
+        _write_signals(target, scan, readings, indices, scene)
         for name, (slopes, blank) in by_tissue.items():
             hosted = np.array([name_host_modulus(scan.draw, member) == name for member in scan.members.tolist()])
             target.derivatives[name][scan.members] = slopes - (hosted[:, None] * added if target is best else 0.0)
             target.blank_derivatives[name][number] = blank
 
 
-def _write_signals(target: ScanReadings, scan: InclusionScan, answers: Readings, indices: Ints, scene: Scene) -> None:
+def _write_signals(target: ScanReadings, scan: InclusionScan, readings: Readings, indices: Ints, scene: Scene) -> None:
     """Write the signals of one tissue, their errors and their derivatives by the tumours' numbers into the common arrays."""
     films, rows, number, channels = scan.base.films, scan.members, scan.number, range(target.channels)
     blank = scan._take_logarithms(films.totals[None])
-    target.mean_forces[:] += np.log(answers.totals[indices]).sum(
+    target.mean_forces[:] += np.log(readings.totals[indices]).sum(
         axis=0
     )  # of logarithms; ``compute_inclusion_readings`` takes the mean
-    target.signal[rows] = scan._take_logarithms(answers.totals[indices]) - np.repeat(blank, len(scan.protocol.positions))
-    for cause, errors in bound_film_errors(scan.base, answers).items():
+    target.signal[rows] = scan._take_logarithms(readings.totals[indices]) - np.repeat(blank, len(scan.protocol.positions))
+    for cause, errors in bound_film_errors(scan.base, readings).items():
         stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)
         target.errors[cause][rows] = np.concatenate([stated[indices, k] for k in channels], axis=1)
-    by_load = np.tile(_bound_load_change(scene, answers)[indices], (1, target.channels))
+    by_load = np.tile(_bound_load_change(scene, readings)[indices], (1, target.channels))
     target.errors[LOAD_CAUSE][rows] = by_load * np.abs(target.signal[rows])
     target.blank[number] = films.totals
     target.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: target.channels]
     for name in target.derivatives:
         if is_of_tumour(name):
-            target.derivatives[name][rows] = scan.compute_tumour_derivatives(answers, indices, name)
+            target.derivatives[name][rows] = scan.compute_tumour_derivatives(readings, indices, name)
 
 
 def check_films_compressed(totals: Floats, scene: Scene) -> None:
@@ -294,7 +294,7 @@ def check_films_compressed(totals: Floats, scene: Scene) -> None:
     raise Refusal("probe", Words(f"the {film} film is pulled on"), remedy)
 
 
-def _bound_load_change(scene: Scene, answers: Readings) -> Floats:
+def _bound_load_change(scene: Scene, readings: Readings) -> Floats:
     """Return a bound on the relative change of each signal by the load, shape (u,): that of the log-sensitivity.
 
     Raises
@@ -303,8 +303,8 @@ def _bound_load_change(scene: Scene, answers: Readings) -> Floats:
         No bound is available.
     """
     rule = build_load_rule(scene)
-    changes = LoadChanges.from_stiffness(scene, rule, answers.stiffness)
+    changes = LoadChanges.from_stiffness(scene, rule, readings.stiffness)
     if not changes.is_known.all():
-        check_load(scene, changes.weakest, LARGEST_CHANGE, False)
+        check_load(scene, changes.weakest, MAX_LOAD_CHANGE_RELATIVE, False)
         raise Refusal("load", "too large", "a load of which linear elasticity knows what it leaves out")
     return changes.log_sensitivity

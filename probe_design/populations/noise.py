@@ -165,9 +165,9 @@ def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
     if noise.calibration is None:
         return 2 * noise.gain**2
     matrix, entries = _read_calibration(noise.calibration)
-    share = blank / np.abs(blank).sum()
-    first, second = matrix @ share
-    gradient = np.concatenate([share / first, -share / second])
+    fractions = blank / np.abs(blank).sum()
+    first, second = matrix @ fractions
+    gradient = np.concatenate([fractions / first, -fractions / second])
     return float(gradient @ entries @ gradient)
 
 

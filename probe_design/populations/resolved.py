@@ -77,8 +77,8 @@ class Unknowns:
         columns = []
         for name in self.names:
             baseline = readings.blank_derivatives.get(name, np.zeros_like(readings.blank_error))
-            whole = readings.derivatives[name] + readings.repeat_over_positions(baseline)[readings.tissue]
-            columns.append(np.concatenate([whole, baseline[readings.tissue]], axis=1) if blank else whole)
+            derivative = readings.derivatives[name] + readings.repeat_over_positions(baseline)[readings.tissue]
+            columns.append(np.concatenate([derivative, baseline[readings.tissue]], axis=1) if blank else derivative)
         return np.stack(columns, axis=-1)
 
 
@@ -109,10 +109,10 @@ def is_resolved(deviations: Floats) -> Floats:
     return np.asarray((deviations <= MAX_RESOLVED_LOG_SD).astype(float))
 
 
-def is_undecided(deviations: Floats, share: Floats) -> Floats:
+def is_undecided(deviations: Floats, fraction: Floats) -> Floats:
     """Return 1 for tumours resolved with derivatives larger by this fraction but not with smaller ones, shape (n,)."""
     with np.errstate(divide="ignore"):
-        return is_resolved(deviations / (1 + share)) - is_resolved(deviations / (1 - share))
+        return is_resolved(deviations / (1 + fraction)) - is_resolved(deviations / (1 - fraction))
 
 
 def compute_fraction_error(resolved_values: Floats) -> float:

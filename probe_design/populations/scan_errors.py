@@ -77,16 +77,16 @@ def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
     )
 
 
-def bound_film_errors(base: Undisturbed, answers: Readings) -> dict[str, Floats]:
+def bound_film_errors(base: Undisturbed, readings: Readings) -> dict[str, Floats]:
     """Return the bound of eq. PO.12 for both films, by cause except the load, shape (u, 2) each."""
-    films, totals = base.films, np.abs(answers.totals)
-    effect = np.abs(answers.totals - films.totals) / totals
+    films, totals = base.films, np.abs(readings.totals)
+    effect = np.abs(readings.totals - films.totals) / totals
     base_errors = np.maximum(films.bound.totals - _bound_groove_total(base.scene, films.forces), 0.0) / np.abs(films.totals)
     parts = {
-        TUMOURS_CAUSE: np.maximum(answers.bound - films.bound.totals, 0.0) / totals,
+        TUMOURS_CAUSE: np.maximum(readings.bound - films.bound.totals, 0.0) / totals,
         BASE_CAUSE: BASE_ERROR_FACTOR * base_errors * effect,
         GROOVE_CAUSE: GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, films.forces) * effect,
     }
-    whole = np.asarray(sum(parts.values()))
-    stretched = -np.log1p(-np.minimum(whole, MAX_RELATIVE_ERROR)) / np.maximum(whole, 1e-300)
+    total_error = np.asarray(sum(parts.values()))
+    stretched = -np.log1p(-np.minimum(total_error, MAX_RELATIVE_ERROR)) / np.maximum(total_error, 1e-300)
     return {cause: part * stretched for cause, part in parts.items()}
