@@ -74,6 +74,7 @@ def _build_axis(given: Range) -> Floats:
 
 
 def _build_draw(population: ScenePopulation, depth: Floats, diameter: Floats) -> TumourDraw:
+    """Return tumours of these depths and diameters, with the population's means for all else."""
     n, ranges, scene = len(depth), population.ranges, population.middle
     poisson_ratio = population.scene.inclusion[0].poisson_ratio if population.scene.inclusion else scene.tissue.poisson_ratio
     modulus, x = (np.full(n, ranges[key].middle) for key in ("object", "x"))

@@ -104,6 +104,7 @@ def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[A
 
 
 def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
+    """Draw values over diameter and depth in colours, with the line of a limit."""
     axes.set_facecolor("0.88")
     probability = limit == DETECTION_THRESHOLD
     norm = Normalize(0.0, 1.0) if probability else LogNorm(MIN_SHOWN_SD, MAX_SHOWN_SD)
@@ -129,6 +130,7 @@ def _format_axis(axis: Any) -> None:
 
 
 def _draw_tumours(axes: Any, verified: PopulationVerification) -> None:
+    """Draw the tumours of the verification as points, filled where detected more often than not."""
     performance = verified.performance
     detected = performance.values["detection"] >= 0.5
     x, y = performance.draw.diameter * MM_PER_M, performance.draw.depth * MM_PER_M

@@ -50,6 +50,7 @@ def build_tumour_report(optimum: TumourOptimum) -> Report:
 
 
 def _explain_verification(optimum: TumourOptimum) -> str:
+    """Return the note that explains standard deviations, errors and the force."""
     return (
         f"Standard deviations hold for {describe_noise(optimum)}. A star marks a limit that the design lies on. The search "
         f"used the closed form; {optimum.linear_evaluator} verified. A gain counts only where it is beyond the errors of "
@@ -118,6 +119,7 @@ def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:
 
 
 def _list_design_cells(verified: TumourVerification) -> Cells:
+    """Return the sizes and moduli of a design's probe."""
     probe = verified.scene.probe
     return [
         ("inner radius, mm", f"{probe.inner_radius / M_PER_MM:.4g}"),

@@ -118,6 +118,7 @@ def search_combination(
 def _search_all(
     objective: SearchObjective, search_space: SearchSpace, combinations: list[Combination], progress: Progress
 ) -> list[Choice]:
+    """Search every combination: one thoroughly; of several each quickly, then the best once more from several starts."""
     thorough = len(combinations) <= MAX_THOROUGH_COMBINATIONS or not search_space.pin(combinations[0].pinned).free
     choices: list[Choice] = []
     for k, combination in enumerate(combinations):
@@ -159,6 +160,7 @@ def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progr
 def _search_untried(
     objective: SearchObjective, search_space: SearchSpace, combinations: Iterable[Combination], tried: dict[str, list[Choice]]
 ) -> None:
+    """Search the combinations that are not yet in ``tried``, by description, and add their designs."""
     for combination in combinations:
         if combination.description not in tried and len(tried) < MAX_ENUMERATED:
             tried[combination.description] = search_combination(objective, search_space, combination, thorough=False)
@@ -180,6 +182,7 @@ def _list_neighbours(search_space: SearchSpace, best: Choice) -> Iterator[Combin
 
 
 def _average_poisson(search_space: SearchSpace) -> tuple[float, float]:
+    """Return Poisson's ratios of both blocks for a search without materials: the start's, or the mean of the materials'."""
     if not search_space.shelf:
         return search_space.start_poisson
     mean = float(np.mean(search_space.shelf_poisson))
@@ -187,6 +190,7 @@ def _average_poisson(search_space: SearchSpace) -> tuple[float, float]:
 
 
 def _sort_choices(choices: list[Choice], how: str, exhaustive: bool, seconds: float) -> ChoiceSearch:
+    """Return the designs of a search, best first; raise ``InputError`` where there are none."""
     if not choices:
         raise InputError("variables", Words("no design with a finite objective"), "a wider choice, or wider limits")
     order = sorted(choices, key=lambda choice: -choice.value)

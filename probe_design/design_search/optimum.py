@@ -12,6 +12,7 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
+from probe_design.design_search.robustness import Robustness
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE, Limit
@@ -21,7 +22,6 @@ from probe_design.design_search.verification import (
     TumourVerification,
     replace_non_finite,
 )
-from probe_design.design_search.workshop import Robustness
 from probe_design.populations.design_file import Design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import DesignLimits
@@ -207,6 +207,7 @@ class TumourOptimum(Optimum[TumourVerification]):
         return tuple(self._iterate_warnings())
 
     def _iterate_warnings(self) -> Iterator[str]:
+        """Yield the warnings on the load, the closed form and the start."""
         recommended = () if self.winner is None else (("the recommended design", self.winner),)
         for name, verified in (*recommended, ("the start", self.start)):
             if verified.linear_design is not None:

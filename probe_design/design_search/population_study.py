@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -15,11 +15,11 @@ from probe_design.design_search.loads import PressingRule, check_load
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.population_objective import MAX_SEARCH_TUMOURS, PopulationObjective
 from probe_design.design_search.refinement import refine_design
+from probe_design.design_search.robustness import Robustness, compute_robustness
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.tumour_objective import Noise, TumourObjective
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE
 from probe_design.design_search.verification import PopulationVerification
-from probe_design.design_search.workshop import Robustness, compute_robustness
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import examine
 from probe_design.populations.population import ScenePopulation
@@ -107,23 +107,24 @@ class PopulationStudy:
 
     def verify_choices(self, start: PopulationVerification, search: ChoiceSearch, tell: Progress) -> PopulationOptimum:
         """Refine the best design of a search, and verify the best that differ and one for a single tumour."""
-        finalists = self._select_finalists(search, tell)
+        finalists, verified = self._select_finalists(search, tell), list[tuple[PopulationVerification, Robustness]]()
         single, reason = self._design_for_one_tumour(tell)
-        pairs = [*self._verify_finalists(finalists, tell), *([] if single is None else [single])]
-        pairs.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less what tolerances cost
+        for k, (choice, scene) in enumerate(finalists):
+            with suppress(Refusal):  # a design that cannot be verified is left out
+                stage = f"verifying candidate {k + 1} of {len(finalists)}"
+                verified.append(self._verify_choice(choice, scene, partial(tell, stage)))
+        verified += [] if single is None else [single]
+        verified.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less the tolerances' cost
         return PopulationOptimum(
             self.design,
             self.search_space,
             start,
-            tuple(verified for verified, _ in pairs),
+            tuple(design for design, _ in verified),
             search,
             None if single is None else single[0],
-            (self._compute_robustness(self.design.scene), *(robust for _, robust in pairs)),
+            (compute_robustness(self.objective, self.design.scene, ()), *(robustness for _, robustness in verified)),
             reason,
         )
-
-    def _compute_robustness(self, scene: Scene, materials: tuple[str, ...] = ()) -> Robustness:
-        return compute_robustness(self.objective, self.design, scene, materials)
 
     def _select_finalists(self, search: ChoiceSearch, tell: Progress) -> list[tuple[Choice, Scene]]:
         """Select the best designs that differ, the first one refined, rounded for the workshop."""
@@ -139,17 +140,11 @@ class PopulationStudy:
                 break
         return finalists
 
-    def _verify_finalists(
-        self, finalists: list[tuple[Choice, Scene]], tell: Progress
-    ) -> Iterator[tuple[PopulationVerification, Robustness]]:
-        for k, (choice, scene) in enumerate(finalists):
-            with suppress(Refusal):  # a design that cannot be verified is left out
-                yield self._verify_choice(choice, scene, partial(tell, f"verifying candidate {k + 1} of {len(finalists)}"))
-
     def _verify_choice(
         self, choice: Choice, scene: Scene, advance: Callable[[int, int], None]
     ) -> tuple[PopulationVerification, Robustness]:
-        return self.verify(scene, advance, choice), self._compute_robustness(scene, choice.combination.materials)
+        """Verify a design, and compute the effect of workshop tolerances on it."""
+        return self.verify(scene, advance, choice), compute_robustness(self.objective, scene, choice.combination.materials)
 
     def _design_for_one_tumour(self, tell: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
         """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.

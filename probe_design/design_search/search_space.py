@@ -228,6 +228,7 @@ class SearchSpace:
     def _iterate_pairs(
         self, pinned: Mapping[str, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
     ) -> Iterator[Combination]:
+        """Yield the pairs of materials of the inner and the outer block for pinned values, or the pinned values alone."""
         if not self.shelf:
             yield Combination(pinned, self.start_poisson)
             return
@@ -381,6 +382,7 @@ def _limit_height(
 
 
 def _find_block_material(name: str, k: int) -> CatalogueMaterial:
+    """Return a catalogue material, the k-th of the design file; raise ``InputError`` where it is none for blocks."""
     try:
         material = find_material(name)
     except InputError as fault:

@@ -201,6 +201,7 @@ class TumourStudy:
         return merge_designs((*verified, *refined))
 
     def _verify_scenes(self, scenes: list[Scene], advance: Callable[[int, int], None]) -> Iterator[TumourVerification]:
+        """Yield the designs that the evaluator can verify."""
         for k, (scene, formula) in enumerate(zip(scenes, evaluate_closed_form(scenes), strict=True)):
             advance(k, len(scenes))
             with suppress(Refusal):  # a design that cannot be verified is no candidate
@@ -210,6 +211,7 @@ class TumourStudy:
     def _refine(
         self, verified: tuple[TumourVerification, ...], advance: Callable[[int, int], None]
     ) -> Iterator[TumourVerification]:
+        """Yield the verified local optima near designs."""
         for k, item in enumerate(verified):
             advance(k, len(verified))
             with suppress(Refusal, SolveError):  # a design without derivatives stays unchanged
@@ -310,6 +312,7 @@ def remove_load_limit(scene: Scene) -> Scene:
 
 
 def _select_evaluator(scene: Scene, name: str | None) -> str:
+    """Return the name of the evaluator; by default the first that can model the scene."""
     if name is None:
         return next((known for known in EVALUATORS if find_evaluator(known).refusal(scene) is None), EVALUATORS[0])
     if name not in EVALUATORS:

@@ -174,6 +174,7 @@ def _convert_first_fault(refused: ValidationError) -> InputError:
 
 
 def _describe_allowed(error: ErrorDetails, path: list[str | int]) -> str:
+    """Describe what is allowed at the place of one of pydantic's errors."""
     model, last = find_model(Design, path[:-1]), next((part for part in reversed(path) if isinstance(part, str)), "")
     if error["type"] == "extra_forbidden":
         return describe_choices(path[-1], model.model_fields)

@@ -135,6 +135,7 @@ class Detector:
         return np.asarray(solve_triangular(self.factor, weights.T, lower=True, trans="T").T)
 
     def _compute_known_tumour(self, v: Floats) -> Floats:
+        """Return eq. PO.5 for whitened signals, shape (n,), of a detector with a single template."""
         u = self.templates[0]
         size = float(np.linalg.norm(u))
         if size == 0.0:

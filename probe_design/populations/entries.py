@@ -86,6 +86,7 @@ class FileEntry(ABC, Generic[Entry]):
         """Return the entry of a design file that states a value."""
 
     def _validate(self, entry: object, info: ValidationInfo) -> Entry:
+        """Return the value of an entry, or raise the error that pydantic reports."""
         try:
             return self.read(entry, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
@@ -225,6 +226,7 @@ class Varied(FileEntry[DesignVariable]):
         return bounds | ({} if value.step is None else {"step": format_number(value.step)})
 
     def _read_values(self, entries: object, min_count: int, max_count: int, units_required: bool) -> tuple[float, ...]:
+        """Return the values of a list; raise ``ValueError`` with the reason where it is none of the allowed length."""
         if not isinstance(entries, list | tuple) or not min_count <= len(entries) <= max_count:
             raise ValueError("not a list of two" if max_count == 2 else "not a list of values")
         required = units_required and self.quantity is not NUMBER_QUANTITY

@@ -227,6 +227,7 @@ def compute_inclusion_readings(
 
 
 def _create_empty_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...]) -> ScanReadings:
+    """Return readings filled with zeros, of n tumours in t tissues from p positions in c channels."""
     n, c, t, p = len(draw), protocol.channels, len(draw.tissues), len(protocol.positions)
     return ScanReadings(
         np.zeros((n, p * c)), {cause: np.zeros((n, p * c)) for cause in ERROR_CAUSES}, draw.tissue,

@@ -214,6 +214,7 @@ class Performance:
         }  # fmt: skip
 
     def _list_numbers(self) -> dict[str, float]:
+        """Return each mean with its errors, by the keys of the JSON object."""
         numbers: dict[str, float] = {}
         for kind in OBJECTIVE_KINDS:
             error = self.errors[kind]

@@ -192,6 +192,7 @@ class DesignLimits(Frozen):
 
     @model_validator(mode="after")
     def _refuse_zero_load(self) -> Self:
+        """Refuse a limit of 0, under which the films give no charge."""
         for key, given in (("force", self.force), ("indentation", self.indentation)):
             if given == 0:
                 raise InputError(key, 0, f"a {key} above 0: at 0 the films give no charge to read")
@@ -199,6 +200,7 @@ class DesignLimits(Frozen):
 
     @model_validator(mode="after")
     def _check_charge_order(self) -> Self:
+        """Refuse limits of the charge that are not in order."""
         if self.charge is not None and not self.charge[0] < self.charge[1]:
             texts = [CHARGE_QUANTITY.format_value(limit) for limit in self.charge]
             raise InputError("charge", texts, "[least, largest], the least first")
@@ -297,6 +299,7 @@ class Objective(Frozen):
         return max(alone, float(np.std([self.compute_statistic(part) for part in parts], ddof=1) / math.sqrt(len(parts))))
 
     def _compute_sampling_error(self, values: Floats) -> float:
+        """Return the standard error of the statistic of values drawn at random."""
         n = len(values)
         if n < 2:
             return 0.0

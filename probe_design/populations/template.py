@@ -37,6 +37,7 @@ def build_design_template() -> str:
 
 
 def _format_section(name: str) -> str:
+    """Return the text of one table of the file."""
     model = Design.model_fields[name].annotation
     assert isinstance(model, type)
     assert issubclass(model, BaseModel)
@@ -47,6 +48,7 @@ def _format_section(name: str) -> str:
 
 
 def _format_keys(model: type[BaseModel]) -> Iterator[str]:
+    """Yield a line for each key of a table: its default or an example, and its meaning."""
     written: dict[str, object] = model().model_dump(mode="json", exclude_none=True)
     for key, field in model.model_fields.items():
         default = written.get(key)

@@ -14,9 +14,9 @@ from geometry.scenes.variables import list_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.population_objective import PopulationObjective
+from probe_design.design_search.robustness import draw_built_designs
 from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.variables import SEPARATE_HEIGHT_NAMES, ProbeSizes, read_vector
-from probe_design.design_search.workshop import draw_built_designs
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
 from tests.support.searches import design
 

@@ -13,9 +13,9 @@ from probe_design.design_report.population_report import build_population_table,
 from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.loads import PressedDesign
 from probe_design.design_search.optimum import PopulationOptimum
+from probe_design.design_search.robustness import Robustness
 from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.verification import PopulationVerification
-from probe_design.design_search.workshop import Robustness
 from probe_design.populations.design_file import read_builtin_design
 from probe_design.populations.examination import examine
 from probe_design.populations.performance import MeanError, Performance

@@ -11,9 +11,8 @@ from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
-from probe_design.design_search.objective import SearchObjective
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.variables import ProbeSizes, has_separate_heights, name_variables, read_vector
-from probe_design.populations.design_file import Design
 
 TOLERANCE_DRAWS, SOBOL_SEED = 64, 22
 LENGTH_SD_M = {"inner_radius": 0.05e-3, "outer_radius": 0.05e-3, "gap": 0.02e-3, "height": 0.05e-3}  # m, one standard deviation
@@ -45,17 +44,18 @@ class Robustness:
         return vars(self) | {"evaluator": "closed-form", "draws": TOLERANCE_DRAWS}
 
 
-def compute_robustness(objective: SearchObjective, design: Design, scene: Scene, materials: tuple[str, ...]) -> Robustness:
+def compute_robustness(objective: PopulationObjective, scene: Scene, materials: tuple[str, ...]) -> Robustness:
     """Return the objective of a scene's probe as drawn and its distribution under workshop tolerances."""
     probe = scene.probe
     poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
     built = np.concatenate([read_vector(scene)[:, None], draw_built_designs(scene, materials)], axis=1)
     values = objective.evaluate_designs(built, poisson)
     finite_values = values[1:][np.isfinite(values[1:])]
+    nominal = float(values[0])
     if not len(finite_values):
-        return Robustness(float(values[0]), float(values[0]), float(values[0]), float(values[0]))
-    low, high = np.quantile(finite_values, [0.05, 0.95])
-    return Robustness(float(values[0]), design.objective.compute_statistic(finite_values), float(low), float(high))
+        return Robustness(nominal, nominal, nominal, nominal)
+    low, high = np.quantile(finite_values, [0.05, 0.95]).tolist()
+    return Robustness(nominal, objective.design.objective.compute_statistic(finite_values), low, high)
 
 
 def draw_built_designs(scene: Scene, materials: tuple[str, ...]) -> Floats:
