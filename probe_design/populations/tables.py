@@ -124,7 +124,8 @@ class Protocol(Frozen):
         description="whether a tumour-free place of the tissue is read too, from which all readings are counted: true or false",
     )
     false_alarm: Annotated[float, PERCENTAGE, Field(ge=1e-4, le=0.5)] = Field(
-        default=0.05, description="share of patients without a tumour in whom one is detected, over the whole scan: 0.0001 to 0.5"
+        default=0.05,
+        description="fraction of patients without a tumour in whom one is detected, over the whole scan: 0.0001 to 0.5",
     )
 
     @field_validator("positions", mode="before")
@@ -263,7 +264,7 @@ class Objective(Frozen):
     maximise: Literal["detection", "resolved", "information"] = Field(
         default="detection",
         description=(
-            "'detection': probability that a tumour is detected; 'resolved': share whose ln contrast is resolved to 0.5 (one "
+            "'detection': probability that a tumour is detected; 'resolved': fraction whose ln contrast is resolved to 0.5 (one "
             "standard deviation); 'information': mean ln(prior / posterior standard deviation) of ln contrast"
         ),
     )
@@ -274,7 +275,7 @@ class Objective(Frozen):
     @model_validator(mode="after")
     def _refuse_quantile_of_fraction(self) -> Self:
         if self.maximise == "resolved" and self.statistic != "mean":
-            raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a share of the tumours")
+            raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a fraction of the tumours")
         return self
 
     def compute_statistic(self, values: Floats) -> float:

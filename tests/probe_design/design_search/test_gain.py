@@ -29,10 +29,10 @@ from tests.support.searches import build_space
 NOISE = Noise()
 
 
-def judged(objective: float, error: float, scene: Scene | None = None) -> TumourVerification:
-    """A candidate whose judge is good to ``error`` of its log-sensitivity."""
-    judged_design = verify_tumour_design(scene or read_scene(SCENE), NOISE, "axisymmetric")
-    return replace(judged_design, value=objective, lower=objective / (1 + error), upper=objective / (1 - error))
+def build_verification(objective: float, error: float, scene: Scene | None = None) -> TumourVerification:
+    """Return a candidate verified to ``error`` of its log-sensitivity."""
+    verified_design = verify_tumour_design(scene or read_scene(SCENE), NOISE, "axisymmetric")
+    return replace(verified_design, value=objective, lower=objective / (1 + error), upper=objective / (1 - error))
 
 
 def build_optimum(scene: Scene, start: TumourVerification, *finalists: TumourVerification) -> TumourOptimum:
@@ -43,13 +43,13 @@ def build_optimum(scene: Scene, start: TumourVerification, *finalists: TumourVer
 
 
 def test_a_gain_counts_beyond_the_errors_of_both() -> None:
-    start = judged(1.0, 0.04)
+    start = build_verification(1.0, 0.04)
 
     def make_optimum(best: TumourVerification) -> TumourOptimum:
         return build_optimum(start.scene, start, best)
 
-    assert make_optimum(judged(0.90, 0.04)).status == "improved"
-    hidden = make_optimum(judged(0.98, 0.04))
+    assert make_optimum(build_verification(0.90, 0.04)).status == "improved"
+    hidden = make_optimum(build_verification(0.98, 0.04))
     assert hidden.status == "no-gain"
     assert hidden.best is start
     for words in (
@@ -60,14 +60,14 @@ def test_a_gain_counts_beyond_the_errors_of_both() -> None:
         "is within its errors",
     ):
         assert words in hidden.verdict
-    worse = make_optimum(judged(1.02, 0.04))
+    worse = make_optimum(build_verification(1.02, 0.04))
     assert "none of 1 designs" in worse.verdict
     assert "1.02" in worse.verdict
 
 
 @pytest.mark.slow
-def test_a_gain_that_the_judge_cannot_tell_is_none() -> None:
-    """15 mm beside the tumour the judge's log-sensitivity is off by 7 times itself for the start: judged finely it tells."""
+def test_a_gain_within_the_errors_of_the_verification_is_none() -> None:
+    """15 mm off the axis the log-sensitivity's error is 7 times itself for the start: the gain counts at a finer accuracy."""
     start = read_scene(EXAMPLES / "two-tumours.toml")
     second_scene = build_space(start).build_scene(np.array([3.1e-3, 0.2088, 0.5e-3, 1.54e-3, 1e6, 1e6]))
     assert second_scene is not None
@@ -80,11 +80,11 @@ def test_a_gain_that_the_judge_cannot_tell_is_none() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("judge", ["axisymmetric", "equivalent-inclusion"])
+@pytest.mark.parametrize("verifier", ["axisymmetric", "equivalent-inclusion"])
 @pytest.mark.parametrize("scene", [read_scene(SCENE), nodule()])
-def test_judge_s_errors_hold_the_objective(scene: Scene, judge: str) -> None:
-    """A coarse judge's range holds what a fine one says."""
-    coarse, fine = verify_tumour_design(scene, NOISE, judge, 0.05), verify_tumour_design(scene, NOISE, "axisymmetric", 1e-4)
+def test_errors_of_the_verification_contain_the_objective(scene: Scene, verifier: str) -> None:
+    """The range of a coarse evaluation contains the value of a fine one."""
+    coarse, fine = verify_tumour_design(scene, NOISE, verifier, 0.05), verify_tumour_design(scene, NOISE, "axisymmetric", 1e-4)
     assert coarse.lower < fine.value < coarse.upper
 
 
@@ -95,7 +95,9 @@ def test_designs_alike_are_merged() -> None:
         probe = scene.probe.model_copy(update={"height": scene.probe.core_height * factor})
         return scene.model_copy(update={"probe": probe})
 
-    kept = merge_designs([judged(1.0, 0.0), judged(0.9, 0.0, moved(1.004)), judged(0.8, 0.0, moved(1.02))])
+    kept = merge_designs(
+        [build_verification(1.0, 0.0), build_verification(0.9, 0.0, moved(1.004)), build_verification(0.8, 0.0, moved(1.02))]
+    )
     assert [design.value for design in kept] == [0.8, 0.9]
 
 
@@ -132,8 +134,10 @@ def test_a_design_is_written_with_the_load_that_it_bears() -> None:
 
 def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywhere() -> None:
     """Table, limits, warnings and page once spoke of the best tried, while the start was what was written."""
-    room, start = build_space(read_scene(SCENE)), judged(1.0, 0.04)
-    tried = replace(judged(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, room.outer_radius)}))
+    room, start = build_space(read_scene(SCENE)), build_verification(1.0, 0.04)
+    tried = replace(
+        build_verification(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, room.outer_radius)})
+    )
     optimum = build_optimum(start.scene, start, tried)
     table = build_comparison_table(optimum)
     assert table.headings[1:3] == ("best tried, no gain", "start, recommended")

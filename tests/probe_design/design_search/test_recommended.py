@@ -29,9 +29,9 @@ NOWHERE = DepthMap(np.ones(1), np.ones(1), np.zeros((1, 1)), np.ones((1, 1)))
 
 @pytest.fixture(scope="module")
 def performance() -> Performance:
-    judged = examine(DESIGN.scene, DESIGN).evaluate(DESIGN)
-    lines = {name: replace(judged, observable=name) for name in CHANNEL_INDICES}
-    return replace(judged, by_observable=lines)
+    verified = examine(DESIGN.scene, DESIGN).evaluate(DESIGN)
+    lines = {name: replace(verified, observable=name) for name in CHANNEL_INDICES}
+    return replace(verified, by_observable=lines)
 
 
 def design_of(scene: Scene, performance: Performance, probabilities: list[float], model: float) -> PopulationVerification:

@@ -40,7 +40,7 @@ def ignore_progress(done: int, total: int) -> None:
 @pytest.mark.parametrize("maximise", ["detection", "resolved", "information"])
 @pytest.mark.parametrize("blank", [True, False])
 def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None:
-    noise = {"white": 0.002, "stiffness_white": 0.002, "charge": 1e-15}  # so small that something is told
+    noise = {"white": 0.002, "stiffness_white": 0.002, "charge": 1e-15}  # so small that some are resolved
     made = make_design(
         objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise
     )
@@ -145,7 +145,7 @@ def test_the_same_question_has_the_same_answer_and_a_tighter_limit_no_better_one
     assert choices[2][0] >= choices[3][0] - 1e-7
 
 
-def test_a_force_is_the_least_that_is_allowed_and_the_judge_takes_it() -> None:
+def test_a_force_is_the_smallest_allowed_and_the_verification_uses_it() -> None:
     made = make_design(limits={"force": 5e-3, "indentation": 1e-4, "charge": [0.0, 1e-12]})
     objective, _ = ready(made)
     pressed = objective.rule.compute_pressed_design(made.scene)

@@ -102,10 +102,10 @@ def test_optimize_from_the_command_line(improved: tuple[Path, Ended]) -> None:
     design = read_scene(output / "design.toml")
     assert verify_tumour_design(design, NOISE, report["evaluator"]).value == pytest.approx(report["objective"], rel=1e-9)
     rows = list(csv.DictReader((output / "candidates.csv").read_text().splitlines()))
-    assert 8 <= len(rows) <= 14  # the start, ten judged designs and what polishing made of the best three, merged
-    judged = [float(row["objective"]) for row in rows]
-    assert judged[0] == pytest.approx(report["baseline_objective"], rel=1e-4)
-    assert judged[1:] == sorted(judged[1:])
+    assert 8 <= len(rows) <= 14  # the start, ten verified designs and refinements of the best three, merged
+    verified = [float(row["objective"]) for row in rows]
+    assert verified[0] == pytest.approx(report["baseline_objective"], rel=1e-4)
+    assert verified[1:] == sorted(verified[1:])
     assert "in place of" in (output / "report.html").read_text()
     assert not [path for path in output.iterdir() if path.name.startswith(".")]
 
@@ -122,24 +122,24 @@ def test_no_gain_is_said_and_exits_1(improved: tuple[Path, Ended], tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("folder", "name", "judge"),
+    ("folder", "name", "verifier"),
     slow_unless(
         lambda case: case[0] == "axisymmetric",
         [("axisymmetric", "shallow", "axisymmetric"), ("solid", "flank", "equivalent-inclusion")],
     ),
 )
-def test_polishing_gains_by_the_judges_own_word(folder: str, name: str, judge: str) -> None:
+def test_refinement_gains_by_the_verifying_evaluator(folder: str, name: str, verifier: str) -> None:
     scene = named(folder, name).scene
-    study = TumourStudy.from_scene(scene, evaluator=judge)
+    study = TumourStudy.from_scene(scene, evaluator=verifier)
     refined = study.refine_scene(scene)
     assert refined is not None
     assert study.verify(refined).value < 0.95 * study.verify(scene).value
 
 
-def test_a_judge_is_one_that_knows_finite_elements(tmp_path: Path) -> None:
+def test_only_finite_elements_verify(tmp_path: Path) -> None:
     scene = REFERENCE / "solid" / "flank.toml"
-    for judge, word in (("closed-form", "one of axisymmetric, equivalent-inclusion"), ("axisymmetric", "axis")):
-        ended = run("optimize", scene, "-o", tmp_path / "out", "--evaluator", judge)
+    for verifier, word in (("closed-form", "one of axisymmetric, equivalent-inclusion"), ("axisymmetric", "axis")):
+        ended = run("optimize", scene, "-o", tmp_path / "out", "--evaluator", verifier)
         assert ended.returncode == 2
         assert word in ended.stderr
         assert ended.stderr.count("\n") <= 3  # progress, and one line

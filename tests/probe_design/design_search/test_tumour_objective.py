@@ -102,7 +102,7 @@ def test_a_load_beyond_linear_elasticity_is_lowered_to_what_references_allow() -
         assert row["ratio"] == pytest.approx(reference["small_load"]["ratio"], rel=0.01)
 
 
-def test_search_and_judge_press_alike() -> None:
+def test_search_and_verification_press_alike() -> None:
     """With all the rule's limits in turn: the scene's load, the tissue's depth, soft blocks, closure."""
     for scene in (read_builtin_scene(), *(read_scene(REFERENCE / "contact" / f"{name}.toml") for name in ("paper", "example"))):
         for load in (Load(force=1e-6), Load(force=100.0), Load(indentation=1e-3)):

@@ -25,10 +25,10 @@ EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 
 
 def loaded(name: str, force: float) -> tuple[TumourVerification, TumourVerification]:
-    """A reference's probe under a force, judged linearly as far as that goes and by contact."""
+    """A reference's probe under a force, verified linearly up to the linear limit, and by contact."""
     scene = scene_of(name).model_copy(update={"load": Load(force=force)})
-    judged_design = verify_tumour_design(Scene.model_validate(scene), NOISE, "axisymmetric")
-    return judged_design, optimize_load(judged_design, NOISE)
+    verified_design = verify_tumour_design(Scene.model_validate(scene), NOISE, "axisymmetric")
+    return verified_design, optimize_load(verified_design, NOISE)
 
 
 def sd(row: dict[str, float], scene: Scene) -> float:
@@ -41,7 +41,7 @@ def sd(row: dict[str, float], scene: Scene) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "k"), [("example", 3), ("equal-blocks-6kpa", 3)])
-def test_contact_judges_what_linear_elasticity_does_not_answer_for(name: str, k: int) -> None:
+def test_contact_verifies_loads_beyond_linear_elasticity(name: str, k: int) -> None:
     row = EXPECTED[name]["rows"][k]
     linear, pressed = loaded(name, row["force"])
     assert linear.pressing.limited_by != "scene"
@@ -66,16 +66,16 @@ def test_beyond_closure_the_gap_is_kept_open() -> None:
 @pytest.mark.timeout(1800)
 def test_a_wider_limit_never_makes_a_design_worse() -> None:
     """Below linear elasticity's end, just beyond it, far beyond it, and beyond what it can be pressed."""
-    judged_designs = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.05, 0.12, 0.3, 3.0)]
-    values = [judged_design.value for judged_design in judged_designs]
+    verified_designs = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.05, 0.12, 0.3, 3.0)]
+    values = [verified_design.value for verified_design in verified_designs]
     assert all(wider <= tighter for tighter, wider in pairwise(values)), values
-    assert [judged_design.evaluator for judged_design in judged_designs[1:]] == ["contact"] * 6
-    assert judged_designs[-1].pressing.limited_by in ("depth", "gap closure")
-    assert judged_designs[-1].pressing.force < 0.5
+    assert [verified_design.evaluator for verified_design in verified_designs[1:]] == ["contact"] * 6
+    assert verified_designs[-1].pressing.limited_by in ("depth", "gap closure")
+    assert verified_designs[-1].pressing.force < 0.5
 
 
 @pytest.mark.slow
-def test_what_is_judged_is_what_the_level_says_when_it_is_asked_alone() -> None:
+def test_the_verification_s_result_is_that_of_contact_alone() -> None:
     _, pressed = loaded("example", 0.09)
     alone = evaluate(pressed.loaded_scene, "contact")
     assert pressed.evaluator == "contact"

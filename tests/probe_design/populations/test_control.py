@@ -14,8 +14,8 @@ from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import Objective
 from tests.support.designs import SUPERFICIAL, example_design
 
-JUDGED, MANY, REPEATS = 40, 512, 2000
-TRUE = 0.6  # of the deflections' sensitivity, in the judge's level; the formulas' is another
+VERIFIED, MANY, REPEATS = 40, 512, 2000
+TRUE = 0.6  # of the deflections' sensitivity, by the verifying evaluator; that of the closed form differs
 
 
 def probabilities(sizes: Floats, slope: float, rng: np.random.Generator, scans: int) -> Floats:
@@ -27,13 +27,13 @@ def repeated(slope: float) -> tuple[Floats, Floats, Floats]:
     """Means, their stated errors, and plain means of repeated samples, the sizes normal."""
     rng, estimates = np.random.default_rng(0), []
     for _ in range(REPEATS):
-        sizes, controls = rng.standard_normal(JUDGED), rng.standard_normal(MANY)
+        sizes, controls = rng.standard_normal(VERIFIED), rng.standard_normal(MANY)
         seed = rng.integers(2**31)
-        judged, predicted = (
+        verified, predicted = (
             probabilities(sizes, chosen_slope, np.random.default_rng(seed), 256) for chosen_slope in (TRUE, slope)
         )
         control = ControlSample(predicted, probabilities(controls, slope, rng, 64), np.zeros(MANY, dtype=int))
-        estimates.append((*estimate_statistic(judged, np.zeros(JUDGED, dtype=int), Objective(), control), judged.mean()))
+        estimates.append((*estimate_statistic(verified, np.zeros(VERIFIED, dtype=int), Objective(), control), verified.mean()))
     mean, error, plain = np.array(estimates).T
     return mean, error, plain
 
@@ -51,8 +51,8 @@ def test_intervals_of_controlled_means_cover_the_truth_though_the_formulas_are_w
 
 def test_formulas_that_know_nothing_do_not_count() -> None:
     rng = np.random.default_rng(1)
-    values, group = rng.uniform(size=JUDGED), np.zeros(JUDGED, dtype=int)
-    control = ControlSample(rng.uniform(size=JUDGED), rng.uniform(size=MANY), np.zeros(MANY, dtype=int))
+    values, group = rng.uniform(size=VERIFIED), np.zeros(VERIFIED, dtype=int)
+    control = ControlSample(rng.uniform(size=VERIFIED), rng.uniform(size=MANY), np.zeros(MANY, dtype=int))
     mean, error = estimate_statistic(values, group, Objective(), control)
     alone = estimate_statistic(values, group, Objective(), None)
     assert mean == alone[0]
@@ -99,7 +99,7 @@ def test_no_errors_within_their_bounds_lose_more_than_those_that_bound_the_level
         assert low < detector.compute_probabilities(signals + random_error).mean() < high
 
 
-def test_more_tissues_may_be_drawn_than_a_judge_has_time_for() -> None:
+def test_more_tissues_may_be_drawn_than_a_verification_has_time_for() -> None:
     design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]})
     population = ScenePopulation.from_scene(design.scene, design.population)
     few_tissues, many_tissues = population.draw_tumours(64), population.draw_tumours(64, tissues=32)

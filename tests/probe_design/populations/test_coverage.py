@@ -29,7 +29,7 @@ NARROW: dict[str, Any] = {
 }  # fmt: skip
 NOISE: dict[str, Any] = {"white": 2e-4, "gain": 0.01, "stiffness_white": 2e-4, "stiffness_gain": 0.002, "charge": "0 pC"}
 SCANS = 2000
-TOLD = 1.959964  # standard deviations on both sides: 95 %
+NORMAL_QUANTILE = 1.959964  # standard deviations on both sides: 95 %
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class SimulatedScans:
         nuisances[:, known.host[0] - 1] += j
         weights = np.linalg.solve(noise.covariance + (nuisances * deviations[1:]) @ (nuisances * deviations[1:]).T, j)
         estimate = self.offs @ weights / (j @ weights)
-        return float((np.abs(estimate - self.contrast) < TOLD * sd).mean())
+        return float((np.abs(estimate - self.contrast) < NORMAL_QUANTILE * sd).mean())
 
 
 def _middle(population: ScenePopulation) -> TumourDraw:

@@ -1,4 +1,4 @@
-"""Probes judged: the two levels, paired differences, and what errors count."""
+"""Probes verified: the two evaluators, paired differences, and which errors count."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.support.designs import SUPERFICIAL, THREE, example_design, verify
 DESIGN = example_design(population={**SUPERFICIAL, "samples": 16}, protocol=THREE)
 
 
-def test_a_probe_is_judged_on_tumours_that_no_search_has_seen() -> None:
+def test_a_probe_is_verified_on_tumours_that_no_search_used() -> None:
     seen, unseen = examine(DESIGN.scene, DESIGN).evaluate(DESIGN), verify(DESIGN.scene, DESIGN, samples=4)
     assert not set(seen.draw.depth.tolist()) & set(unseen.draw.depth.tolist())
     assert unseen.evaluator == "equivalent-inclusion"

@@ -56,23 +56,23 @@ def test_three_lines_are_those_of_a_known_tumour_in_closed_form() -> None:
     noise = {"white": 0.05, "stiffness_white": 0.01, "charge": "0 pC"}
     design = example_design(protocol={**THREE, "stiffness": False}, noise=noise)
     scan = examine(design.scene, design, unseen=True)
-    judgements = scan.evaluate_all_channels(design)
+    performances = scan.evaluate_all_channels(design)
     signal, p, squares = scan.readings.signal[0], 3, {}
     for name, part, white in (("ratio", signal[:p], 0.05), ("stiffness", signal[p:], 0.01)):
         squares[name] = ((part**2).sum() - part.sum() ** 2 / (p + 1)) / white**2
     squares["both"] = sum(squares.values())
-    for name, judgement in judgements.by_observable.items():
-        assert judgement is not None
-        assert judgement.means["detection"] == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
-    assert judgements.means["detection"] == judgements.by_observable["ratio"].means["detection"]  # type: ignore[union-attr]
-    assert judgements.as_dict()["by_observable"]["both"]["detection"] > judgements.means["detection"]
+    for name, performance in performances.by_observable.items():
+        assert performance is not None
+        assert performance.means["detection"] == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
+    assert performances.means["detection"] == performances.by_observable["ratio"].means["detection"]  # type: ignore[union-attr]
+    assert performances.as_dict()["by_observable"]["both"]["detection"] > performances.means["detection"]
 
 
 def test_a_channel_without_noise_that_is_not_read_is_left_out_and_not_refused() -> None:
     design = example_design(protocol={**THREE, "stiffness": False}, noise={"stiffness_white": 0.0})
-    judgement = verify(design.scene, design)
-    assert judgement.by_observable["stiffness"] is judgement.by_observable["both"] is None
-    assert judgement.as_dict()["by_observable"]["both"] is None
+    performance = verify(design.scene, design)
+    assert performance.by_observable["stiffness"] is performance.by_observable["both"] is None
+    assert performance.as_dict()["by_observable"]["both"] is None
 
 
 def test_noise_of_one_channel_is_that_part_of_both() -> None:

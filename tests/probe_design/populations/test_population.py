@@ -1,4 +1,4 @@
-"""Draws of tumours: where they lie, that they are repeated, and that the judge's are others."""
+"""Draws of tumours: where they lie, that they are repeated, and that those of the verification are others."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_draws_fill_their_ranges_evenly() -> None:
             assert np.histogram(shares, 4, (0, 1))[0] == pytest.approx(16, abs=1)
 
 
-def test_a_draw_is_repeated_and_the_judge_s_are_others() -> None:
+def test_a_draw_is_repeated_and_the_verification_s_is_another() -> None:
     once, repeated, unseen, other_seed = (
         drawn(32, **WIDE),
         drawn(32, **WIDE),

@@ -168,7 +168,7 @@ def test_what_the_level_is_unsure_of_moves_tumours_over_the_bound_and_no_others(
 
 @pytest.mark.parametrize("true", [0.0, 0.02, 0.3, 0.97, 1.0])
 def test_errors_of_shares_are_not_below_those_of_repeated_samples(true: float) -> None:
-    """None told of 40 is no proof that none is."""
+    """None resolved of 40 is no proof that none is."""
     samples = (np.random.default_rng(7).random((2000, 40)) < true).astype(float)
     error = np.sqrt(np.mean((samples.mean(axis=1) - true) ** 2))
     stated = np.sqrt(np.mean([compute_fraction_error(row) ** 2 for row in samples]))

@@ -54,7 +54,7 @@ def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
 
 
 @pytest.mark.slow
-def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
+def test_readings_of_the_verification_are_those_of_single_scenes() -> None:
     draw = POPULATION.draw_tumours(2)
     readings = compute_inclusion_readings(draw, DESIGN.protocol, noise=FINE).best
     for number in range(len(draw)):
