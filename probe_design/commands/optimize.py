@@ -206,6 +206,7 @@ def optimize(
 
 
 def _run_search(question: Scene | Design, tell: Stages, settings: JsonMapping) -> PopulationOptimum | TumourOptimum:
+    """Run the search for the tumour of a scene or for the tumours of a design file; the latter states its own settings."""
     from probe_design.design_search.population_study import optimize_for_population
     from probe_design.design_search.tumour_study import optimize_for_tumour
 

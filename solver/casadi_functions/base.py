@@ -39,28 +39,34 @@ class DifferentiableFunction(casadi.Callback):
             self.last = x, self.compute(x)
         return self.last[1]
 
-    def get_n_in(self) -> int:  # noqa: D102
+    def get_n_in(self) -> int:
+        """Return the number of arguments: x alone."""
         return 1
 
-    def get_n_out(self) -> int:  # noqa: D102
+    def get_n_out(self) -> int:
+        """Return the number of values: y alone."""
         return 1
 
-    def get_sparsity_in(self, i: int) -> casadi.Sparsity:  # noqa: D102
+    def get_sparsity_in(self, i: int) -> casadi.Sparsity:
+        """Return the shape of x."""
         return casadi.Sparsity.dense(self.inputs, 1)
 
-    def get_sparsity_out(self, i: int) -> casadi.Sparsity:  # noqa: D102
+    def get_sparsity_out(self, i: int) -> casadi.Sparsity:
+        """Return the shape of y."""
         return casadi.Sparsity.dense(self.outputs, 1)
 
     def eval(self, arg: Sequence[casadi.DM]) -> list[casadi.DM]:
         """Return y at x."""
         return [casadi.DM(self.compute_cached(arg[0])[0])]
 
-    def has_jacobian(self) -> bool:  # noqa: D102
+    def has_jacobian(self) -> bool:
+        """Return that the Jacobian is computed, so that casadi takes no differences."""
         return True
 
-    def get_jacobian(  # noqa: D102
+    def get_jacobian(
         self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Option]
     ) -> casadi.Function:
+        """Return the Jacobian as a casadi function, and keep it as long as this one."""
         self.jacobians.append(_Jacobian(self, name, opts))
         return self.jacobians[-1]
 
@@ -74,16 +80,21 @@ class _Jacobian(casadi.Callback):
         self.construct(name, options)
 
     def get_n_in(self) -> int:
+        """Return the number of arguments: x and y."""
         return 2
 
     def get_n_out(self) -> int:
+        """Return the number of values: dy/dx alone."""
         return 1
 
     def get_sparsity_in(self, i: int) -> casadi.Sparsity:
+        """Return the shape of x or of y."""
         return self.function.get_sparsity_in(0) if i == 0 else self.function.get_sparsity_out(0)
 
     def get_sparsity_out(self, i: int) -> casadi.Sparsity:
+        """Return the shape of dy/dx."""
         return casadi.Sparsity.dense(self.function.outputs, self.function.inputs)
 
     def eval(self, arg: Sequence[casadi.DM]) -> list[casadi.DM]:
+        """Return dy/dx at x."""
         return [casadi.DM(self.function.compute_cached(arg[0])[1])]
