@@ -5,14 +5,8 @@ Noise is the relative standard deviation of one reading of the ratio. Both chann
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING
-
 from geometry.common.errors import InputError
-from geometry.scenes.probe import Film
-
-if TYPE_CHECKING:
-    from geometry.scenes.probe import Probe
+from geometry.scenes.probe import Film, Probe
 
 DEFAULT_NOISE = 0.05  # the paper's "about 5 %", section 3
 DEFAULT_CHARGE_NOISE_C = 0.01e-12  # C: of a good charge amplifier over a second
@@ -48,8 +42,3 @@ def choose_accuracy(noise: float) -> float:
 def find_charge_per_force(probe: Probe) -> float:
     """Return |d33| of a probe's films, C/N; that of a film by default where the probe states none, or states 0."""
     return abs(probe.film.d33 if probe.film else 0.0) or abs(Film().d33)
-
-
-def compute_channel_noise(noise: float) -> float:
-    """Return the relative gain error of each channel, one standard deviation, that gives the ratio this noise."""
-    return noise / math.sqrt(2)

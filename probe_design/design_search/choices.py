@@ -110,8 +110,8 @@ def search_combination(
 ) -> list[Choice]:
     """Return the designs of one combination, best first."""
     space = search_space.pin(combination.pinned)
-    designs = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
-    pairs = zip(designs.designs.T, designs.values.tolist(), strict=True)
+    designs, values = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
+    pairs = zip(designs.T, values.tolist(), strict=True)
     return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:MAX_CHOICES]
 
 
@@ -137,10 +137,10 @@ def _repeat_search(objective: SearchObjective, search_space: SearchSpace, choice
 
 def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:
     """Search with continuous variables, round the best designs, then move to the best neighbour until none is better."""
-    relaxed = search(objective, search_space, _average_poisson(search_space))
+    relaxed, _ = search(objective, search_space, _average_poisson(search_space))
     progress(1, 2 + NEIGHBOUR_ROUNDS)
     tried: dict[str, list[Choice]] = {}
-    for design in relaxed.designs.T[:ROUNDED_DESIGNS]:
+    for design in relaxed.T[:ROUNDED_DESIGNS]:
         _search_untried(objective, search_space, search_space.iterate_nearest(design), tried)
     progress(2, 2 + NEIGHBOUR_ROUNDS)
     for turn in range(NEIGHBOUR_ROUNDS):

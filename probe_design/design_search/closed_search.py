@@ -7,7 +7,6 @@ from the second best of any. A wider limit therefore only adds designs and start
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -34,14 +33,6 @@ IPOPT_OPTIONS: JsonObject = {
 }
 
 
-@dataclass(frozen=True)
-class FoundDesigns:
-    """Designs of a search, best first, shape (variables, n), and their objectives by the closed form, shape (n,)."""
-
-    designs: Floats
-    values: Floats
-
-
 class ObjectiveFunction(DifferentiableFunction):
     """The objective, and the margin of the weaker channel's charge, as functions of ln of some variables, with derivatives.
 
@@ -60,21 +51,19 @@ class ObjectiveFunction(DifferentiableFunction):
     def __init__(self, objective: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
         super().__init__()
         self.objective, self.start, self.which, self.poisson = objective, start, which, poisson
-        self.evaluations = 0
         self.begin("population", len(which), 2)
 
     def compute(self, x: Floats) -> tuple[Floats, Floats]:
         """Return both values and their derivatives; NaN where the closed form fails, from which IPOPT steps back."""
         design = self.start.copy()
         design[self.which] = np.exp(x)
-        self.evaluations += 1
         return self.objective.gradient(design, self.poisson, self.which)
 
 
 def search(
     objective: SearchObjective, space: SearchSpace, poisson: tuple[float, float], effort: SearchEffort | None = None
-) -> FoundDesigns:
-    """Search designs within bounds and return local optima and screened designs together, best first.
+) -> tuple[Floats, Floats]:
+    """Search designs within bounds; return local optima and screened designs, best first, and their objectives.
 
     Parameters
     ----------
@@ -86,6 +75,11 @@ def search(
         Poisson's ratios of both blocks.
     effort
         Effort of the search; default: that of the objective.
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Designs, shape (variables, n), and their objectives by the closed form, shape (n,).
     """
     effort = effort or objective.effort
     designs = screen(space, effort.screened)
@@ -198,6 +192,7 @@ def refine_by_ipopt(
     return np.asarray(np.clip(optimum, space.low, space.high))
 
 
-def _sort_designs(designs: Floats, values: Floats) -> FoundDesigns:
+def _sort_designs(designs: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return designs and their objectives, best first."""
     order = np.argsort(-values, kind="stable")
-    return FoundDesigns(designs[:, order], values[order])
+    return designs[:, order], values[order]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import InputError, Refusal, describe_choices
+from geometry.common.errors import InputError, Refusal
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Load
 from probe_design.design_search.choices import Progress, search_combinations
@@ -16,7 +16,6 @@ from probe_design.design_search.population_study import PopulationStudy
 from probe_design.design_search.search_space import build_search_space
 from probe_design.populations.design_file import Design
 
-COST_KINDS = ("outer_radius", "force", "positions")
 COST_LABELS = {
     "outer_radius": "limit of the outer radius, mm",
     "force": "limit of the force, N",
@@ -60,15 +59,7 @@ class Front:
 
 
 def compute_front(design: Design, against: str, progress: Progress) -> Front:
-    """Return a Pareto front whose end points are verified.
-
-    Raises
-    ------
-    InputError
-        The name of the cost is not allowed.
-    """
-    if against not in COST_KINDS:
-        raise InputError("pareto", against, describe_choices(against, COST_KINDS))
+    """Return a Pareto front against a cost, a key of ``COST_LABELS``; its end points are verified."""
     points: list[Point] = []
     designs = list(_list_designs(design, against))
     for k, (cost, limited_design) in enumerate(designs):
@@ -88,7 +79,7 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
     return Front(against, tuple(points))
 
 
-def _list_designs(design: Design, against: str) -> Any:
+def _list_designs(design: Design, against: str) -> Iterator[tuple[float, Design]]:
     """Yield each cost, the smallest first, with the design file limited to it."""
     if against == "outer_radius":
         max_cost = build_search_space(design).outer_radius
@@ -97,10 +88,8 @@ def _list_designs(design: Design, against: str) -> Any:
     elif against == "force":
         max_cost = design.limits.force or design.scene.load.force or 0.5
         for limit in np.geomspace(max_cost / 100, max_cost, POINTS_PER_FRONT).tolist():
-            limits, scene = (
-                design.limits.model_copy(update={"force": limit}),
-                design.scene.model_copy(update={"load": Load(force=limit)}),
-            )
+            limits = design.limits.model_copy(update={"force": limit})
+            scene = design.scene.model_copy(update={"load": Load(force=limit)})
             yield limit, design.model_copy(update={"limits": limits, "scene": scene})
     else:
         places = design.protocol.places

@@ -28,7 +28,6 @@ from probe_design.data.noise import (
     DEFAULT_CHARGE_NOISE_C,
     DEFAULT_NOISE,
     check_noise,
-    compute_channel_noise,
     find_charge_per_force,
 )
 from probe_design.design_search.loads import PressingRule
@@ -86,8 +85,9 @@ class Noise:
 
         ``inner_fraction`` is the inner film's fraction of ``force``, N; the outer film has the remainder.
         """
-        full = self.charge / (self.charge_per_force * force)
-        variance = 2 * compute_channel_noise(self.ratio) ** 2 + (full / inner_fraction) ** 2 + (full / (1 - inner_fraction)) ** 2
+        charge_error = self.charge / (self.charge_per_force * force)  # of a film that had the whole force
+        inner, outer = charge_error / inner_fraction, charge_error / (1 - inner_fraction)
+        variance = self.ratio**2 + inner**2 + outer**2
         return sensitivity**2 / variance
 
 

@@ -176,7 +176,12 @@ class TumourStudy:
         finalists = self._verify_best(search, tell)
         if any(map(needs_contact, (start, *finalists))):
             finalists = merge_designs((*finalists, *self._search_loaded(tell)))
-            start = self._press_start(start, finalists, tell)
+            tell("pressing the start by contact", 0, 1)
+            loaded = optimize_load(start, self.noise)
+            if loaded is start and finalists and finalists[0].evaluator == CONTACT_EVALUATOR:
+                loaded = evaluate_by_contact(start, self.noise)  # so that both have errors of the same model
+            start = loaded
+            tell("pressing the start by contact", 1, 1)
         hidden = finalists and finalists[0].value < start.value and not finalists[0].is_better_than(start)
         if hidden and start.linear is None and finalists[0].linear is None:
             with suppress(Refusal):  # errors hide the gain: verify start and best more accurately
@@ -290,20 +295,6 @@ class TumourStudy:
         """Return whether a design could become better than the best so far by more load."""
         size = abs(verified.result.log_sensitivity or 0.0)
         return size > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * size) < best
-
-    def _press_start(
-        self, start: TumourVerification, finalists: tuple[TumourVerification, ...], tell: Progress
-    ) -> TumourVerification:
-        """Return the start under its best load up to the scene's.
-
-        If the best candidate is evaluated by ``contact``, so is the start, so that both have errors of the same model.
-        """
-        tell("pressing the start by contact", 0, 1)
-        loaded = optimize_load(start, self.noise)
-        if loaded is start and finalists and finalists[0].evaluator == CONTACT_EVALUATOR:
-            loaded = evaluate_by_contact(start, self.noise)
-        tell("pressing the start by contact", 1, 1)
-        return loaded
 
 
 def remove_load_limit(scene: Scene) -> Scene:

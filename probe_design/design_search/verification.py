@@ -19,6 +19,7 @@ from probe_design.design_search.variables import is_same_design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import Objective
 from solver import Result, evaluator
+from solver.closed_form.evaluator import ClosedForm
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_limits import build_limits
 from solver.planning.loads import bound_log_sensitivity_change, compute_sensitivity_size
@@ -274,9 +275,7 @@ def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICA
 
 def evaluate_closed_form(scenes: Sequence[Scene], accuracy: float = VERIFICATION_ACCURACY) -> list[FilmSolution | InputError]:
     """Return the closed form's result or refusal for each scene; ten scenes take twice the time of one."""
-    closed_form = evaluator("closed-form")
-    assert isinstance(closed_form, FilmEvaluator)
-    return closed_form.solve_many(scenes, [accuracy] * len(scenes))
+    return ClosedForm().solve_many(scenes, [accuracy] * len(scenes))
 
 
 def _set_load(scene: Scene, pressed: Pressing) -> Scene:

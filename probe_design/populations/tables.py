@@ -14,14 +14,13 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import LENGTH_QUANTITY, Frozen, Length
 from geometry.scenes.scene import MAX_LAYERS, Force, Indentation
 from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
-from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE
+from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE, MAX_NOISE
 from probe_design.populations.entries import NUMBER_QUANTITY, DesignVariable, Range, Ranged, Varied
 
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
 FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
 DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS = 64, 4096, 101
-MAX_NOISE = 10.0
 
 Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
 Moduli = Annotated[Range, Ranged(MODULUS_QUANTITY)]
