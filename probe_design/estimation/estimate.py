@@ -86,16 +86,12 @@ def estimate(
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion of unknown {unknown}")
     model_accuracy = choose_accuracy(float(data.noise[data.is_ratio].min()) / 4) if accuracy is None else accuracy
     check_accuracy(model_accuracy)
-    model = TargetModel(scene, data, model_accuracy)
-    is_useless = data.is_stiffness & (model.stiffness_error > data.noise)
-    if is_useless.any():
-        limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
-        notes = (*notes, f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise")
-        model = replace(model, data=data.select(~is_useless))
+    model, stiffness_notes = _drop_useless_stiffnesses(TargetModel(scene, data, model_accuracy))
+    notes += stiffness_notes
     loaded_model = None if linear else _build_loaded_model(model, unknown, accuracy, nuisance_sds)
     if loaded_model is not None:
         phases, model = model.data.is_phase.sum(), loaded_model.unloaded_model
-        notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
+        notes += (f"{phases} phases left out: nothing is known of them at this load",) if phases else ()
     findings = search_unknown(model, unknown, nuisance_sds, loaded_model)
     result = _build_estimate(findings, _fit_depth_and_strength(findings), nuisance_sds, notes, start)
     if not advise:
@@ -105,6 +101,16 @@ def estimate(
         return replace(result, warnings=(*result.warnings, warning))
     advice = choose_next_reading(model, unknown, nuisance_sds, result.identifiable)
     return replace(result, next=advice, seconds=perf_counter() - start)
+
+
+def _drop_useless_stiffnesses(model: TargetModel) -> tuple[TargetModel, tuple[str, ...]]:
+    """Return the model without stiffnesses that it predicts less accurately than they were measured, and a note on these."""
+    is_useless = model.data.is_stiffness & (model.stiffness_error > model.data.noise)
+    if not is_useless.any():
+        return model, ()
+    limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
+    note = f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise"
+    return replace(model, data=model.data.select(~is_useless)), (note,)
 
 
 def _build_loaded_model(
