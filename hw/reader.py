@@ -171,6 +171,7 @@ class Reader:
         return join_samples(parts)
 
     def _count_samples(self, seconds: float) -> int:
+        """Return the number of samples in a duration."""
         count = seconds * self.header.rate
         if not 0.5 < count < 2**62:
             raise InvalidSource(f"seconds = {seconds}: allowed: a sample, {1 / self.header.rate:g} s, or more")
@@ -207,6 +208,7 @@ def build_decoder(header: Header) -> Decoder:
 
 
 def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
+    """Open a recording, or a file of another program."""
     if is_from_other_program(path):
         return open_file(path, columns, limits)
     if columns != DEFAULT_COLUMNS:
@@ -215,6 +217,7 @@ def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transpor
 
 
 def _open_transport(source: str | VirtualProbe, rate: float | None, columns: ColumnMap, limits: ReadLimits) -> Transport:
+    """Open the transport that a source names."""
     if isinstance(source, VirtualProbe):
         return UsbTransport(source.serial, rate, backend=source)
     kind, _, name = source.partition(":")

@@ -78,6 +78,7 @@ class Recorder:
         self.close()
 
     def _append_record(self, tag: bytes, chunk: Chunk) -> None:
+        """Append a record with its checksum."""
         note = chunk.note.encode()[:65535]
         when = time.monotonic() if chunk.time is None else chunk.time
         head = _RECORD_HEAD.pack(tag, when - self._begin, chunk.stream, len(note), len(chunk.data))
@@ -221,6 +222,7 @@ class _FirstLine(Header):
 
 
 def _read_header(line: bytes, path: Path) -> Header:
+    """Read the header from a file's first line. Raises ``InvalidSource``."""
     from pydantic import TypeAdapter, ValidationError
 
     try:

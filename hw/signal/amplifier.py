@@ -62,8 +62,8 @@ class ChargeAmplifier:
         if not frequency >= MIN_FREQUENCY_RATIO * self.corner:
             text = f"{frequency:.3g} Hz lies far below the charge amplifier's corner of {self.corner:.3g} Hz"
             raise TooSlow(f"{text}: load at {10 * self.corner:.2g} Hz or faster, or take a larger feedback resistance")
-        turn = 2j * np.pi * frequency * self.time_constant
-        return complex(-turn / (1 + turn) / self.capacitance)
+        j_w_tau = 2j * np.pi * frequency * self.time_constant
+        return complex(-j_w_tau / (1 + j_w_tau) / self.capacitance)
 
     def compute_tolerance(self, frequency: float, calibrated_at: float | None = None) -> Floats:
         """Return the covariance of (re, im) of ln H that the parts' tolerances cause, shape (2, 2).

@@ -134,6 +134,7 @@ class ReadingFit:
         self._waiting, self._count = [], 0
 
     def _fit_first(self, piece: int) -> None:
+        """Fit the first ``piece`` rows of the waiting samples."""
         samples = join_samples(self._waiting)
         first, remaining = samples.select_before(int(samples.index[piece])), samples.select_from(int(samples.index[piece]))
         self._waiting, self._count = [remaining], len(remaining)
@@ -197,9 +198,11 @@ def _combine_fits(fits: Sequence[SineFit]) -> SineFit:
     harmonics = [turn**orders * fit.harmonics[:harmonic_count] for turn, fit in zip(turns, fits, strict=True)]
 
     def stack(name: str) -> NDArray[Any]:
+        """Stack an attribute of all fits."""
         return np.stack([getattr(fit, name) for fit in fits])
 
     def add_independent_sds(name: str) -> Floats:
+        """Return the standard deviation of the weighted mean of an attribute."""
         return np.asarray(np.sqrt(np.tensordot(weights**2, stack(name) ** 2, 1)))
 
     return replace(

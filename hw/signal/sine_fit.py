@@ -145,6 +145,7 @@ def fit_stretch(samples: Samples, frequency: float) -> SineFit:
 
 
 def _check_samples(samples: Samples, requested: int) -> None:
+    """Refuse too few of the requested samples, dead channels, and films with equal numbers."""
     min_samples = 4 * (2 * (MAX_HARMONICS + MAX_MAINS_HARMONICS) + DRIFT_COEFFICIENTS)
     if len(samples.index) < max(min_samples, MIN_SAMPLE_FRACTION * requested):
         needed = f"at least {min_samples} and a fraction of {MIN_SAMPLE_FRACTION:g} are needed"
@@ -166,6 +167,7 @@ def _find_load_frequency(samples: Samples, span: float, nominal: float) -> float
 
 
 def _drop_saturated(samples: Samples) -> Samples:
+    """Return the rows that are saturated in no channel."""
     good = ~samples.saturated.any(axis=1)
     if good.all():
         return samples
@@ -187,6 +189,7 @@ def check_rate(frequency: float, rate: float) -> None:
 
 
 def _check_frequency(frequency: float, span: float, rate: float) -> None:
+    """Refuse a load at the mains, with too few periods, or sampled too slowly."""
     check_rate(frequency, rate)
     if frequency * span < MIN_CYCLES:
         raise TooShort(f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {MIN_CYCLES:g} are needed")
@@ -195,6 +198,7 @@ def _check_frequency(frequency: float, span: float, rate: float) -> None:
 
 
 def _count_below_nyquist(frequency: float, rate: float, max_count: int) -> int:
+    """Return how many harmonics of a frequency the sampling rate allows, at least 1."""
     return max(1, min(max_count, int(0.45 * rate / frequency)))
 
 
@@ -227,6 +231,7 @@ def _solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
 
 
 def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> Lines:
+    """Add the mains and its harmonics to the model if they stand out of the residuals."""
     frequency = find_mains(samples, compute_residual(lines, t, samples.volts, solved.coefficients), lines.frequencies)
     if frequency is None:
         return lines
@@ -238,6 +243,7 @@ def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> L
 
 
 def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> SineFit:
+    """Build the result of a fit from its solution and residuals."""
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
     residuals = compute_residual(lines, t, samples.volts, coefficients)
     density = estimate_density(samples, residuals, lines.load, lines.frequencies, solved.noise)

@@ -122,15 +122,15 @@ def estimate_density(samples: Samples, residual: Floats, frequency: float, fitte
     white
         Covariance of the residual's samples, V^2.
     """
-    waves = compute_spectrum(samples, residual, padding=DENSITY_PADDING, hann=False)
-    reach = NEIGHBOUR_LINES * waves.width
-    lines = waves.exclude_lines(fitted).select_band(max(2 * waves.width, frequency - reach), frequency + reach)
+    spectrum = compute_spectrum(samples, residual, padding=DENSITY_PADDING, hann=False)
+    reach = NEIGHBOUR_LINES * spectrum.width
+    lines = spectrum.exclude_lines(fitted).select_band(max(2 * spectrum.width, frequency - reach), frequency + reach)
     total, count = (residual**2).sum(axis=0), len(lines.frequencies) // DENSITY_PADDING
     if count < MIN_LINES or not np.all(total > 0):
         return white
-    nearby = (lines.sums.T @ lines.sums.conj()).real / len(lines.frequencies)
-    excess = np.diag(nearby) / total
-    if np.all(np.abs(excess - 1) < 3 / np.sqrt(count)):
+    mean_products = (lines.sums.T @ lines.sums.conj()).real / len(lines.frequencies)
+    colours = np.diag(mean_products) / total  # power near f over that of white noise of the same variance
+    if np.all(np.abs(colours - 1) < 3 / np.sqrt(count)):
         return white
     scale = np.sqrt(np.diag(white) / total)
-    return np.asarray(nearby * np.outer(scale, scale) * (1 + 2 / count))
+    return np.asarray(mean_products * np.outer(scale, scale) * (1 + 2 / count))  # enlarged, since few lines are averaged

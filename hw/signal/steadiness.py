@@ -86,6 +86,7 @@ def _count_blocks(lines: Lines, rows: int, unknowns: int) -> int:
 
 
 def _fit_block(lines: Lines, t: Floats, volts: Floats, middle: float, half: float) -> tuple[Complexes, float]:
+    """Fit one block; return its amplitudes, with phases from the record's middle, and their relative variance."""
     block_lines = Lines(lines.load, lines.harmonics, lines.mains, lines.hums, half)
     normal, right = build_normal_equations(block_lines, t - middle, volts)
     inverse = np.linalg.pinv(normal, hermitian=True)

@@ -112,14 +112,14 @@ def _estimate_bending(fit: SineFit, noise: Floats, has_force: bool) -> tuple[Flo
 
     A harmonic of the load itself is the same fraction a_h / a_1 of every channel (a_h: amplitude of the h-th harmonic).
     """
-    spread = np.sqrt(noise * fit.variance)
+    amplitude_sds = np.sqrt(noise * fit.variance)
     weights = np.abs(fit.amplitudes) ** 2 / np.maximum(noise, np.finfo(float).tiny)
     channel_bending, common_bending = np.zeros(len(noise)), 0.0
     for order, harmonic in enumerate(fit.harmonics, 2):
         fractions = harmonic / fit.amplitudes
         mean = (fractions * weights).sum() / weights.sum()
         excess = np.abs(fractions - mean) * np.abs(fit.amplitudes)
-        channel_bending = np.hypot(channel_bending, np.where(excess > DETECTED_SD * spread, BENDING_FACTOR * excess, 0.0))
+        channel_bending = np.hypot(channel_bending, np.where(excess > DETECTED_SD * amplitude_sds, BENDING_FACTOR * excess, 0.0))
         # of odd harmonics in all channels only a force channel shows whether the load has them
         if order % 2 and not has_force and abs(mean) > DETECTED_SD / np.sqrt(weights.sum() / fit.variance):
             common_bending = BENDING_FACTOR * float(abs(mean))
@@ -127,6 +127,7 @@ def _estimate_bending(fit: SineFit, noise: Floats, has_force: bool) -> tuple[Flo
 
 
 def _list_warnings(fit: SineFit, channels: tuple[str, ...], common_sd: float, relative_sds: Floats) -> list[str]:
+    """List what the uncertainties count, samples left out, and mains that suggest a wrong sampling rate."""
     warnings = []
     if common_sd > 0:
         warnings.append(f"the load changes or is bent by up to {100 * common_sd:.2g} %: counted in the uncertainties")

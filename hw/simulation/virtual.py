@@ -150,6 +150,7 @@ def make_virtual_probe(
 
 
 def _fill_buffer(buffer: array[int], data: bytes) -> int:
+    """Copy data into a buffer; return how many bytes fit."""
     size = min(len(data), len(buffer) * buffer.itemsize)
     memoryview(buffer).cast("B")[:size] = data[:size]
     return size

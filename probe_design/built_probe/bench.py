@@ -175,6 +175,7 @@ class Reference(Frozen):
 
     @model_validator(mode="after")
     def _check_modulus(self) -> Self:
+        """Refuse a modulus of a pin or ring, a missing one of tissue, and a leak of tissue."""
         if (self.youngs_modulus is None) == (self.on == "tissue"):
             entry = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
             raise InputError("youngs_modulus", entry, "given for on = 'tissue', and for nothing else")

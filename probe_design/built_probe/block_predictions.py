@@ -202,6 +202,7 @@ def _solve_block(scene: Scene) -> tuple[Converged, float]:
 
 
 def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
+    """Predict one block, with derivatives with respect to the named numbers of the scene."""
     solution, log_ratio = _solve_block(scene)
     gradient = compute_gradients(scene, solution.sample)
     log_derivatives = gradient.derivatives["ratio"][0] / gradient.values["ratio"][0]
@@ -225,6 +226,7 @@ def differentiate_area_ratio(probe: Probe, name: str) -> float:
 
 
 def _get_tolerance(name: str, value: float, workshop: Workshop) -> float:
+    """Return the standard deviation of a variable by the workshop's tolerances, SI."""
     if name == BLOCK_MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
         return 0.0
     if name.endswith("modulus"):

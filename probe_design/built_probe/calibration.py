@@ -196,6 +196,7 @@ def _list_waveform_warnings(measurements: Sequence[Measurement], references: Seq
 
 
 def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
+    """List what the readings leave undetermined: force scale, common factor, cross-talk."""
     warnings = list_scale_warnings(gains.force_scale, bench)
     if not gains.absolute:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")

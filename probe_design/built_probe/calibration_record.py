@@ -97,6 +97,7 @@ class CalibrationRecord(Frozen):
 
     @model_validator(mode="after")
     def _check_shapes(self) -> CalibrationRecord:
+        """Refuse arrays that do not fit each other, a singular matrix, and what is no covariance."""
         gains = self.build_gains()
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
         v = len(self.variables)

@@ -215,6 +215,7 @@ def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> No
 
 
 def _check_probe(contents: JsonObject, name: str, scene: Scene) -> None:
+    """Refuse a reading of a probe that differs from the scene's."""
     numbers = contents.get("probe")
     if not isinstance(numbers, dict):
         raise InputError(f"{name}: probe", Words("missing" if "probe" not in contents else "no table"), READ_AGAIN_HINT)
@@ -230,6 +231,7 @@ def compute_spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
 
 
 def _get_number(contents: JsonObject, key: str, name: str) -> float:
+    """Return the number of a key. Raises ``InputError``; ``name`` is the file's."""
     value = contents.get(key)
     if not _is_number(value):
         raise InputError(f"{name}: {key}", Words("missing") if key not in contents else value, f"a number, as {READING_ORIGIN}")
@@ -242,6 +244,7 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 def _get_placement(place: Any, name: str) -> tuple[float, float]:
+    """Return x and y of a placement, m. Raises ``InputError``; ``name`` is the file's."""
     values = place if isinstance(place, list) else []
     if len(values) != 2 or not all(_is_number(value) and abs(value) <= MAX_PLACEMENT_M for value in values):
         raise InputError(f"{name}: placement", place, f"x and y in m, up to {MAX_PLACEMENT_M:g} m, as {READING_ORIGIN}")

@@ -106,9 +106,8 @@ def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Float
     p A dT, a drift V = p A dT / Cf (BP.3). The electronics' own offset adds to them, so that this is a bound.
     """
     areas = PYROELECTRIC_COEFFICIENT * np.array([probe.inner_area, probe.outer_area])
-    resistance, capacitance = np.array(
-        [[amplifier.resistance, amplifier.capacitance] for amplifier in bench.amplifier.build_films()]
-    ).T
+    amplifiers = bench.amplifier.build_films()
+    resistance, capacitance = np.array([(amplifier.resistance, amplifier.capacitance) for amplifier in amplifiers]).T
     steady = np.abs(measurement.fit.offsets[:2]) * measurement.fit.seconds / (resistance * areas)
     return np.asarray(steady + measurement.fit.drift[:2] * capacitance / areas)
 

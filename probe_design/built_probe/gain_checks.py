@@ -194,6 +194,7 @@ def _find_odd_references(observations: Sequence[Observation], predictions: Block
 
 
 def _build_contradiction(misfit: str, odd_references: Sequence[Reference]) -> InputError:
+    """Build the error for readings that contradict each other, with the reference to read again if one is wrong."""
     remedy = "readings that agree with each other and with the predictions; no exchange of cables or references explains these"
     if odd_references:
         names = ", or on the ".join(reference.name for reference in odd_references)

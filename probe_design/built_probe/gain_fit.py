@@ -93,6 +93,7 @@ def estimate_gains(observations: Sequence[Observation], predictions: BlockPredic
 
 
 def _build_unresolved_error(gain_sd: float) -> InputError:
+    """Build the error for references that leave a gain with this relative standard deviation."""
     entry = Words(f"these leave a gain uncertain by {gain_sd:.2g}")
     references = "two or more references on which the films' fractions of the load differ"
     return InputError("reference", entry, f"{references}: a pin on the inner and a ring on the outer block do most")
@@ -124,6 +125,7 @@ class _GainProblem:
 
     @cached_property
     def references(self) -> list[Reference]:
+        """The reference of each reading."""
         return [observation.reference for observation in self.observations]
 
     @cached_property
@@ -133,6 +135,7 @@ class _GainProblem:
 
     @cached_property
     def has_known_load(self) -> bool:
+        """Whether the load on a reference is known independently."""
         return any(reference.known_force is not None for reference in self.references)
 
     @property
@@ -142,6 +145,7 @@ class _GainProblem:
 
     @property
     def is_scale_confirmed(self) -> bool:
+        """Whether a known load has confirmed the force channel's scale, now or before."""
         return (self.bench.force is not None and self.bench.force.verified) or self.has_known_load
 
     @cached_property
@@ -165,6 +169,7 @@ class _GainProblem:
         return np.concatenate([entries, log_loads, self.predictions.log_ratios, others])
 
     def _split(self, unknowns: Floats) -> _Unknowns:
+        """Split the vector of unknowns, in the order of ``build_start``."""
         sizes = (self.entry_count, len(self.observations), len(self.predictions.blocks), self._leak_effects.shape[1])
         entries, log_loads, log_ratios, leaks, scale = np.split(unknowns, np.cumsum(sizes))
         matrix = np.append(entries, np.ones(4 - len(entries))).reshape(2, 2)

@@ -102,5 +102,6 @@ def find_common_serial(boards: Mapping[str, str | None]) -> str | None:
 
 
 def _format_names(names: list[str]) -> str:
+    """Format names for a message, at most three of them."""
     suffix = f" and {len(names) - MAX_SHOWN_NAMES} more" if len(names) > MAX_SHOWN_NAMES else ""
     return ", ".join(names[:MAX_SHOWN_NAMES]) + suffix

@@ -264,6 +264,7 @@ def _predict_at_load(
 
 
 def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
+    """List losses, the measurement's warnings, and what a missing calibration or ratio means."""
     lost = {
         "gaps": measurement.losses.gaps,
         "overruns": measurement.losses.overruns,

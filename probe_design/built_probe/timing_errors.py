@@ -93,6 +93,7 @@ def _differentiate_responses(bench: Bench, frequency: float) -> Complexes:
 
 
 def _warn_of_wrong_rate(measurement: Measurement, bench: Bench) -> list[str]:
+    """Return a warning if the load's frequency differs significantly from the drive's."""
     fit = measurement.fit
     error = fit.frequency / bench.load.frequency - 1
     if abs(error) <= SIGNIFICANT_SD * math.hypot(bench.load.frequency_tolerance, fit.frequency_sd / fit.frequency):

@@ -166,6 +166,7 @@ class VirtualBench:
         return tuple(self._build_signals(item, 1 + run * len(forces) + k) for k, item in enumerate(forces))
 
     def _build_signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:
+        """Build the signals under both films' forces, N; each run has its own noise."""
         return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run])
 
 

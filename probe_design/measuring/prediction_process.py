@@ -13,7 +13,7 @@ from solver.results.result import Result
 
 MIN_READING_S = 60.0  # s: a longer reading justifies the second that a process takes to start
 TIME_LIMIT_S = 86_400.0  # s: the solver has its own limits
-Question = tuple[Scene, float, bool, float]  # what ``predict_scene`` is given
+Arguments = tuple[Scene, float, bool, float]  # of ``predict_scene``
 
 
 def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: float) -> Result:
@@ -24,16 +24,16 @@ def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: f
     ProbeError
         Any error of ``reading.predict_scene``.
     """
-    question = scene, accuracy, linear, frequency
+    arguments = scene, accuracy, linear, frequency
     try:
-        result: Result = run_program(Path(__file__), (question, get_limits()), TIME_LIMIT_S)
+        result: Result = run_program(Path(__file__), (arguments, get_limits()), TIME_LIMIT_S)
     except Failure:  # also for a refused scene: computing it here raises the original error
-        return predict_scene(*question)
+        return predict_scene(*arguments)
     return result
 
 
-def run(request: tuple[Question, Limits]) -> Result:
+def run(request: tuple[Arguments, Limits]) -> Result:
     """Compute the prediction in the child process."""
-    question, limits = request
+    arguments, limits = request
     with use_limits(limits):
-        return predict_scene(*question)
+        return predict_scene(*arguments)

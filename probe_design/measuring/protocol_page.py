@@ -107,6 +107,7 @@ def draw_page(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], na
 
 
 def _format_headline(probe: Probe, name: str) -> str:
+    """Format the scene's name and the probe's dimensions and moduli."""
     radii = (
         f"inner radius {format_mm(probe.inner_radius)}, gap {format_mm(probe.gap)}, outer radius {format_mm(probe.tube_radius)}"
     )
@@ -138,6 +139,7 @@ def _draw_section(axes: Axes, probe: Probe, part: str, title: str) -> None:
 
 
 def _build_pressing_outlines(sizes: fixture.FixtureSizes, part: str) -> list[list[tuple[float, float]]]:
+    """Build the outlines, mm, of the carrier with its pin or ring, as corners of rectangles."""
     low, top, foot = -fixture.CARRIER_RISE_MM - sizes.sleeve, -fixture.CARRIER_RISE_MM, sizes.carrier + fixture.SLEEVE_WALL_MM
     boxes = [(-foot, foot, low - fixture.FOOT_HEIGHT_MM, low), (-sizes.carrier, sizes.carrier, low, top)]
     inner, outer = sizes.ring

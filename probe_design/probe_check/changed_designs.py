@@ -91,6 +91,7 @@ class Changes:
         return np.stack([self._compute_derivative(deviation, name) for name in names or self.names], axis=1)
 
     def _compute_derivative(self, deviation: Deviation, name: str) -> Floats:
+        """Return the deviation's derivative with respect to a step of one variable, shape (k,)."""
         if name == GAIN_NAME:
             return np.ones(len(deviation.logs))
         derivative = self.predictions.derivatives[:, self.predictions.variables.index(name)]
@@ -100,6 +101,7 @@ class Changes:
         return (derivative - deviation.get_bias(name)) * (1.0 if _is_additive(name) else value)
 
     def _predict(self, values: Floats) -> BlockPredictions:
+        """Predict the blocks for changed values of the variables."""
         new = dict(zip(self.names, values.tolist(), strict=True))
         new.pop(GAIN_NAME, None)
         if not new:
@@ -182,12 +184,15 @@ def _halve_step(changes: Changes, deviation: Deviation, errors: LinearGaussian, 
 
 
 def _compute_chi_square(changes: Changes, deviation: Deviation, errors: LinearGaussian) -> float:
+    """Return the chi-square of the deviation that remains with the changed design."""
     return float(errors.compute_chi_square(changes.compute_residual(deviation)))
 
 
 def _get_nominal(predictions: BlockPredictions, name: str) -> float:
+    """Return a variable's value as drawn, SI; 1 for the relative gain."""
     return 1.0 if name == GAIN_NAME else float(predictions.nominal[predictions.variables.index(name)])
 
 
 def _is_additive(name: str) -> bool:
+    """Whether a variable is changed by adding to it, not by a factor."""
     return name.endswith("poisson_ratio")

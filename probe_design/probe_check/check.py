@@ -226,6 +226,7 @@ class Comparison:
 
     @property
     def _expected_fractions(self) -> Floats:
+        """The inner film's expected fraction of the load on each block."""
         return compute_inner_fractions(self.predictions.log_ratios, self.bench.blocks)
 
     def _agrees(self, films: Films, swap: Swap) -> bool:
@@ -253,6 +254,7 @@ def _compute_log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple
 
 
 def _build_blocks(scene: Scene, bench: Bench, deviation: Deviation) -> tuple[BlockDeviation, ...]:
+    """Build the comparison of each block, in ratios of stresses."""
     areas = scene.probe.outer_area / scene.probe.inner_area
     ratios, predictions = np.exp(deviation.logs) * areas, np.exp(deviation.drawn) * areas
     read_sd, variance = deviation.reading_sd, np.diag(deviation.build_errors().covariance)

@@ -66,6 +66,7 @@ def compute_coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> t
 
 
 def _test_variable(deviation: Deviation, name: str, tolerance: float) -> VariableCoverage:
+    """Compute how well a check tests one variable."""
     column = deviation.workshop[name]
     probability = compute_power(deviation, {name: DETECTED_TOLERANCES}) if np.any(column != 0) else 0.0
     reason = "" if probability >= MIN_POWER else _explain_hidden(deviation, name, tolerance)
@@ -101,6 +102,7 @@ def _explain_hidden(deviation: Deviation, name: str, tolerance: float) -> str:
 
 
 def _iterate_reduced(deviation: Deviation, name: str) -> Iterator[tuple[str, Deviation]]:
+    """Yield each source of uncertainty, as the reason, with the deviation without it."""
     noise = f"not observable at this noise: noise and gains make {_format_reading_sd(deviation)} of a ratio"
     yield noise, deviation.shrink_errors("noise", "gains")
     yield "the tolerances of other variables hide it, which do the same to the ratios", _isolate_variable(deviation, name)
@@ -108,10 +110,12 @@ def _iterate_reduced(deviation: Deviation, name: str) -> Iterator[tuple[str, Dev
 
 
 def _isolate_variable(deviation: Deviation, name: str) -> Deviation:
+    """Return the deviation without the tolerances of all other variables."""
     return replace(deviation, workshop={name: deviation.workshop[name]})
 
 
 def _is_detected(deviation: Deviation, name: str) -> bool:
+    """Whether a deviation of five tolerances is detected with a probability of at least 0.5."""
     return bool(np.any(deviation.workshop[name] != 0)) and compute_power(deviation, {name: DETECTED_TOLERANCES}) >= MIN_POWER
 
 

@@ -153,6 +153,7 @@ def find_cancelling_pairs(deviation: Deviation) -> tuple[CancellingPair, ...]:
 
 
 def _list_movable(deviation: Deviation) -> list[str]:
+    """List the variables that change any ratio."""
     return [name for name, column in deviation.workshop.items() if np.any(column != 0)]
 
 

@@ -146,6 +146,7 @@ def build_explanation(fit: Fit, deviation: Deviation, index: int = 0) -> Explana
 
 
 def _build_pair(fit: Fit, deviation: Deviation) -> VariablePair:
+    """Build the explanation by both variables of a fit."""
     first, second = (build_explanation(fit, deviation, index) for index in (0, 1))
     return VariablePair(first, second, first.chi_square, first.p_value, first.explains)
 
@@ -159,5 +160,6 @@ def _fit_variable(deviation: Deviation, name: str, shift: Floats, nominal: float
 
 
 def _explain(name: str, change: float, uncertainty: float, nominal: float, *, chi_square: float, freedom: int) -> Explanation:
+    """Build an explanation from a fit's chi-square and degrees of freedom."""
     p_value = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Explanation(name, change, uncertainty, nominal, chi_square, p_value, explains=p_value >= SIGNIFICANCE_LEVEL)

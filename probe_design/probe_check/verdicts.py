@@ -104,6 +104,7 @@ def _decide_single(names: Sequence[str]) -> tuple[str, str]:
 
 
 def _decide_several(pairs: Sequence[VariablePair], odd_blocks: Sequence[str]) -> tuple[str, str]:
+    """Return verdict and reason where no single variable explains the deviation: a pair, a wrong reading, or neither."""
     explaining = [pair for pair in pairs if pair.explains]
     close = [
         " with ".join(pair.variables)
