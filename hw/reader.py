@@ -21,10 +21,11 @@ from hw.files.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
 from hw.reading_recorder import ReadingRecorder
 from hw.recordings.recording import Replay
-from hw.serial_port.transport import SerialTransport
+from hw.serial_port.device import SerialDevice
 from hw.simulation.virtual import VirtualProbe
-from hw.usb.transport import UsbTransport
+from hw.usb.device import UsbDevice
 from hw.wire.decoder import FrameDecoder
+from hw.wire.stream import StreamTransport
 
 CLOCKED_TRANSPORTS = ("usb", "serial")  # transports that deliver samples in real time, so that arrival times check the rate
 SOURCE_FORMS = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
@@ -219,12 +220,12 @@ def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transpor
 def _open_transport(source: str | VirtualProbe, rate: float | None, columns: ColumnMap, limits: ReadLimits) -> Transport:
     """Open the transport that a source names."""
     if isinstance(source, VirtualProbe):
-        return UsbTransport(source.serial, rate, backend=source)
+        return StreamTransport(UsbDevice(source.serial, source), rate)
     kind, _, name = source.partition(":")
     if kind == "usb":
-        return UsbTransport(name or None, rate)
+        return StreamTransport(UsbDevice(name or None), rate)
     if kind == "serial" and name:
-        return SerialTransport(name, rate)
+        return StreamTransport(SerialDevice(name), rate)
     if kind == "visa" and name:
         return ScopeTransport.open(name, resolve_channel_numbers(columns), rate)
     if kind == "replay" and name:

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from geometry.common.errors import InputError
 from geometry.common.text_files import read_text
-from geometry.provenance.block import build_provenance
-from geometry.provenance.digest import compute_digest
+from geometry.provenance.block import build_provenance, compute_digest
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes
 from geometry.scenes.probe import Probe, format_mm
 

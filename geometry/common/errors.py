@@ -89,9 +89,11 @@ class _Repr(reprlib.Repr):
         self.maxstring = self.maxother = 100
 
     def repr_bool(self, value: bool, level: int) -> str:
+        """Describe a boolean as TOML writes it."""
         return str(value).lower()
 
     def repr_int(self, value: int, level: int) -> str:
+        """Describe an integer, a huge one by its size."""
         # Python refuses to write integers of more than 4300 digits
         return self.repr_str(str(value), level).strip("'") if value.bit_length() < 10_000 else f"<{value.bit_length()} bits>"
 
@@ -100,10 +102,12 @@ _VALUE_REPR = _Repr()
 
 
 def _describe_value(value: object) -> str:
+    """Describe a refused value in at most 200 characters."""
     return _shorten(str(value) if isinstance(value, Words) else _VALUE_REPR.repr(value), 200)
 
 
 def _shorten(text: str, limit: int) -> str:
+    """Return a text without its middle where it is longer than a limit."""
     half = limit // 2 - 2
     return text if len(text) <= limit else f"{text[:half]}...{text[-half:]}"
 

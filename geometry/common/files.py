@@ -14,7 +14,7 @@ from geometry.common.errors import InputError
 from geometry.common.interrupts import defer_signals
 
 # what another name for the output helps against; a full disk is no fault of the name
-_OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS,
+_NAME_ERRORS = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS,
                 errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL}  # fmt: skip
 
 
@@ -70,16 +70,17 @@ def _make_folder(folder: Path) -> Iterator[None]:
 
 
 def _move_together(drafts: Path, folder: Path, names: Sequence[str], once: bool) -> Iterator[Path]:
+    """Yield the folder of drafts, and move the drafts to their places afterwards; remove what is left."""
     try:
         yield drafts
         for name in names:
-            _flush(drafts / name)
+            flush_to_disk(drafts / name)
             if os.path.isdir(folder / name):
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
         with defer_signals():
             for name in names:
                 (_place_once if once else os.replace)(drafts / name, folder / name)
-            _flush(folder)
+            flush_to_disk(folder)
     finally:
         with defer_signals():
             shutil.rmtree(drafts)
@@ -95,7 +96,7 @@ def _place_once(draft: Path, path: Path) -> None:
         except OSError:  # a file system without links, where who reads meanwhile may see half a file
             with path.open("xb") as file:
                 file.write(draft.read_bytes())
-            _flush(path)
+            flush_to_disk(path)
 
 
 def check_writable(folder: Path, key: str = "output") -> None:
@@ -112,7 +113,7 @@ def check_writable(folder: Path, key: str = "output") -> None:
         with tempfile.TemporaryFile(dir=_find_existing_folder(folder)):
             pass
     except OSError as fault:
-        if fault.errno not in _OF_THE_NAME:
+        if fault.errno not in _NAME_ERRORS:
             raise
         raise InputError(
             key, str(folder), f"a folder that files can be written to: {_describe_obstacle(folder, fault)}"
@@ -159,7 +160,8 @@ def write_text(path: Path, text: str) -> Path:
     return path
 
 
-def _flush(path: Path) -> None:
+def flush_to_disk(path: Path) -> None:
+    """Flush a file, or a folder with the names in it, to the disk, so that it survives a power loss."""
     if path.is_dir() and os.name == "nt":  # Windows opens no folders
         return
     handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)

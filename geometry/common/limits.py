@@ -50,4 +50,5 @@ def _to_millimetres(length: float) -> Decimal:
 
 
 def _round_to_text(value: Decimal, rounding: str, digits: int) -> str:
+    """Format a number rounded to significant digits in a given direction."""
     return f"{float(Context(prec=digits, rounding=rounding).plus(value)):.{digits}g}"

@@ -185,6 +185,7 @@ class Child:
         self.close()
 
     def _end_late(self, seconds: float) -> None:
+        """Kill the process at the end of a time limit."""
         self._late_after = f"{seconds:.3g} s"
         self.kill()
 
@@ -202,6 +203,7 @@ class Child:
         return Died(code, self._read_last_line())
 
     def _read_last_line(self) -> str:
+        """Return the last line of the process's standard error; empty where it was not kept."""
         if self._errors is None:
             return ""
         self._errors.seek(0)
@@ -209,6 +211,7 @@ class Child:
         return lines[-1] if lines else ""
 
     def _remove_files(self) -> None:
+        """Close the kept standard error, and remove the folder of temporary files."""
         if self._errors is not None:
             self._errors.close()
         self._folder.cleanup()

@@ -26,14 +26,15 @@ def main(program: str, seconds: int, memory: int) -> None:
         signal.alarm(seconds + ALARM_MARGIN_S)
     if memory:
         _limit_memory(memory)
-    answers = os.fdopen(os.dup(1), "wb")
+    replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # text that libraries print must not mix with the responses
 
     def send(kind: str, content: object) -> None:
+        """Send a response; end the process if the parent is gone."""
         message = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)  # whole, or an error before anything is written
         try:
-            answers.write(message)
-            answers.flush()
+            replies.write(message)
+            replies.flush()
         except BrokenPipeError:  # the parent is gone
             os._exit(1)
 

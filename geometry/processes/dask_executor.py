@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
 from queue import Empty, SimpleQueue
@@ -27,6 +28,7 @@ COUNT_TIMEOUT_S = 2.0  # seconds for the scheduler to return the number of worke
 BATCHES_PER_WORKER = 2  # batches queued for each worker, so that none waits for the next
 MAX_DASK_FAULTS = 4  # errors of Dask with one batch, other than the death of a worker, before the sweep ends
 SLOW_BATCH_FACTOR, MIN_SLOW_BATCH_S = 5.0, 5.0  # times the usual duration, and seconds: slower batches are duplicated
+_DASK_ERRORS = (OSError, RuntimeError, ValueError, TimeoutError)  # raised by a client whose scheduler is gone or hangs
 _NOISY_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that report lost connections
 
 
@@ -73,13 +75,13 @@ class DaskExecutor(Generic[Item, Row]):
         self._submitted: list[_SubmittedBatch[Item]] = []
         self._usual_seconds: float | None = None
         self._count_time, self._worker_count = -1.0, 1
-        self._scheduler_silence, self._answer_silence = SilenceMonitor(log), SilenceMonitor(log)
+        self._scheduler_silence, self._worker_silence = SilenceMonitor(log), SilenceMonitor(log)
         try:
             _check_address(address)
             self._client: Any = self._connect_client()
         except Exception as fault:  # Dask may raise anything, even MemoryError for a bad message length
             self._set_log_levels(self._log_levels)
-            reason = " ".join(str(fault).split())[:120] or "no answer in time"
+            reason = " ".join(str(fault).split())[:120] or "no response in time"
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
 
     def count_workers(self) -> int:
@@ -87,7 +89,7 @@ class DaskExecutor(Generic[Item, Row]):
         if time.monotonic() - self._count_time > 1.0:
             try:
                 threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_TIMEOUT_S)
-            except (OSError, RuntimeError, ValueError, TimeoutError):
+            except _DASK_ERRORS:
                 self._report_scheduler("has not answered", "start it again")
             else:
                 self._worker_count = max(1, sum(threads.values()))
@@ -116,9 +118,10 @@ class DaskExecutor(Generic[Item, Row]):
             if self._client.status != "running":
                 self._reconnect()
             self.count_workers()  # reports a scheduler that hangs
-            finished = [answer for submitted in list(self._submitted) if (answer := self._poll_batch(submitted)) is not None]
+            outcomes = [(submitted.number, self._poll_batch(submitted)) for submitted in list(self._submitted)]
+            finished = [(number, outcome) for number, outcome in outcomes if outcome is not None]
             if finished or not self._submitted:
-                self._answer_silence.reset()
+                self._worker_silence.reset()
             self._report_workers()
             if finished or time.monotonic() >= deadline:
                 return finished
@@ -128,12 +131,12 @@ class DaskExecutor(Generic[Item, Row]):
     def _report_scheduler(self, text: str, remedy: str) -> None:
         """Report a problem of the scheduler; silent workers are then not reported as well."""
         self._scheduler_silence.report(f"the Dask scheduler {self._address} {text}", remedy)
-        self._answer_silence.reset()
+        self._worker_silence.reset()
 
     def _report_workers(self) -> None:
         """Report that no batch has finished for longer than expected."""
         max_silence = self._limits.seconds if self._usual_seconds is None else SLOW_BATCH_FACTOR * self._usual_seconds
-        self._answer_silence.report("no Dask worker has answered", "see to them", min_silence=max_silence)
+        self._worker_silence.report("no Dask worker has answered", "see to them", min_silence=max_silence)
 
     def close(self) -> None:
         """Disconnect from the cluster; running batches are cancelled."""
@@ -142,37 +145,32 @@ class DaskExecutor(Generic[Item, Row]):
 
     def _start_attempt(self, submitted: _SubmittedBatch[Item]) -> None:
         """Start one more attempt at a batch; a lost scheduler is noticed later, in ``collect``."""
-        try:
-            future = self._client.submit(evaluate_batch, self._job, self._limits, submitted.items, pure=False)
-            submitted.futures.append(future)
-        except (OSError, RuntimeError, ValueError):
-            return
+        with suppress(*_DASK_ERRORS):
+            submitted.futures.append(self._client.submit(evaluate_batch, self._job, self._limits, submitted.items, pure=False))
 
-    def _poll_batch(self, submitted: _SubmittedBatch[Item]) -> tuple[int, Outcome[Row]] | None:
-        """Return a batch if one of its futures is finished; start it again if they were lost."""
+    def _poll_batch(self, submitted: _SubmittedBatch[Item]) -> Outcome[Row] | None:
+        """Return the outcome of a batch if one of its futures has it; start it again if all of them were lost."""
         for future in list(submitted.futures):
-            if future.status == "finished":
-                outcome = self._fetch_outcome(future)
-            elif future.status in ("error", "cancelled", "lost"):
-                outcome = self._read_failure(submitted, future)
-            else:
+            if future.status not in ("finished", "error", "cancelled", "lost"):
                 continue
-            if outcome is not None:
+            if (outcome := self._read_outcome(submitted, future)) is not None:
                 self._finish_batch(submitted)
-                return submitted.number, outcome
+                return outcome
             submitted.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
-            if not submitted.futures:
-                submitted.submit_time = time.monotonic()
-                self._start_attempt(submitted)
+            submitted.submit_time = submitted.submit_time if submitted.futures else time.monotonic()
         if not submitted.futures:
             self._start_attempt(submitted)
         return None
 
-    def _read_failure(self, submitted: _SubmittedBatch[Item], future: Any) -> Outcome[Row] | None:
-        """Return the outcome of a failed future, or None if the batch is to be tried again."""
-        if future.status != "error":  # cancelled or lost together with the scheduler
-            return None
-        fault = self._fetch_exception(future)
+    def _read_outcome(self, submitted: _SubmittedBatch[Item], future: Any) -> Outcome[Row] | None:
+        """Return the outcome of a future that has ended, or None if the batch is to be tried again."""
+        fault = None  # also of a future that was cancelled or lost together with the scheduler
+        with suppress(Exception):  # whatever goes wrong on the way: the batch is computed again
+            if future.status == "finished":
+                outcome: Outcome[Row] = future.result(timeout=FETCH_TIMEOUT_S)
+                return outcome
+            if future.status == "error":
+                fault = future.exception(timeout=FETCH_TIMEOUT_S)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
             return Outcome(unfinished=len(submitted.items), failure="the Dask workers that held it died")
         submitted.faults += fault is not None
@@ -180,22 +178,6 @@ class DaskExecutor(Generic[Item, Row]):
             return None
         reason = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
         return Outcome(refusal=f"Dask workers cannot run this program, of this version ({reason})")
-
-    def _fetch_outcome(self, future: Any) -> Outcome[Row] | None:
-        """Fetch the outcome of a finished future, or return None."""
-        try:
-            outcome: Outcome[Row] = future.result(timeout=FETCH_TIMEOUT_S)
-            return outcome
-        except Exception:  # whatever went wrong on the way: the batch is computed again
-            return None
-
-    def _fetch_exception(self, future: Any) -> BaseException | None:
-        """Fetch the exception of a failed future, or return None."""
-        try:
-            fault: BaseException | None = future.exception(timeout=5)
-            return fault
-        except Exception:
-            return None
 
     def _finish_batch(self, submitted: _SubmittedBatch[Item]) -> None:
         """Release the futures of a batch and update the usual duration."""
@@ -243,20 +225,20 @@ class DaskExecutor(Generic[Item, Row]):
 
     def _connect_client(self) -> Any:
         """Return a client. Raises whatever Dask raises where there is no scheduler, ``TimeoutError`` without a response."""
-        answers: SimpleQueue[Any] = SimpleQueue()
+        responses: SimpleQueue[Any] = SimpleQueue()
 
         def connect() -> None:
             try:
                 asyncio.run(asyncio.wait_for(_check_scheduler(self._address), 2 * CONNECTION_TIMEOUT_S))
-                answers.put(self._distributed.Client(self._address, timeout=CONNECTION_TIMEOUT_S, set_as_default=False))
+                responses.put(self._distributed.Client(self._address, timeout=CONNECTION_TIMEOUT_S, set_as_default=False))
             except Exception as fault:
-                answers.put(fault)
+                responses.put(fault)
 
         threading.Thread(target=connect, daemon=True).start()
         try:
-            client_or_fault = answers.get(timeout=CLIENT_TIMEOUT_S)
+            client_or_fault = responses.get(timeout=CLIENT_TIMEOUT_S)
         except Empty:
-            raise TimeoutError(f"no answer within {CLIENT_TIMEOUT_S:g} s") from None
+            raise TimeoutError(f"no response within {CLIENT_TIMEOUT_S:g} s") from None
         if isinstance(client_or_fault, Exception):
             raise client_or_fault
         return client_or_fault
@@ -266,10 +248,8 @@ class DaskExecutor(Generic[Item, Row]):
         for submitted in self._submitted:
             for future in submitted.futures:
                 future.release()
-        try:
+        with suppress(*_DASK_ERRORS):
             self._client.close(timeout=5)
-        except (OSError, RuntimeError, ValueError, TimeoutError):
-            return
 
 
 def _check_address(address: str) -> None:
@@ -290,6 +270,6 @@ async def _check_scheduler(address: str) -> None:
         except (OSError, TypeError, ImportError):  # no connection, or no such protocol
             raise
         except Exception:  # another protocol: a wrong message length may raise anything
-            raise ConnectionError("what answers there is no Dask scheduler") from None
+            raise ConnectionError("what responds there is no Dask scheduler") from None
     if identity.get("type") != "Scheduler":
-        raise ConnectionError(f"what answers there is a Dask {identity.get('type')}")
+        raise ConnectionError(f"what responds there is a Dask {identity.get('type')}")

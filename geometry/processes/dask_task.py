@@ -8,7 +8,6 @@ from __future__ import annotations
 import pickle
 import threading
 from collections.abc import Sequence
-from time import monotonic
 from typing import Any
 
 from geometry.common.resources import Limits
@@ -17,49 +16,8 @@ from geometry.processes.local_executor import Worker
 
 _STANDARD_ERROR = 2  # its file descriptor
 MAX_IDLE_TIME_S = 60.0  # seconds without work after which a process is stopped
-
-
-class _IdleProcesses:
-    """Worker processes without work, each with the job and limits that it was started for."""
-
-    def __init__(self) -> None:
-        self._idle: list[tuple[float, bytes, Worker[Any, Any]]] = []
-        self._lock, self._is_scheduled = threading.Lock(), False
-
-    def borrow(self, name: bytes) -> Worker[Any, Any] | None:
-        """Take an idle process for this job and these limits, or return None."""
-        with self._lock:
-            entry = next((item for item in self._idle if item[1] == name), None)
-            if entry is None:
-                return None
-            self._idle.remove(entry)
-            return entry[2]
-
-    def give_back(self, name: bytes, worker: Worker[Any, Any]) -> None:
-        """Keep a process for the next batch."""
-        with self._lock:
-            self._idle.append((monotonic(), name, worker))
-            self._schedule_check()
-
-    def _schedule_check(self) -> None:
-        """Check for idle processes later, as long as there are any."""
-        if self._idle and not self._is_scheduled:
-            self._is_scheduled = True
-            timer = threading.Timer(MAX_IDLE_TIME_S, self._stop_old)
-            timer.daemon = True
-            timer.start()
-
-    def _stop_old(self) -> None:
-        """Stop processes that have been idle for long."""
-        with self._lock:
-            old = [item for item in self._idle if monotonic() - item[0] >= 0.9 * MAX_IDLE_TIME_S]
-            self._idle, self._is_scheduled = [item for item in self._idle if item not in old], False
-            self._schedule_check()
-        for _, _, worker in old:
-            worker.stop()
-
-
-_IDLE_PROCESSES = _IdleProcesses()
+_IDLE_WORKERS: dict[Worker[Any, Any], tuple[bytes, threading.Timer]] = {}  # each with its job and limits, and its end
+_LOCK = threading.Lock()  # of the idle workers: a Dask worker may have several threads
 
 
 def evaluate_batch(job: Job[Item, Row], limits: Limits, items: Sequence[Item]) -> Outcome[Row]:
@@ -75,7 +33,30 @@ def evaluate_batch(job: Job[Item, Row], limits: Limits, items: Sequence[Item]) -
         The batch.
     """
     name = pickle.dumps((job, limits))
-    worker = _IDLE_PROCESSES.borrow(name) or Worker(job, limits, _STANDARD_ERROR)
+    worker = _take_idle_worker(name) or Worker(job, limits, _STANDARD_ERROR)
     outcome = worker.evaluate(items)
-    _IDLE_PROCESSES.give_back(name, worker)
+    timer = threading.Timer(MAX_IDLE_TIME_S, _stop_idle_worker, (worker,))
+    timer.daemon = True
+    with _LOCK:
+        _IDLE_WORKERS[worker] = name, timer
+    timer.start()
     return outcome
+
+
+def _take_idle_worker(name: bytes) -> Worker[Any, Any] | None:
+    """Take an idle worker with this job and these limits, or return None."""
+    with _LOCK:
+        for worker, (idle_name, timer) in _IDLE_WORKERS.items():
+            if idle_name == name:
+                timer.cancel()
+                del _IDLE_WORKERS[worker]
+                return worker
+    return None
+
+
+def _stop_idle_worker(worker: Worker[Any, Any]) -> None:
+    """Stop a worker unless it has got work meanwhile."""
+    with _LOCK:
+        is_idle = _IDLE_WORKERS.pop(worker, None) is not None
+    if is_idle:
+        worker.stop()

@@ -26,7 +26,7 @@ class ChildThreads(ThreadPoolExecutor):
     Examples
     --------
     >>> with ChildThreads(2) as threads:  # doctest: +SKIP
-    ...     results = [threads.submit(run_program, *one) for one in questions]
+    ...     results = [threads.submit(run_program, *request) for request in requests]
     """
 
     def __init__(self, count: int) -> None:

@@ -1,15 +1,17 @@
 """Build the provenance block, which records the origin of numbers.
 
 The block is a plain dictionary: ``format`` and ``version`` of the block itself, ``program`` and ``dependencies`` (versions),
-``scene`` (digest of ``geometry.provenance.digest``), ``evaluator``, ``accuracy``, ``seed``, ``command`` (the words after the
+``scene`` (its digest), ``evaluator``, ``accuracy``, ``seed``, ``command`` (the words after the
 program's name, None in Python) and ``inputs`` (SHA-256 of the files that these words name). It contains no absolute path: such a
 path in the command is replaced by its last name.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -19,12 +21,13 @@ from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
 from geometry.common.json_types import JsonObject
-from geometry.provenance.digest import compute_file_digest, compute_scene_digest
 from geometry.scenes.scene_file import read_scene
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
 
+DIGEST_DIGITS = 9  # significant digits of a number: smaller differences leave the digest unchanged
+MAX_DIGEST_BYTES = 4_000_000_000  # bytes: read in some seconds; larger files get no digest
 BLOCK_FORMAT, BLOCK_VERSION = "probe-design provenance", 1
 DEPENDENCIES = (
     "numpy",
@@ -111,8 +114,8 @@ def build_provenance(
     return {
         "format": BLOCK_FORMAT,
         "version": BLOCK_VERSION,
-        "program": _find_version("probe-design"),
-        "dependencies": {name: number for name in DEPENDENCIES if (number := _find_version(name)) is not None},
+        "program": find_version("probe-design"),
+        "dependencies": {name: number for name in DEPENDENCIES if (number := find_version(name)) is not None},
         "scene": _compute_digest(request.scene if scene is None else scene),
         **settings,
         "command": list(request.words) or None,
@@ -129,11 +132,12 @@ def _compute_digest(scene: Scene | Path | None) -> str | None:
 
 
 def _remove_folders(word: str) -> str:
+    """Return a word of a command line with each absolute path replaced by its last name."""
     return _FROM_ROOT.sub(r"\1", word)
 
 
 @lru_cache(maxsize=32)
-def _find_version(name: str) -> str | None:
+def find_version(name: str) -> str | None:
     """Return the version of a distribution; None where it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
@@ -141,3 +145,37 @@ def _find_version(name: str) -> str | None:
         return version(name)
     except PackageNotFoundError:
         return None
+
+
+def compute_digest(content: Mapping[str, object]) -> str:
+    """Return the SHA-256 of numbers, to ``DIGEST_DIGITS``, and texts by their names."""
+    return hashlib.sha256(json.dumps(_round_numbers(content), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def compute_scene_digest(scene: Scene) -> str:
+    """Return the digest of a scene: it depends neither on units and defaults in its file, nor on the names of surface files."""
+    tables = scene.model_dump()
+    for body in tables["inclusion"]:
+        if body["surface"] is not None:
+            body["surface"] = compute_file_digest(Path(body["surface"])) or Path(body["surface"]).name
+    return compute_digest(tables)
+
+
+def compute_file_digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file's content; None for a pipe or a folder, and for a file that is too large or unreadable."""
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_DIGEST_BYTES:
+            return None
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return None
+
+
+def _round_numbers(value: object) -> object:
+    """Return a value with all floats in it as texts of ``DIGEST_DIGITS`` digits."""
+    if isinstance(value, float):
+        return f"{value:.{DIGEST_DIGITS}g}"
+    if isinstance(value, Mapping):
+        return {key: _round_numbers(element) for key, element in value.items()}
+    return [_round_numbers(element) for element in value] if isinstance(value, list | tuple) else value

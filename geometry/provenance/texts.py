@@ -98,6 +98,7 @@ def _parse_content(text: str) -> dict[str, object]:
 
 
 def _parse_toml(text: str) -> dict[str, object]:
+    """Return the tables of a TOML text. Raises ``InputError``."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:

@@ -50,6 +50,7 @@ class Drain:
         self._thread.join()
 
     def _run(self) -> None:
+        """Read the transport until it ends or the drain is closed, and wait while too many chunks are in the queue."""
         try:
             while not self._stopped:
                 chunk = self._transport.read()

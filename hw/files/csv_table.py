@@ -77,6 +77,7 @@ def read_csv(path: Path) -> ColumnTable:
 
 
 def _read_text(path: Path) -> str:
+    """Return the text of a file in UTF-8, UTF-16 or Latin-1. Raises ``InvalidSource``."""
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise build_refusal(
@@ -96,6 +97,7 @@ def _read_text(path: Path) -> str:
 
 
 def _split_cells(lines: list[str], delimiter: str | None) -> Iterator[list[str]]:
+    """Return the cells of each line; without a delimiter blanks separate them."""
     if delimiter is None:
         return ([cell.strip('"') for cell in line.split()] for line in lines)
     return ([cell.strip() for cell in row] for row in _split_records(lines, delimiter))
@@ -108,6 +110,7 @@ def _split_records(lines: list[str], delimiter: str) -> Iterator[list[str]]:
 
 
 def _detect_layout(lines: list[str], path: Path) -> TextLayout:
+    """Return the layout in which most cells of the first lines are numbers. Raises ``InvalidSource``."""
     sample = lines[:SAMPLE_LINES]
     best: tuple[tuple[float, int], TextLayout] | None = None
     for delimiter in (";", "\t", ",", None):
@@ -144,10 +147,12 @@ def _find_first_row(cells: list[list[str]], rows: list[list[bool]], width: int) 
 
 
 def _is_number(cell: str, comma: bool) -> bool:
+    """Return whether a cell is a number, with a decimal comma or point."""
     return (_COMMA_NUMBER if comma else _POINT_NUMBER).fullmatch(cell) is not None
 
 
 def _is_missing(cell: str) -> bool:
+    """Return whether a cell states that its number is missing or out of range."""
     return cell.lower() in MISSING_WORDS or cell.lower() in OVERLOAD_VALUES
 
 
@@ -181,6 +186,7 @@ def _find_row_length(cells: list[str]) -> int:
 
 
 def _are_units(cells: list[str]) -> bool:
+    """Return whether more than half of the filled cells are units, so that the row is one of units."""
     known = [
         cell.strip("()[] ") in VOLT_UNITS.keys() | SECOND_UNITS.keys() or cell.lower() == "sequence" for cell in cells if cell
     ]
@@ -220,6 +226,7 @@ def _get_unit_seconds(next_cells: list[str]) -> float:
 
 
 def _read_numbers(path: Path, layout: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
+    """Return the numbers of the wanted columns, shape (rows, columns). Raises ``InvalidSource``."""
     values = np.empty((len(lines) - layout.begin, len(wanted)))
     for i, row in enumerate(_split_cells(lines[layout.begin :], layout.delimiter)):
         if len(row) != layout.width:
@@ -235,6 +242,7 @@ def _read_numbers(path: Path, layout: TextLayout, lines: list[str], wanted: list
 
 
 def _parse_word(label: str, cell: str) -> float:
+    """Return infinity for a word of overload, NaN for a missing number. Raises ``InvalidSource`` for other words."""
     if cell.lower() in OVERLOAD_VALUES:
         return OVERLOAD_VALUES[cell.lower()]
     if cell.lower() in MISSING_WORDS:

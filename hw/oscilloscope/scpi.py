@@ -68,7 +68,7 @@ class Dialect:
     ends: tuple[int, int]
     rate: tuple[str, ...] = ()
 
-    def read_scaling(self, answer: str) -> Scaling:
+    def read_scaling(self, response: str) -> Scaling:
         """Read the scales from the response to ``scaling``.
 
         Raises
@@ -77,16 +77,16 @@ class Dialect:
             The response has another form.
         """
         try:
-            fields = [float(word) for word in answer.replace(";", ",").split(",")]
+            fields = [float(word) for word in response.replace(";", ",").split(",")]
             if self is TEKTRONIX:
                 interval, step, zero, offset = fields
-                return _check_scaling(Scaling(interval, step, zero, offset), answer)
+                return _check_scaling(Scaling(interval, step, zero, offset), response)
             _, _, _, _, interval, _, _, step, origin, reference = fields
         except ValueError as fault:
-            raise ProtocolError(f"the oscilloscope's scales are {answer!r}: not in the form of its family") from fault
+            raise ProtocolError(f"the oscilloscope's scales are {response!r}: not in the form of its family") from fault
         if self is RIGOL:  # Rigol's origin is in codes, Keysight's in volts
-            return _check_scaling(Scaling(interval, step, origin + reference, 0.0), answer)
-        return _check_scaling(Scaling(interval, step, reference, origin), answer)
+            return _check_scaling(Scaling(interval, step, origin + reference, 0.0), response)
+        return _check_scaling(Scaling(interval, step, reference, origin), response)
 
     def decode(self, block: bytes, scaling: Scaling) -> tuple[Floats, Bools]:
         """Decode a block of codes to volts and saturation, shape (n,) each."""
@@ -149,8 +149,9 @@ def find_dialect(identity: str) -> str:
     raise ProtocolError(f"oscilloscope {identity.strip()!r}: only families of {', '.join(DIALECTS)} are known")
 
 
-def _check_scaling(scaling: Scaling, answer: str) -> Scaling:
+def _check_scaling(scaling: Scaling, response: str) -> Scaling:
+    """Return scales that can convert codes to volts. Raises ``ProtocolError`` for others."""
     finite = np.isfinite([scaling.interval, scaling.step, scaling.zero, scaling.offset]).all()
     if not (finite and scaling.interval > 0 and scaling.step > 0):
-        raise ProtocolError(f"the oscilloscope's scales are {answer!r}: is the channel switched on?")
+        raise ProtocolError(f"the oscilloscope's scales are {response!r}: is the channel switched on?")
     return scaling

@@ -69,7 +69,7 @@ class ScopeTransport:
             self.close()
             raise
         acquisition = json.loads(self._first.note)
-        scaling = [DIALECTS[self._dialect].read_scaling(answer) for answer in acquisition["scales"]]
+        scaling = [DIALECTS[self._dialect].read_scaling(response) for response in acquisition["scales"]]
         scale = tuple(channel_scaling.step for channel_scaling in scaling)
         maker, model, serial, firmware = (*str(identity).split(","), "", "", "")[:4]
         source: dict[str, object] = {
@@ -135,9 +135,11 @@ class ScopeTransport:
 
     @property
     def _commands(self) -> Dialect:
+        """The commands of the instrument's family."""
         return DIALECTS[self._dialect]
 
     def _acquire(self) -> Chunk:
+        """Take one acquisition and read all channels of it."""
         dialect = self._commands
         self._write(dialect.acquire)
         self._wait(*dialect.finished)
@@ -150,10 +152,12 @@ class ScopeTransport:
         return Chunk(b"".join(blocks), note=json.dumps(note))
 
     def _write(self, commands: tuple[str, ...]) -> None:
+        """Send commands that have no response."""
         for command in commands:
             self._resource.write(command)
 
     def _wait(self, query: str, finished: str) -> None:
+        """Wait until the response to a query says that the acquisition is complete. Raises ``Timeout``."""
         limit = time.monotonic() + _ACQUISITION_TIMEOUT_S
         while self._resource.query(query).strip() != finished:
             if time.monotonic() > limit:
@@ -172,6 +176,7 @@ class _Acquisition:
 
 
 def _parse_note(note: str, size: int) -> _Acquisition:
+    """Return what a chunk's note says of its ``size`` bytes. Raises ``InvalidSource``."""
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -206,8 +211,8 @@ class WaveformDecoder:
         if len(acquisition.lengths) != len(self.header.channels):
             raise InvalidSource("the recording holds an acquisition of other channels than it says")
         lengths, begin, columns = acquisition.lengths, 0, []
-        for length, answer in zip(lengths, acquisition.scales, strict=True):
-            scaling = dialect.read_scaling(answer)
+        for length, response in zip(lengths, acquisition.scales, strict=True):
+            scaling = dialect.read_scaling(response)
             if length != lengths[0] or abs(scaling.interval * self.header.rate - 1) > 1e-9:
                 raise ProtocolError(f"channels of {lengths} samples, every {scaling.interval} s: leave the time base as it was")
             columns.append(dialect.decode(data[begin : begin + length], scaling))

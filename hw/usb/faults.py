@@ -33,7 +33,7 @@ _REMEDIES = {
     Disconnected: "it went away and did not come back: check plug and cable, then read again",
     NotFound: "plug it in, or name another with usb:SERIAL",
     Stalled: "it keeps refusing: unplug it and plug it in again",
-    Timeout: "it is connected but does not answer: unplug it and plug it in again",
+    Timeout: "it is connected but does not respond: unplug it and plug it in again",
     TransferError: "the bus failed, again and again: try another cable or port, without a hub",
 }
 
@@ -51,11 +51,8 @@ def classify_fault(fault: Exception) -> type[HardwareError]:
     return TransferError
 
 
-def translate_fault(fault: Exception, subject: str, kind: type[HardwareError] | None = None) -> HardwareError:
-    """Translate an exception of pyusb into a ``HardwareError``, or into ``kind``; the caller raises it from the fault."""
-    kind = kind or classify_fault(fault)
-    return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDIES[kind]} ({_describe_fault(fault)})")
-
-
-def _describe_fault(fault: Exception) -> str:
-    return " ".join(str(fault).split()) or type(fault).__name__
+def translate_fault(fault: Exception, subject: str) -> HardwareError:
+    """Translate an exception of pyusb into a ``HardwareError``; the caller raises it from the fault."""
+    kind = classify_fault(fault)
+    text = " ".join(str(fault).split()) or type(fault).__name__
+    return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDIES[kind]} ({text})")

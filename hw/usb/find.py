@@ -43,6 +43,7 @@ class _Context(_LibUSB):  # type: ignore[misc]
     """A context of libusb that lives as long as its devices: libusb needs it to release them."""
 
     def enumerate_devices(self) -> Iterator[usb.core.Device]:
+        """Yield the devices, each with a reference to this context."""
         for device in super().enumerate_devices():
             device.context = self
             yield device
@@ -71,6 +72,7 @@ def open_libusb() -> IBackend:
 
 
 def _build_uninitialised_error(reason: str) -> NotFound:
+    """Return the error for a libusb that is there but has no access to USB."""
     return NotFound(
         f"libusb failed to initialise ({reason}): is there USB on this machine, or in this container (--device /dev/bus/usb)?"
     )

@@ -10,16 +10,7 @@ from numpy.typing import NDArray
 from hw.common.errors import ProtocolError
 from hw.common.samples import Gap, Ints, Samples
 from hw.common.transport import Header
-from hw.wire.frames import (
-    CRC_FORMAT,
-    FRAME_MAGIC,
-    MAX_CODE,
-    MIN_CODE,
-    OVERRUN_FLAG,
-    PROTOCOL_VERSION,
-    SATURATED_FLAG,
-    FrameLayout,
-)
+from hw.wire import frames as wire
 
 GIVE_UP_FRAMES = 2_000  # frames: after so many frames' bytes without a valid frame decoding is refused
 OVERRUN_REASON = "the device's buffer ran over"
@@ -35,7 +26,7 @@ class FrameDecoder:
 
     def __init__(self, header: Header) -> None:
         self.header = header
-        self.layout = FrameLayout(header.size, len(header.scale))
+        self.layout = wire.FrameLayout(header.size, len(header.scale))
         self.skipped = 0  # bytes outside valid frames
         self.repeated = 0  # frames that came twice, or belong to another stream
         self._dtype = self.layout.dtype
@@ -44,7 +35,7 @@ class FrameDecoder:
         self._stream, self._offset, self._next = header.stream, 0, 0
         self._note = ""
         self._unknown: list[Gap] = []
-        self._in_vain = 0
+        self._bytes_without_frame = 0
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
         """Return the samples of the frames that the bytes complete, possibly none.
@@ -69,12 +60,11 @@ class FrameDecoder:
         buffer = self._buffered + data
         frames, used = self._find_valid(buffer)
         self._buffered = buffer[used:]
-        self._in_vain = 0 if len(frames) else self._in_vain + len(data)
-        if self._in_vain > GIVE_UP_FRAMES * self.layout.size:
-            raise ProtocolError(
-                f"no valid frame in {self._in_vain} bytes: the firmware must speak version {PROTOCOL_VERSION} of "
-                f"docs/reference/protocol.md, with {self.layout.channels} channels and frames of {self.layout.size} bytes"
-            )
+        self._bytes_without_frame = 0 if len(frames) else self._bytes_without_frame + len(data)
+        if self._bytes_without_frame > GIVE_UP_FRAMES * self.layout.size:
+            layout = f"{self.layout.channels} channels and frames of {self.layout.size} bytes"
+            firmware = f"the firmware must speak version {wire.PROTOCOL_VERSION} of docs/reference/protocol.md, with {layout}"
+            raise ProtocolError(f"no valid frame in {self._bytes_without_frame} bytes: {firmware}")
         return self._build_samples(frames)
 
     def _restart(self, stream: int) -> None:
@@ -87,32 +77,34 @@ class FrameDecoder:
 
     def _find_valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
         """Return the valid frames in the buffer, and the number of its bytes that were used."""
-        size, position, runs = self.layout.size, 0, []
+        size, position, valid_frames = self.layout.size, 0, []
         while position + size <= len(buffer):
-            run = np.frombuffer(buffer, self._dtype, (len(buffer) - position) // size, position)
-            good = self._count_leading_valid(run, memoryview(buffer)[position:])
-            runs.append(run[:good])
-            position += good * size
-            if good < len(run):
-                ahead = buffer.find(FRAME_MAGIC, position + 1)
-                if ahead < 0:  # the last byte may be the first one of the next magic
-                    ahead = len(buffer) - buffer.endswith(FRAME_MAGIC[:1])
-                self.skipped += ahead - position
-                position = ahead
-        return np.concatenate(runs) if runs else np.empty(0, self._dtype), position
+            candidates = np.frombuffer(buffer, self._dtype, (len(buffer) - position) // size, position)
+            valid_count = self._count_leading_valid(candidates, memoryview(buffer)[position:])
+            valid_frames.append(candidates[:valid_count])
+            position += valid_count * size
+            if valid_count < len(candidates):
+                next_magic = buffer.find(wire.FRAME_MAGIC, position + 1)
+                if next_magic < 0:  # the last byte may be the first one of the next magic
+                    next_magic = len(buffer) - buffer.endswith(wire.FRAME_MAGIC[:1])
+                self.skipped += next_magic - position
+                position = next_magic
+        return np.concatenate(valid_frames) if valid_frames else np.empty(0, self._dtype), position
 
-    def _count_leading_valid(self, run: NDArray[np.void], view: memoryview) -> int:
-        """Return how many frames of the run are valid before the first that is not."""
-        likely = (run["magic"] == FRAME_MAGIC) & (run["version"] == PROTOCOL_VERSION) & (run["channels"] == self.layout.channels)
-        likely &= (run["rows"] > 0) & (run["rows"] <= self.layout.rows)
-        end = len(run) if likely.all() else int(np.argmin(likely))
-        size, body = self.layout.size, self.layout.size - CRC_FORMAT.size
-        for k, stated in enumerate(run["crc"][:end].tolist()):
+    def _count_leading_valid(self, candidates: NDArray[np.void], view: memoryview) -> int:
+        """Return how many frames of the candidates are valid before the first that is not."""
+        has_valid_header = (candidates["magic"] == wire.FRAME_MAGIC) & (candidates["version"] == wire.PROTOCOL_VERSION)
+        has_valid_header &= candidates["channels"] == self.layout.channels
+        has_valid_header &= (candidates["rows"] > 0) & (candidates["rows"] <= self.layout.rows)
+        end = len(candidates) if has_valid_header.all() else int(np.argmin(has_valid_header))
+        size, body = self.layout.size, self.layout.size - wire.CRC_FORMAT.size
+        for k, stated in enumerate(candidates["crc"][:end].tolist()):
             if zlib.crc32(view[k * size : k * size + body]) != stated:
                 return k
         return end
 
     def _build_samples(self, frames: NDArray[np.void]) -> Samples:
+        """Return the samples of valid frames, in volts."""
         frames, begin, end = self._select_in_order(frames)
         rows = frames["rows"].astype(np.int64)
         gaps = self._list_gaps(frames, begin, end)
@@ -120,26 +112,26 @@ class FrameDecoder:
             self._next = int(end[-1])
         filled = np.arange(self.layout.rows) < rows[:, None]
         codes = frames["codes"][filled]
-        flagged = (frames["flags"][:, None] & (SATURATED_FLAG << np.arange(self.layout.channels))) != 0
+        flagged = (frames["flags"][:, None] & (wire.SATURATED_FLAG << np.arange(self.layout.channels))) != 0
         index: Ints = (begin[:, None] + np.arange(self.layout.rows))[filled] + self._offset
         return Samples(
             rate=self.header.rate,
             channels=self.header.channels,
             index=index,
             volts=codes * self._scale,
-            saturated=(codes == MIN_CODE) | (codes == MAX_CODE) | np.repeat(flagged, rows, axis=0),
+            saturated=(codes == wire.MIN_CODE) | (codes == wire.MAX_CODE) | np.repeat(flagged, rows, axis=0),
             gaps=gaps,
-            overruns=int(np.count_nonzero(frames["flags"] & OVERRUN_FLAG)),
+            overruns=int(np.count_nonzero(frames["flags"] & wire.OVERRUN_FLAG)),
             source=self.header.source,
         )
 
     def _select_in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:
         """Drop frames of other streams and overlapping ones; return the others with their first and end indices."""
-        mine = (frames["stream"] == self._stream) & (frames["index"] < 2**62)
+        is_of_stream = (frames["stream"] == self._stream) & (frames["index"] < 2**62)
         begin = frames["index"].astype(np.int64)
         end = begin + frames["rows"]
-        earlier_ends = np.maximum.accumulate(np.concatenate([[self._next], np.where(mine, end, 0)]))[:-1]
-        keep = mine & (begin >= earlier_ends)
+        earlier_ends = np.maximum.accumulate(np.concatenate([[self._next], np.where(is_of_stream, end, 0)]))[:-1]
+        keep = is_of_stream & (begin >= earlier_ends)
         self.repeated += int(np.count_nonzero(~keep))
         return frames[keep], begin[keep], end[keep]
 
@@ -150,7 +142,7 @@ class FrameDecoder:
         gaps, self._unknown = self._unknown, []
         ends = np.concatenate([[self._next], end[:-1]])
         for k in np.flatnonzero(begin > ends):
-            reason = OVERRUN_REASON if frames["flags"][k] & OVERRUN_FLAG else self._note or LOSS_REASON
+            reason = OVERRUN_REASON if frames["flags"][k] & wire.OVERRUN_FLAG else self._note or LOSS_REASON
             gaps.append(Gap(int(ends[k]) + self._offset, int(begin[k] - ends[k]), reason))
         self._note = ""
         return tuple(gaps)

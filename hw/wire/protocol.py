@@ -35,6 +35,8 @@ class Info:
         Volts per count of each channel.
     firmware
         Name and version, 16 ASCII characters at most.
+    frame_size
+        Bytes in a frame; 0 on USB, whose packets have that size.
     """
 
     channels: int
@@ -42,6 +44,7 @@ class Info:
     highest_rate: float
     scale: tuple[float, ...]
     firmware: str
+    frame_size: int = 0
 
     def encode(self) -> bytes:
         """Encode the response as bytes."""
@@ -49,7 +52,7 @@ class Info:
         return _INFO_FORMAT.pack(
             PROTOCOL_VERSION,
             self.channels,
-            0,
+            self.frame_size,
             round(1e3 * self.rate),
             round(1e3 * self.highest_rate),
             *scale,
@@ -67,7 +70,7 @@ class Info:
         """
         if len(data) < _INFO_FORMAT.size:
             raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO_FORMAT.size}: update its firmware")
-        version, channels, _, rate, highest, *scale, firmware = _INFO_FORMAT.unpack_from(data)
+        version, channels, frame_size, rate, highest, *scale, firmware = _INFO_FORMAT.unpack_from(data)
         if version != PROTOCOL_VERSION:
             raise ProtocolError(
                 f"the device speaks version {version} of the protocol, this program {PROTOCOL_VERSION}: update the older"
@@ -75,7 +78,7 @@ class Info:
         if not 2 <= channels <= len(CHANNEL_NAMES) or rate == 0 or not all(0 < factor < 1e3 for factor in scale[:channels]):
             raise ProtocolError(f"the device states {channels} channels, {rate / 1e3} Hz, {scale} V/count: correct its firmware")
         text = firmware.split(b"\0")[0].decode("ascii", "replace")
-        return cls(channels, rate / 1e3, highest / 1e3, tuple(scale[:channels]), text)
+        return cls(channels, rate / 1e3, highest / 1e3, tuple(scale[:channels]), text, frame_size)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ import sys
 from collections.abc import Callable
 from ctypes import POINTER, Structure, c_char_p, c_uint16
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from geometry.common.errors import to_one_line
+from geometry.provenance.block import find_version
 from hw.common.errors import UDEV_RULES_FILE, read_udev_rule
 from probe_design.doctor.finding import Finding
 
@@ -38,12 +38,7 @@ class _Version(Structure):
 def list_versions() -> dict[str, str | None]:
     """List the versions of Python, system and packages; None for packages that are not installed."""
     installed_versions: dict[str, str | None] = {"python": platform.python_version(), "system": platform.platform()}
-    for name in PACKAGE_NAMES:
-        try:
-            installed_versions[name] = version(name)
-        except PackageNotFoundError:
-            installed_versions[name] = None
-    return installed_versions
+    return installed_versions | {name: find_version(name) for name in PACKAGE_NAMES}
 
 
 def check_installation() -> list[Finding]:
@@ -66,6 +61,7 @@ def find_usb_probes() -> list[Any]:
 
 
 def _run_safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
+    """Run a check; an exception becomes a finding."""
     try:
         return check()
     except Exception as fault:  # any library on any machine: reported, and the next check runs
@@ -73,6 +69,7 @@ def _run_safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
 
 
 def _check_libusb() -> list[Finding]:
+    """Check that libusb can be loaded and used."""
     remedy = "reinstall libusb-package, or install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)"
     try:
         from hw.usb.find import open_libusb
@@ -86,6 +83,7 @@ def _check_libusb() -> list[Finding]:
 
 
 def _check_permissions() -> list[Finding]:
+    """Check that this user may open a probe on USB; where not, give the udev rule as the remedy."""
     if not sys.platform.startswith("linux"):
         return [
             Finding(
@@ -107,6 +105,7 @@ def _check_permissions() -> list[Finding]:
 
 
 def _check_probes() -> list[Finding]:
+    """List the probes on USB, those too that cannot be opened."""
     from hw.usb.faults import translate_fault
     from hw.usb.find import describe_address
 
@@ -121,6 +120,7 @@ def _check_probes() -> list[Finding]:
 
 
 def _check_serial_ports() -> list[Finding]:
+    """List the serial ports, and check that this user may open them."""
     try:
         ports = import_module("serial.tools.list_ports").comports()
     except ImportError:
@@ -137,6 +137,7 @@ def _check_serial_ports() -> list[Finding]:
 
 
 def _check_visa() -> list[Finding]:
+    """Check that pyvisa with pyvisa-py can be used for oscilloscopes."""
     try:
         visa = import_module("pyvisa")
         import_module("pyvisa_py")
@@ -149,6 +150,7 @@ def _check_visa() -> list[Finding]:
 
 
 def _check_hdf5() -> list[Finding]:
+    """Check that h5py can be loaded."""
     try:
         library = import_module("h5py")
     except ImportError:

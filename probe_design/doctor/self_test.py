@@ -56,6 +56,7 @@ def run_self_test(samples: Samples, scene: Scene, bench: Bench) -> list[Finding]
 
 
 def _check_losses(samples: Samples) -> Finding:
+    """Check that no samples were lost."""
     if samples.overruns or samples.gaps:
         text = f"{len(samples.gaps)} gaps, {samples.overruns} overruns of the device"
         return Finding("samples", "doubtful", text, "a lower rate, another port or cable, no hub")
@@ -65,26 +66,27 @@ def _check_losses(samples: Samples) -> Finding:
 
 
 def _check_clipping(samples: Samples) -> list[Finding]:
+    """Check that no channel is at the end of its range, nor cut off before it."""
     remedy = "press less, take a larger feedback capacitance or a larger range"
     findings = []
     for name, volts, saturated in zip(samples.channels, samples.volts.T, samples.saturated.T, strict=True):
         count = int(saturated.sum())
         if count:
             findings.append(Finding(f"clipping, {name}", "fault", f"{count} samples at the end of the range", remedy))
-        elif (share := _measure_flat_share(volts)) > 0:
-            text = f"{100 * share:.2g} % of the samples at its highest or lowest value: the wave is cut"
+        elif (fraction := _measure_flat_fraction(volts)) > 0:
+            text = f"{100 * fraction:.2g} % of the samples at its highest or lowest value: the wave is cut"
             findings.append(Finding(f"clipping, {name}", "fault", text, remedy))
     return findings or [Finding("clipping", "good", f"none; the largest voltage is {np.abs(samples.volts).max():.3g} V")]
 
 
-def _measure_flat_share(volts: Floats) -> float:
+def _measure_flat_fraction(volts: Floats) -> float:
     """Return the fraction of samples at an extreme value if it is well above that of a quantised sine; otherwise 0."""
     swing = float(np.ptp(volts))
     if swing == 0:
         return 0.0
     expected = np.arccos(max(-1.0, 1 - 2 * max(_estimate_step(volts), 1e-12 * swing) / swing)) / np.pi
-    share = max(np.mean(volts >= volts.max() - 1e-9 * swing), np.mean(volts <= volts.min() + 1e-9 * swing))
-    return float(share) if share > FLAT_FACTOR * expected + 0.01 else 0.0
+    fraction = max(np.mean(volts >= volts.max() - 1e-9 * swing), np.mean(volts <= volts.min() + 1e-9 * swing))
+    return float(fraction) if fraction > FLAT_FACTOR * expected + 0.01 else 0.0
 
 
 def _estimate_step(volts: Floats) -> float:
@@ -115,6 +117,7 @@ def _check_noise(samples: Samples, fit: SineFit, bench: Bench) -> list[Finding]:
 
 
 def _check_load(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
+    """Check that each channel shows the load clearly."""
     findings = []
     strengths = _compute_strengths(fit)
     load_on = bool((strengths > CLEAR_STRENGTH).any())
@@ -188,6 +191,7 @@ def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) 
 
 
 def _check_mains(samples: Samples, fit: SineFit) -> Finding:
+    """Check that the mains do not drown the load."""
     if samples.rate < 110:
         return Finding("mains", "doubtful", f"not detectable at {samples.rate:g} samples a second", "more than 120 Hz")
     if fit.mains is None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from geometry.common.errors import InputError, Words
-from geometry.provenance.digest import compute_file_digest
+from geometry.provenance.block import compute_file_digest
 
 IGNORED_OPTIONS = ("plot", "vtu", "report", "force", "scheduler")  # not repeated: extra files, overwriting, clusters
 OUTPUT_OPTION = "output"

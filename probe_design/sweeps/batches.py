@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from time import monotonic
 
 from geometry.processes.executor import Executor, ExecutorError, Outcome
-from probe_design.sweeps.progress import Progress, Tell
-from probe_design.sweeps.rows import FORMULA_EVALUATOR, MAX_CURVE_DESIGNS, Design, Job, Row, build_unanswered_row
+from probe_design.sweeps.progress import Progress, ReportProgress
+from probe_design.sweeps.rows import FORMULA_EVALUATOR, MAX_CURVE_DESIGNS, Design, Job, Row, build_row_without_result
 from probe_design.sweeps.store import Store
 
 BATCH_TIME_S = 0.5  # of work in a batch: some hundred times the cost of submitting it; a kill may lose it
@@ -50,16 +50,17 @@ class BatchRun:
     """One run of a sweep: gives batches to the executor and commits their rows."""
 
     def __init__(
-        self, store: Store, executor: Executor[Design, Row], tell: Tell, log: Log, *, total: int, seconds: float
+        self,
+        store: Store,
+        executor: Executor[Design, Row],
+        reporters: Sequence[ReportProgress],
+        log: Log,
+        *,
+        total: int,
+        seconds: float,
     ) -> None:
-        self._store, self._executor, self._tell, self._log, self._total, self._seconds = (
-            store,
-            executor,
-            tell,
-            log,
-            total,
-            seconds,
-        )
+        self._store, self._executor, self._reporters, self._log = store, executor, reporters, log
+        self._total, self._seconds = total, seconds
         self._start_time, self._counts = monotonic(), store.count_rows()
         self._initial_count = sum(self._counts.values())
         self._cost = BATCH_TIME_S  # seconds per row, as measured; the first batch is one design
@@ -83,8 +84,8 @@ class BatchRun:
 
     def _take_batch(self, waiting: deque[Task]) -> Batch:
         """Take the next batch: half a second of work, less at the end so that all workers end together; groups stay whole."""
-        share = len(waiting) / (2 * max(1, self._executor.count_workers()))
-        count = max(1, min(int(BATCH_TIME_S / self._cost), MAX_BATCH_DESIGNS, int(share)))
+        fair_count = len(waiting) / (2 * max(1, self._executor.count_workers()))
+        count = max(1, min(int(BATCH_TIME_S / self._cost), MAX_BATCH_DESIGNS, int(fair_count)))
         batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
         while waiting and waiting[0].group is not None and waiting[0].group == batch[-1].group:
             batch.append(waiting.popleft())
@@ -113,11 +114,11 @@ class BatchRun:
             return list(tasks)
         task = tasks[0]
         if outcome.is_late:
-            row = build_unanswered_row("failed", "TimeLimit", f"took {reason}", self._seconds) | {"time_limit": self._seconds}
+            row = build_row_without_result("failed", "TimeLimit", f"took {reason}", self._seconds) | {"time_limit": self._seconds}
         elif task.deaths + 1 < MAX_WORKER_DEATHS:
             return [replace(task, deaths=task.deaths + 1)]
         else:
-            row = build_unanswered_row("failed", "WorkerDied", f"{MAX_WORKER_DEATHS} times in a row, {outcome.failure}", 0.0)
+            row = build_row_without_result("failed", "WorkerDied", f"{MAX_WORKER_DEATHS} times in a row, {outcome.failure}", 0.0)
         self._commit(tasks, [row])
         return []
 
@@ -132,7 +133,9 @@ class BatchRun:
         done = sum(self._counts.values())
         rate = (done - self._initial_count) / max(monotonic() - self._start_time, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
-        self._tell(Progress(self._total, done, *counts, rate, self._executor.count_workers()))
+        state = Progress(self._total, done, *counts, rate, self._executor.count_workers())
+        for report in self._reporters:
+            report(state)
 
 
 def order_tasks(job: Job, tasks: list[Task]) -> list[Task]:

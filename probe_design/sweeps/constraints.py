@@ -164,10 +164,12 @@ class _Condition:
         raise InputError("constraints", self._text, f"sides of one unit, not {description}{remedy}")
 
     def _build_refusal(self) -> InputError:
+        """Return the error for a text that is no condition."""
         return InputError("constraints", self._text, _ALLOWED_FORM)
 
 
 def _has_no_unit(value: Measured) -> bool:
+    """Return whether a value is a pure number."""
     return bool(value.units == find_base_unit(""))
 
 

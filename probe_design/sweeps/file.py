@@ -19,8 +19,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene
 from geometry.scenes.units import MEMORY_QUANTITY, TIME_QUANTITY, read_fraction
 from probe_design.sweeps.constraints import evaluate_condition
-from probe_design.sweeps.samples import SAMPLE_KINDS, DesignSampling, Variable
-from probe_design.sweeps.variables import check_integer, read_variable
+from probe_design.sweeps.designs import SAMPLE_KINDS, DesignSampling, Variable, check_integer, read_variable
 from solver.evaluators import AUTO, EVALUATOR_NAMES, check_accuracy
 
 _SWEEP_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit", "sample", "constraints", "variables")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,26 +50,30 @@ class Progress:
         return f"{counts}, {self.rate:.3g} rows/s on {self.workers} workers, {time_left} left"
 
 
-Tell = Callable[[Progress], None]
+ReportProgress = Callable[[Progress], None]
+
+
+def report_at_intervals(write_line: Callable[[str], None]) -> ReportProgress:
+    """Return a function that writes the state as a line, at most every ten seconds, and at the end."""
+    last_time = -LOG_INTERVAL_S
+
+    def report(state: Progress) -> None:
+        nonlocal last_time
+        if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
+            last_time = monotonic()
+            write_line(state.describe())
+
+    return report
 
 
 @contextmanager
-def open_log(folder: Path, tell: Tell | None) -> Iterator[tuple[Tell, Callable[[str], None]]]:
-    """Yield a function that logs the state at most every ten seconds, and one that logs a line; both flush."""
-    last_time = -LOG_INTERVAL_S
+def open_log(folder: Path) -> Iterator[Callable[[str], None]]:
+    """Yield a function that appends a line to the log of a sweep."""
     with (folder / LOG_FILE).open("a", encoding="utf-8") as log:
 
         def log_line(text: str) -> None:
-            with contextlib.suppress(OSError):  # the store reports a full disk
+            with suppress(OSError):  # the store reports a full disk
                 log.write(f"{datetime.now(UTC).isoformat(timespec='seconds')} {text}\n")
                 log.flush()
 
-        def report_state(state: Progress) -> None:
-            nonlocal last_time
-            if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
-                last_time = monotonic()
-                log_line(state.describe())
-            if tell is not None:
-                tell(state)
-
-        yield report_state, log_line
+        yield log_line

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, lru_cache
-from importlib import metadata
 from itertools import groupby
 from pathlib import Path
 from time import perf_counter
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonMapping, JsonObject
 from geometry.common.resources import LimitReached, get_limits
-from geometry.provenance.digest import compute_file_digest
+from geometry.provenance.block import compute_file_digest, find_version
 from geometry.scenes.keys import Key, Value, find_key, replace_values
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, build_scene
@@ -159,13 +158,13 @@ class Job:
         joint_results = self._evaluate_together([scene for scene in scenes if isinstance(scene, Scene)])
         if joint_results is not None:
             results = iter(joint_results)
-            answers = [next(results) if isinstance(scene, Scene) else scene for scene in scenes]
+            outcomes = [next(results) if isinstance(scene, Scene) else scene for scene in scenes]
             seconds = (perf_counter() - start) / len(designs)
-            yield [_build_row(scene, seconds) for scene in answers]
+            yield [_build_row(scene, seconds) for scene in outcomes]
             return
         for scene in scenes:
-            answer = self._evaluate_alone(scene) if isinstance(scene, Scene) else scene
-            yield [_build_row(answer, perf_counter() - start)]
+            outcome = self._evaluate_alone(scene) if isinstance(scene, Scene) else scene
+            yield [_build_row(outcome, perf_counter() - start)]
             start = perf_counter()
 
     def _evaluate_together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
@@ -176,6 +175,7 @@ class Job:
         return None if isinstance(results, Exception) or None in results else [result for result in results if result is not None]
 
     def _evaluate_alone(self, scene: Scene) -> Result | Exception:
+        """Return the result of one scene, or the exception that it raised."""
         return _catch_fault(lambda: evaluate(scene, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear))
 
 
@@ -191,10 +191,10 @@ def _build_row(result: Result | Exception, seconds: float) -> Row:
     """Build the row of a result, or of a design that was refused or failed."""
     if isinstance(result, Exception):
         status = "refused" if isinstance(result, InputError) else "failed"
-        return build_unanswered_row(status, type(result).__name__, str(result), seconds) | _find_stopping_limit(result)
+        return build_row_without_result(status, type(result).__name__, str(result), seconds) | _find_stopping_limit(result)
     numbers = {name: getattr(result, name) for name in RESULT_UNITS}
     if not all(math.isfinite(number) for number in numbers.values() if number is not None):
-        return build_unanswered_row("failed", "ArithmeticError", "a result is not finite", seconds)
+        return build_row_without_result("failed", "ArithmeticError", "a result is not finite", seconds)
     details = {"plan": [asdict(decision) for decision in result.plan], "warnings": result.warnings}
     texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
     columns = {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
@@ -213,7 +213,7 @@ def _read_both_limits() -> Row:
     return {"time_limit": get_limits().seconds, "memory_limit": get_limits().memory}
 
 
-def build_unanswered_row(status: str, kind: str, reason: str, seconds: float) -> Row:
+def build_row_without_result(status: str, kind: str, reason: str, seconds: float) -> Row:
     """Build the row of a design without a result."""
     line = " ".join(reason.split())[:2000]
     return dict.fromkeys(ROW_COLUMNS) | {"status": status, "type": kind, "reason": line, "seconds": seconds}
@@ -226,18 +226,12 @@ def compute_version() -> str:
     for package in ("geometry", "solver"):
         for path in sorted(path for path in (SOURCE_ROOT / package).rglob("*") if path.suffix in SOURCE_SUFFIXES):
             digest.update(path.relative_to(SOURCE_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    libraries = (f"{name} {_find_version(name)}" for name in RESULT_LIBRARIES)
-    return " ".join((f"{_find_version('probe-design')}+{digest.hexdigest()[:12]}", *libraries))
-
-
-def _find_version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:  # not installed, or run from its source folder
-        return "0"
+    libraries = (f"{name} {find_version(name) or 0}" for name in RESULT_LIBRARIES)
+    return " ".join((f"{find_version('probe-design') or 0}+{digest.hexdigest()[:12]}", *libraries))
 
 
 def _hash_json(value: object) -> bytes:
+    """Return the SHA-256 of a value as JSON with sorted keys."""
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 

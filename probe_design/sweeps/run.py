@@ -23,11 +23,11 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from probe_design.sweeps import results
 from probe_design.sweeps.batches import BatchRun, Log, Task, order_tasks
+from probe_design.sweeps.designs import check_integer
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
-from probe_design.sweeps.progress import Tell, open_log
+from probe_design.sweeps.progress import ReportProgress, open_log, report_at_intervals
 from probe_design.sweeps.rows import Design, Job, Row
 from probe_design.sweeps.store import Store, StoreError, open_for_writing
-from probe_design.sweeps.variables import check_integer
 from solver.results.record import Record
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def sweep(
     *,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Tell | None = None,
+    progress: ReportProgress | None = None,
     retry_failed: bool = False,
     notice: Log | None = None,
 ) -> SweepSummary:
@@ -125,9 +125,14 @@ def sweep(
     if workers is not None and scheduler is not None:
         raise InputError("workers", workers, "none with a scheduler, which has its own")
     folder = Path(output)
-    with open_for_writing(folder) as store, open_log(folder, progress) as (tell, log):
+    with open_for_writing(folder) as store, open_log(folder) as log:
         job = Job.from_sweep(checked_sweep)
-        log_notice = log if notice is None else _combine_logs(log, notice)
+
+        def log_notice(text: str) -> None:
+            log(text)
+            if notice is not None:
+                notice(text)
+
         if store.repair_note:
             log_notice(store.repair_note)
         total, left_out = _begin(store, checked_sweep, job)
@@ -141,7 +146,9 @@ def sweep(
             processes = min(workers or _count_processors(), len(tasks))
             executor = _start_executor(job, scheduler, processes, limits=checked_sweep.limits, folder=folder, log=log_notice)
             with closing(executor):
-                BatchRun(store, executor, tell, log, total=total, seconds=checked_sweep.limits.seconds).process_tasks(tasks)
+                reporters = [report_at_intervals(log), *([] if progress is None else [progress])]
+                run = BatchRun(store, executor, reporters, log, total=total, seconds=checked_sweep.limits.seconds)
+                run.process_tasks(tasks)
         counts = store.count_rows()
         if sum(counts.values()) != total:
             raise StoreError(f"{folder}: the store has {sum(counts.values())} rows of {total} designs: start again")
@@ -159,17 +166,8 @@ def _write_provenance(summary: SweepSummary, sweep: Sweep) -> None:
     write_text(summary.folder / results.PROVENANCE_FILE, json.dumps(counts | {"provenance": origin}, indent=2) + "\n")
 
 
-def _combine_logs(log: Log, notice: Log) -> Log:
-    """Return a function that logs a line and passes it to the user."""
-
-    def log_both(text: str) -> None:
-        log(text)
-        notice(text)
-
-    return log_both
-
-
 def _read_specification(specification: JsonMapping | Path | str) -> Sweep:
+    """Return the sweep of a file or of tables. Raises ``InputError``."""
     return sweep_from_dict(specification) if isinstance(specification, Mapping) else read_sweep(specification)
 
 

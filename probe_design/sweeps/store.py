@@ -9,7 +9,6 @@ detects damage of the file.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry.common.errors import InputError, ProbeError, Words
-from geometry.common.files import write_whole
+from geometry.common.files import flush_to_disk, write_whole
 from geometry.common.json_types import JsonObject
 from geometry.common.resources import Limits
 from geometry.scenes.keys import Value
@@ -128,11 +127,12 @@ class Store:
             with _refuse_damage(self.folder):
                 number, text, key = integrity.open_row(record[:width])
                 values = tuple(json.loads(text))
-                answer = integrity.open_row(record[width:])[1:] if record[width] is not None else ()
-            if answer:
-                yield number, values, key, dict(zip(ROW_COLUMNS, answer, strict=True))
+                columns = integrity.open_row(record[width:])[1:] if record[width] is not None else ()
+            if columns:
+                yield number, values, key, dict(zip(ROW_COLUMNS, columns, strict=True))
 
     def _fetch_all(self, query: str) -> list[Any]:
+        """Return all rows of a query."""
         with _convert_errors(self.folder):
             return self._connection.execute(query).fetchall()
 
@@ -176,7 +176,7 @@ def open_for_writing(folder: Path) -> Iterator[Store]:
             repair_note = (
                 _repair(folder, connection) if _check_format(folder, connection) else _create_tables(connection, existed)
             )
-            _flush_folder(folder)
+            flush_to_disk(folder)
             yield Store(folder, connection, repair_note)
         finally:
             connection.close()
@@ -236,6 +236,7 @@ def _refuse_damage(folder: Path) -> Iterator[None]:
 
 
 def _build_damage_error(folder: Path, reason: object) -> InputError:
+    """Return the error for a damaged store, which has to be moved away."""
     return InputError("folder", str(folder), f"a folder whose {STORE_FILE} is whole ({reason}); move it away to begin anew")
 
 
@@ -317,13 +318,3 @@ def _identify_file(folder: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
-
-
-def _flush_folder(folder: Path) -> None:
-    """Sync the folder to disk, so that the file's name survives a power loss too."""
-    if os.name != "nt":  # Windows cannot open folders
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -54,8 +54,8 @@ def write_page(folder: Path | str, path: Path) -> Path:
     sections += _build_reasons(all_rows)
     counts = Counter(row["status"] for row in all_rows)
     headline = f"{request['designs']} designs: {counts['ok']} ok, {counts['refused']} refused, {counts['failed']} failed."
-    answer = {"designs": request["designs"], **counts, "provenance": read_provenance(folder)}
-    return write_text(path, build_page("Sweep", headline, sections, answer))
+    record = {"designs": request["designs"], **counts, "provenance": read_provenance(folder)}
+    return write_text(path, build_page("Sweep", headline, sections, record))
 
 
 def _build_counts_table(request: JsonObject, all_rows: list[JsonObject]) -> Table:
@@ -143,12 +143,10 @@ def compute_sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, 
 
 def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Floats) -> Picture:
     """Draw an output against each variable, in its display unit."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     column_count, row_count = min(len(variables), PICTURES_PER_LINE), -(-len(variables) // PICTURES_PER_LINE)
     figure = Figure(figsize=(3.2 * column_count, 2.8 * row_count), layout="constrained")
-    FigureCanvasAgg(figure)
     step = -(-len(y) // MAX_POINTS)
     places = figure.subplots(row_count, column_count, sharey=True, squeeze=False).ravel()
     for axes in places[len(variables) :]:
@@ -167,4 +165,5 @@ def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Fl
 
 
 def _format_label(name: str, unit: str) -> str:
+    """Return a name with its unit, if it has one."""
     return f"{name}, {unit}" if unit else name

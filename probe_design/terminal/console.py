@@ -8,14 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from shutil import get_terminal_size
-from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import to_one_line
 from geometry.common.json_types import JsonObject
 from probe_design.reporting.table import Table
-from probe_design.sweeps.progress import LOG_INTERVAL_S, Tell
-from probe_design.sweeps.progress import Progress as SweepProgress
+from probe_design.sweeps.progress import ReportProgress, report_at_intervals
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -143,7 +141,7 @@ def show_stages() -> Iterator[Any]:
 
 
 @contextmanager
-def show_sweep() -> Iterator[Tell]:
+def show_sweep() -> Iterator[ReportProgress]:
     """Yield a function that shows the progress of a sweep: a bar on a terminal, lines elsewhere."""
     terminal = find_terminal()
     if terminal is not None:
@@ -154,13 +152,4 @@ def show_sweep() -> Iterator[Tell]:
             task = bars.add_task("starting")
             yield lambda state: bars.update(task, description=state.describe(), completed=state.done, total=state.total)
         return
-    last_time = -LOG_INTERVAL_S
-
-    def report(state: SweepProgress) -> None:
-        """Write the progress as a line, at most every ten seconds and at the end."""
-        nonlocal last_time
-        if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
-            last_time = monotonic()
-            write_message(state.describe())
-
-    yield report
+    yield report_at_intervals(write_message)

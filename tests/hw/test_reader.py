@@ -18,8 +18,8 @@ from hw.common.samples import Gap
 from hw.common.transport import Chunk
 from hw.reader import Reader
 from hw.simulation.virtual import make_virtual_probe
-from hw.usb.transport import Patience
 from hw.wire.frames import MAX_CODE, MIN_CODE
+from hw.wire.stream import Patience
 from tests.support.hw.faulty_probe import Fault, Kind
 from tests.support.hw.virtual_probes import LOST, RATE, SCALE, probe, read, right
 
@@ -60,7 +60,7 @@ def test_faults_with_data_between_are_borne_for_ever() -> None:
 def test_frame_whose_checksum_ends_in_a_zero_is_kept_before_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """The stream's number is drawn, and enters the checksum: one stream in 256 lost its last whole frame."""
     for stream in range(1, 257):
-        monkeypatch.setattr("hw.usb.transport.random.randint", lambda low, high, stream=stream: stream)
+        monkeypatch.setattr("hw.wire.stream.random.randint", lambda low, high, stream=stream: stream)
         assert read(probe(Fault("error", 70)), 0.01).gaps == (Gap(700, 10, "the bus failed"),)
 
 

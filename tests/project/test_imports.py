@@ -233,7 +233,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.probe_check": {"probe_design.built_probe", "probe_design.inference", "hw.common", "hw.signal", *ANSWERS},
-    "probe_design.doctor": {"probe_design.built_probe", "hw.common", "hw.signal", "hw.usb", *SCENES},
+    "probe_design.doctor": {"probe_design.built_probe", "hw.common", "hw.signal", "hw.usb", *PROVENANCE},
     "probe_design.solid_output": {
         "probe_design.reporting",
         "solver.planning",

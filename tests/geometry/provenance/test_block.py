@@ -13,8 +13,7 @@ import pytest
 from PIL import Image
 
 from geometry import InputError, read_scene, scene_from_toml
-from geometry.provenance.block import build_provenance, record_command
-from geometry.provenance.digest import compute_file_digest, compute_scene_digest
+from geometry.provenance.block import build_provenance, compute_file_digest, compute_scene_digest, record_command
 from geometry.provenance.texts import format_html_script, format_toml_comment, read_block
 from geometry.workshop.overview import draw_probe
 from tests.support.paths import SCENE

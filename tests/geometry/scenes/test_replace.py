@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.provenance.digest import compute_scene_digest
+from geometry.provenance.block import compute_scene_digest
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
 from geometry.scenes.variables import list_law_constants
 

@@ -24,13 +24,14 @@ from hw.common.errors import (
 from hw.common.transport import Chunk
 from hw.reader import Reader
 from hw.recordings.recording import FILE_FORMAT, Recorder, Recording, compute_sha256
-from hw.usb.transport import UsbTransport
+from hw.usb.device import UsbDevice
+from hw.wire.stream import StreamTransport
 from tests.support.hw.faulty_probe import Fault
 from tests.support.hw.virtual_probes import HURRIED, probe, right
 
 
 def test_samples_before_a_lasting_fault_are_kept(tmp_path: Path) -> None:
-    with Reader(UsbTransport("V1", backend=probe(Fault("stall", 70, 1000)), patience=HURRIED)) as reader:
+    with Reader(StreamTransport(UsbDevice("V1", probe(Fault("stall", 70, 1000))), patience=HURRIED)) as reader:
         blocks = reader.blocks(0.02, tmp_path / "run.probe")
         assert next(blocks).index[-1] == 699
         with pytest.raises(Stalled):
@@ -146,7 +147,7 @@ def test_a_cut_recording_says_so(recorded: Path) -> None:
 
 
 def test_recording_is_laid_out_as_documented(tmp_path: Path) -> None:
-    transport = UsbTransport("V1", backend=probe())
+    transport = StreamTransport(UsbDevice("V1", probe()))
     with Recorder(tmp_path / "a", transport.header) as recorder:
         recorder.write(Chunk(b"bytes", 7, "note"))
     line, _, remainder = (tmp_path / "a").read_bytes().partition(b"\n")
@@ -176,6 +177,6 @@ def test_recording_of_another_version(tmp_path: Path) -> None:
 
 
 def test_empty_recording_has_no_samples(tmp_path: Path) -> None:
-    Recorder(tmp_path / "x", UsbTransport("V1", backend=probe()).header).close()
+    Recorder(tmp_path / "x", StreamTransport(UsbDevice("V1", probe())).header).close()
     with Reader.open(f"replay:{tmp_path / 'x'}") as reader, pytest.raises(Timeout, match="no samples"):
         reader.collect()

@@ -24,9 +24,10 @@ from hw.reader import Reader
 from hw.simulation import virtual as virtual_bus
 from hw.simulation.firmware import Halted
 from hw.usb import find
+from hw.usb.device import UsbDevice
 from hw.usb.faults import classify_fault
-from hw.usb.transport import UsbTransport
 from hw.wire.protocol import START
+from hw.wire.stream import StreamTransport
 from tests.support.hw.faulty_probe import Fault, Kind
 from tests.support.hw.virtual_probes import probe, read
 from tests.support.paths import ROOT
@@ -36,7 +37,7 @@ from tests.support.paths import ROOT
     ("kind", "error", "remedy"),
     [
         ("stall", Stalled, "unplug it and plug it in again"), ("error", TransferError, "try another cable or port"),
-        ("unplug", Disconnected, "check plug and cable"), ("silence", Timeout, "it is connected but does not answer"),
+        ("unplug", Disconnected, "check plug and cable"), ("silence", Timeout, "it is connected but does not respond"),
     ],
 )  # fmt: skip
 def test_lasting_fault_is_named(kind: Kind, error: type[HardwareError], remedy: str) -> None:
@@ -87,7 +88,7 @@ def test_board_that_knows_no_requests(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_other_serial_is_not_found() -> None:
     with pytest.raises(NotFound, match=r"probe V2 .* is not connected: .*V1"):
-        UsbTransport("V2", backend=probe())
+        StreamTransport(UsbDevice("V2", probe()))
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from geometry.processes.executor import Outcome
 from probe_design import sweep
 from probe_design.sweeps.progress import Progress
 from probe_design.sweeps.results import iterate_rows, read_request
-from probe_design.sweeps.rows import Job, build_unanswered_row
+from probe_design.sweeps.rows import Job, build_row_without_result
 from probe_design.sweeps.store import DAMAGED_FILE, STORE_FILE, StoreError, open_for_writing
 from tests.support.slow import slow_unless
 from tests.support.sweeps import grid, make_table, run, stored, toml
@@ -28,7 +28,7 @@ def store(tmp_path: Path) -> Path:
     designs = [(k, (1e-4 * k,), k.to_bytes(8)) for k in range(40)]
     with open_for_writing(tmp_path) as open_store:
         open_store.begin(make_table(40), designs)
-        open_store.add([(key, build_unanswered_row("failed", "SolveError", "a reason", 0.1)) for _, _, key in designs])
+        open_store.add([(key, build_row_without_result("failed", "SolveError", "a reason", 0.1)) for _, _, key in designs])
     return tmp_path
 
 
@@ -213,7 +213,7 @@ def test_the_write_ahead_file_holds_rows_up_to_the_first_flipped_bit(tmp_path: P
     with open_for_writing(tmp_path) as running:
         running.begin(make_table(10), designs)
         for _, _, key in designs:
-            running.add([(key, build_unanswered_row("failed", "SolveError", f"of {key!r}", 0.1))])
+            running.add([(key, build_row_without_result("failed", "SolveError", f"of {key!r}", 0.1))])
         main, log, known = (tmp_path / STORE_FILE).read_bytes(), (tmp_path / f"{STORE_FILE}-wal").read_bytes(), stored(tmp_path)
     chance, counts = random.Random(5), []
     for _ in range(30):

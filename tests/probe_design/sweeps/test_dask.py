@@ -215,10 +215,10 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
     job, designs = Job.from_sweep(made_sweep), [values for _, values in made_sweep.list_designs()]
     assert [len(sweep_remote.evaluate_batch(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
     assert len(started) == 1
-    (_, _, kept), *_ = sweep_remote._IDLE_PROCESSES._idle
+    (kept,) = sweep_remote._IDLE_WORKERS
     assert kept._child is not None
     assert kept._child._process.wait(60) != 0  # ended by the pool
-    assert sweep_remote._IDLE_PROCESSES._idle == []
+    assert sweep_remote._IDLE_WORKERS == {}
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
@@ -293,12 +293,12 @@ def served() -> Iterator[Callable[[Callable[[socket.socket], None]], str]]:
         listener.close()
 
 
-NONE = "what answers there is no Dask scheduler"
+NONE = "what responds there is no Dask scheduler"
 
 
 @pytest.mark.parametrize(
     ("behaviour", "why"),
-    [(silent, "no answer in time|Timed out"), (http, NONE), (garbage, NONE), (closing, "."), (endless, NONE)],
+    [(silent, "no response in time|Timed out"), (http, NONE), (garbage, NONE), (closing, "."), (endless, NONE)],
 )
 def test_what_is_no_scheduler_is_refused(
     behaviour: Callable[[socket.socket], None],
@@ -330,8 +330,8 @@ def test_dask_s_own_other_ports_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
         (worker,) = cluster.workers.values()
         port = cluster.scheduler.http_server.port
         for address, why in (
-            (f"tcp://127.0.0.1:{port}", "no answer in time"),
-            (worker.address, "what answers there is a Dask Worker"),
+            (f"tcp://127.0.0.1:{port}", "no response in time"),
+            (worker.address, "what responds there is a Dask Worker"),
         ):
             with pytest.raises(InputError, match=rf"^scheduler = '{address}'.*\({why}\)"):
                 DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
@@ -342,7 +342,7 @@ def test_the_program_ends_with_one_line(served: Callable[[Callable[[socket.socke
     pytest.importorskip("distributed")
     ended = run(toml(tmp_path), "-o", tmp_path / "out", "--scheduler", served(http))
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
-    assert "(what answers there is no Dask scheduler)" in ended.stderr
+    assert "(what responds there is no Dask scheduler)" in ended.stderr
 
 
 class Still:

@@ -10,8 +10,8 @@ import pytest
 
 from geometry import InputError, Scene, read_scene
 from probe_design.sweeps.constraints import evaluate_condition
+from probe_design.sweeps.designs import DesignSampling
 from probe_design.sweeps.file import build_scene, read_sweep, sweep_from_dict
-from probe_design.sweeps.samples import DesignSampling
 from probe_design.sweeps.summary_page import compute_sobol_indices
 from tests.support.paths import SCENE
 from tests.support.sweeps import DEPTH, GAP, grid, toml

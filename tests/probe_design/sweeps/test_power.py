@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from probe_design.sweeps import store as sweep_store
-from probe_design.sweeps.rows import ROW_COLUMNS, Row, build_unanswered_row
+from probe_design.sweeps.rows import ROW_COLUMNS, Row, build_row_without_result
 from probe_design.sweeps.store import STORE_FILE, open_for_writing
 from tests.support.losing_files import Connection, Event, Recorder, left
 from tests.support.sweeps import make_table
@@ -22,7 +22,7 @@ CUTS = 60
 
 def row(number: int) -> Row:
     """Rows as large as those with a long plan: the log is copied into the file several times."""
-    return build_unanswered_row("ok", "", "", float(number)) | {"plan": f"{number} " * 9000}
+    return build_row_without_result("ok", "", "", float(number)) | {"plan": f"{number} " * 9000}
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ import numpy as np
 from hw.common.errors import HardwareError
 from hw.common.samples import Floats, Ints
 from hw.reader import Reader
-from hw.usb.transport import Patience, UsbTransport
+from hw.usb.device import UsbDevice
+from hw.wire.stream import Patience, StreamTransport
 
 PERIOD, SCALE = 65536, 2.0**-12
 
@@ -25,7 +26,7 @@ def expected(index: Ints) -> Floats:
 
 def read(serial: str | None, seconds: float) -> dict[str, Any]:
     patience = Patience(read=0.1, silence=0.35, absence=1.0)
-    with Reader(UsbTransport(serial, patience=patience)) as reader:
+    with Reader(StreamTransport(UsbDevice(serial), patience=patience)) as reader:
         samples = reader.collect(seconds)
     restart = [gap.first for gap in samples.gaps if gap.count < 0]
     index = np.where(samples.index < restart[0], samples.index, samples.index - restart[0] - 1) if restart else samples.index

@@ -7,7 +7,8 @@ import numpy as np
 from hw.common.samples import Floats, Samples
 from hw.reader import Reader
 from hw.simulation.virtual import VirtualProbe
-from hw.usb.transport import Patience, UsbTransport
+from hw.usb.device import UsbDevice
+from hw.wire.stream import Patience, StreamTransport
 from tests.support.hw.faulty_probe import Fault, make_faulty_probe
 
 RATE, SCALE = 1e5, 2.0**-12
@@ -26,7 +27,7 @@ def probe(*faults: Fault, packet: int = 64) -> VirtualProbe:
 
 
 def read(source: VirtualProbe, seconds: float = 0.02, patience: Patience = HURRIED) -> Samples:
-    with Reader(UsbTransport("V1", backend=source, patience=patience)) as reader:
+    with Reader(StreamTransport(UsbDevice("V1", source), patience=patience)) as reader:
         return reader.collect(seconds)
 
 

@@ -18,9 +18,10 @@ import pytest
 from hw.common.errors import Disconnected, InvalidSource, NotFound, ProtocolError, Timeout
 from hw.common.samples import Samples
 from hw.reader import Reader
-from hw.serial_port import transport
-from hw.serial_port.packets import encode_answer, encode_request, find_answer
-from hw.serial_port.transport import SerialTransport
+from hw.serial_port import device
+from hw.serial_port.device import SerialDevice
+from hw.serial_port.packets import encode_request, encode_response, find_response
+from hw.wire.stream import Patience, StreamTransport
 from tests.support.hw.frame_truth import SCALE, codes_at
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
@@ -38,7 +39,7 @@ class Board(threading.Thread):
         self.stream, self.sent, self.rate, self.requests = 0, 0, 100_000, list[int]()
         self.unplugged = False
 
-    def encode_answer(self, number: int, value: int, data: int) -> bytes:
+    def encode_response(self, number: int, value: int, data: int) -> bytes:
         if number == 1:
             return struct.pack("<BBHII4f16s", 1, 2, self.size, self.rate, 4_000_000, SCALE, SCALE, 0, 0, b"pty 1")
         if number == 2:
@@ -71,7 +72,7 @@ class Board(threading.Thread):
                     waiting = waiting[14:]
                     self.requests.append(number)
                     if not self.deaf:
-                        data = self.encode_answer(number, value, data)
+                        data = self.encode_response(number, value, data)
                         body = struct.pack("<2sBBH", b"PA", 1, number, len(data)) + data
                         os.write(self.master, body + struct.pack("<I", zlib.crc32(body)))
                 if self.stream and self.sent < self.max_rows:
@@ -94,7 +95,7 @@ def board(**settings: object) -> Iterator[Board]:
 
 
 def read(made: Board, rows: int) -> Samples:
-    with Reader(SerialTransport(made.port)) as reader:
+    with Reader(StreamTransport(SerialDevice(made.port))) as reader:
         return reader.collect(rows / reader.header.rate)
 
 
@@ -112,7 +113,7 @@ def test_every_sample_once() -> None:
 
 
 def test_a_board_starts_when_it_is_read() -> None:
-    with board() as made, Reader(SerialTransport(made.port)) as reader:
+    with board() as made, Reader(StreamTransport(SerialDevice(made.port))) as reader:
         assert made.stream == 0
         next(iter(reader.blocks(1.0)))
         assert made.stream > 0
@@ -123,7 +124,7 @@ def test_the_serial_number_is_the_board_s_and_not_the_port_s(monkeypatch: pytest
         assert (reader.header.source["serial"], reader.header.source["port"]) == ("", made.port)
         known = SimpleNamespace(comports=lambda: [SimpleNamespace(device=made.port, serial_number="A17")])
         monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
-        assert transport._find_serial_number(made.port) == "A17"
+        assert device._find_serial_number(made.port) == "A17"
 
 
 def test_rate_is_asked_for() -> None:
@@ -156,26 +157,26 @@ def test_noise_between_frames_is_skipped() -> None:
 
 
 def test_a_port_without_a_probe(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, "ANSWER_TIMEOUT_S", 0.05)
-    monkeypatch.setattr(transport, "WAKE_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(device, "RESPONSE_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(SerialDevice, "wake_seconds", 0.1)
     with board(deaf=True) as made, pytest.raises(Timeout, match="is it the probe's port"):
-        SerialTransport(made.port)
+        StreamTransport(SerialDevice(made.port))
     with board(size=7) as made, pytest.raises(ProtocolError, match="frames of 7 bytes"):
-        SerialTransport(made.port)
+        StreamTransport(SerialDevice(made.port))
     with pytest.raises(NotFound, match="no such port"):
-        SerialTransport("/dev/absent")
+        StreamTransport(SerialDevice("/dev/absent"))
     with pytest.raises(InvalidSource, match="rate"):
-        SerialTransport("/dev/absent", rate=-1.0)
+        StreamTransport(SerialDevice("/dev/absent"), rate=-1.0)
 
 
 def test_silence_and_unplugging_end_the_reading() -> None:
     with board(most=20) as made:
-        silent = SerialTransport(made.port, silence=0.0)
-        with pytest.raises(Timeout, match="does not answer: unplug"):
+        silent = StreamTransport(SerialDevice(made.port), patience=Patience(silence=0.0))
+        with pytest.raises(Timeout, match="does not respond: unplug"):
             Reader(silent).collect(100.0)
         silent.close()
     with board(most=20) as made:
-        gone = SerialTransport(made.port, absence=0.0)
+        gone = StreamTransport(SerialDevice(made.port), patience=Patience(absence=0.0))
         made.unplugged = True
         made.join()
         with pytest.raises(Disconnected, match="did not come back"):
@@ -186,13 +187,13 @@ def test_silence_and_unplugging_end_the_reading() -> None:
 def test_without_pyserial(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
     with pytest.raises(InvalidSource, match="pip install pyserial"):
-        SerialTransport("/dev/absent")
+        StreamTransport(SerialDevice("/dev/absent"))
 
 
 def test_packets_are_found_among_frames() -> None:
     """The bytes that docs/reference/protocol.md lays down, by hand, and whatever stands around them."""
     by_hand = b"PQ\x01\x03\x34\x12\x00\x00\x00\x00"
     assert encode_request(3, 0x1234) == by_hand + struct.pack("<I", zlib.crc32(by_hand))
-    assert find_answer(b"PA\x01" + b"xPA" + encode_answer(5, b"abc") + b"rest", 5) == (True, b"abc", b"PA\x01xPArest")
-    assert find_answer(encode_answer(5 | 0x80), 5) == (False, b"", b"")
-    assert find_answer(encode_answer(5, b"abc")[:-1], 5) is None
+    assert find_response(b"PA\x01" + b"xPA" + encode_response(5, b"abc") + b"rest", 5) == (True, b"abc", b"PA\x01xPArest")
+    assert find_response(encode_response(5 | 0x80), 5) == (False, b"", b"")
+    assert find_response(encode_response(5, b"abc")[:-1], 5) is None
