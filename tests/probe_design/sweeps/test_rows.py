@@ -68,10 +68,10 @@ class TestRows:
         assert len(keys) == 3
 
     def test_another_mesher_is_another_version(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        held = "probe_design.sweeps.rows.metadata.version"
+        function = "probe_design.sweeps.rows.find_version"
         keys = set()
         for number in ("0.4.2", "0.4.3"):
-            monkeypatch.setattr(held, lambda name, number=number: number if name == "pytetwild" else "1")
+            monkeypatch.setattr(function, lambda name, number=number: number if name == "pytetwild" else "1")
             keys.add(compute_version.__wrapped__())
         assert len(keys) == 2
 
