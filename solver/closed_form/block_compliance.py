@@ -140,11 +140,11 @@ def build_ritz_system(
         Work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
     """
     transverse, axial = integrals
-    share, bent = 1 - 2 * nu, (transverse.slope * (slender * slender))[:, None]
-    soft = slender / ((2 - 2 * nu) * axial.slope + share * bent)  # D^-1 over the share
+    one_minus_2nu, across = 1 - 2 * nu, (transverse.slope * (slender * slender))[:, None]
+    D_inverse = slender / ((2 - 2 * nu) * axial.slope + one_minus_2nu * across)  # D^-1 of eq. CF.23 over 1 - 2 nu
     on_u, on_modes = (part.reshape(len(part), -1, len(nu)) for part in loads)
     u, modes = len(transverse.strain) * len(axial.gg), on_modes.shape[1]
-    rows = np.empty((u, u + 4 * modes, len(nu)), dtype=soft.dtype)  # blocks last, which is fast for all but products
+    rows = np.empty((u, u + 4 * modes, len(nu)), dtype=D_inverse.dtype)  # blocks last, which is fast for all but products
     _write_shear_stiffness(
         transverse,
         axial,
@@ -152,14 +152,15 @@ def build_ritz_system(
         rows[:, :u].reshape(len(transverse.strain), len(axial.gg), len(transverse.strain), len(axial.gg), -1),
     )
     V, T, raised, mode_coupling = (
-        part.reshape(len(transverse.strain), len(axial.gg), *soft.shape) for part in np.split(rows[:, u:], 4, axis=1)
+        part.reshape(len(transverse.strain), len(axial.gg), *D_inverse.shape) for part in np.split(rows[:, u:], 4, axis=1)
     )
     np.multiply(transverse.widened[:, None, :, None], axial.g_dmode[None, :, None], out=V)
     np.multiply(transverse.turned[:, None, :, None], -axial.dg_mode[None, :, None], out=T)
-    np.multiply((2 + bent / axial.slope) * V + T, 2 * nu * soft, out=raised)
-    np.multiply(2 * nu * V - share * T, soft, out=mode_coupling)
+    np.multiply((2 + across / axial.slope) * V + T, 2 * nu * D_inverse, out=raised)
+    np.multiply(2 * nu * V - one_minus_2nu * T, D_inverse, out=mode_coupling)
     full = np.ascontiguousarray(rows.transpose(2, 0, 1))
-    worked = np.concatenate([on_u, on_modes, on_modes * (soft * share).reshape(modes, -1)], axis=1).transpose(2, 0, 1).copy()
+    weighted_modes = on_modes * (D_inverse * one_minus_2nu).reshape(modes, -1)
+    worked = np.concatenate([on_u, on_modes, weighted_modes], axis=1).transpose(2, 0, 1).copy()
     products, mode_coupling, C = full[:, :, u : u + 2 * modes], full[:, :, u + 3 * modes :], worked[:, :, u : u + modes]
     S = full[:, :, :u] + products @ full[:, :, u + 2 * modes :].swapaxes(1, 2)
     return RitzSystem(S, worked[:, :, :u] + C @ mode_coupling.swapaxes(1, 2), C, mode_coupling, worked[:, :, u + modes :])

@@ -25,10 +25,8 @@ from solver.linalg.piecewise import PiecewisePolynomials
 
 RADIAL_FUNCTIONS = 3  # functions P_i
 AXIAL_FUNCTIONS = 2  # functions g_j
-HEIGHT_NODES, TABLE_HEIGHT_NODES = (
-    10,
-    48,
-)  # nodes of quadrature along the height: of fields, and of the tables, tall blocks among them
+HEIGHT_NODES = 10  # nodes of quadrature along the height, of fields
+TABLE_HEIGHT_NODES = 48  # of the tables, tall blocks among them
 WALL_NODES = 6  # across the wall
 NODES_PER_RING = 4  # on each ring of a load
 TABLE_DEGREE = 10  # degree of the tables' polynomials
@@ -56,10 +54,10 @@ class AxialFunctions:
         """Return the functions of the blocks with indices ``which``."""
         return AxialFunctions(*(getattr(self, part.name)[..., which] for part in fields(self)))
 
-    def interpolate(self, share: Array) -> tuple[Array, ...]:
+    def interpolate(self, fraction: Array) -> tuple[Array, ...]:
         """Return g, dg, f and df at fractions (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
-        y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
+        y = np.arctanh((2 * fraction - 1) * np.tanh(steep)) / steep
         nodes = len(self.zeta)
         interpolation = (legendre.legvander(y, nodes - 1) @ _HEIGHT_RULES[nodes].series).swapaxes(1, 2)
         return tuple(values.transpose(2, 0, 1) @ interpolation for values in (self.g, self.dg, self.f, self.df))
@@ -70,12 +68,12 @@ def build_axial_functions(height: Array, steepness: Array, nodes: int = HEIGHT_N
     rule = _HEIGHT_RULES[nodes]
     y, weight = rule.y[:, None], rule.weight[:, None]
     steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
-    turn, whole = np.tanh(steep * y), np.tanh(steep)
-    share = (1 + turn / whole) / 2
-    dz = (steep / (2 * whole)) * (1 - turn * turn)
+    tanh_node, tanh_end = np.tanh(steep * y), np.tanh(steep)
+    fraction = (1 + tanh_node / tanh_end) / 2
+    dz = (steep / (2 * tanh_end)) * (1 - tanh_node * tanh_node)
     last = np.exp(-steepness)
     loss = 1 - last
-    tissue_end_decay, base_end_decay = np.exp(-steepness * share), np.exp(steepness * (share - 1))
+    tissue_end_decay, base_end_decay = np.exp(-steepness * fraction), np.exp(steepness * (fraction - 1))
     top, fade = (1 - base_end_decay) / loss, (tissue_end_decay - last) / loss
     dtop, dfade = -steepness / loss * base_end_decay, -steepness / loss * tissue_end_decay
     powers = [1 + 0 * top, *accumulate([fade] * (AXIAL_FUNCTIONS - 1), np.multiply)]
@@ -83,9 +81,9 @@ def build_axial_functions(height: Array, steepness: Array, nodes: int = HEIGHT_N
     dg = np.stack([dtop * power for power in powers])
     for j in range(1, AXIAL_FUNCTIONS):
         dg[j] += j * top * powers[j - 1] * dfade
-    df = np.stack([0 * share - 1, (last - base_end_decay) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
-    f = np.concatenate([(1 - share)[None], -(rule.remaining @ (df[1:] * dz))])
-    return AxialFunctions(height * share, weight * (height * dz), steep, g, dg, f, df)
+    df = np.stack([0 * fraction - 1, (last - base_end_decay) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
+    f = np.concatenate([(1 - fraction)[None], -(rule.remaining @ (df[1:] * dz))])
+    return AxialFunctions(height * fraction, weight * (height * dz), steep, g, dg, f, df)
 
 
 @dataclass(frozen=True)

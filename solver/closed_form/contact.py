@@ -152,10 +152,10 @@ def solve_contact(
     """
     C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
     if tissue.depth is not None or spheres:
-        firm = find_stiffest(tissue.stack) if tissue.layers else tissue
+        stiffest = find_stiffest(tissue.stack) if tissue.layers else tissue
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
-            C = C + _compute_floor_works(k, TissueLayer(tissue.depth, firm.E, firm.nu), loads, weights)
+            C = C + _compute_floor_works(k, TissueLayer(tissue.depth, stiffest.E, stiffest.nu), loads, weights)
     bare_tractions, higher_moments, slope, softened, target_body = np.linalg.solve(C, A), 0.0, np.zeros_like(A[:, :2]), C, None
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
@@ -223,8 +223,8 @@ def _choose_waves(
         NODES_PER_WAVE * across
     )  # shorter waves do not matter for a sphere tiny beside the probe
     reach = np.where(reach.real < resolved.real, reach, resolved)
-    share, weight = build_wave_rule(nodes)
-    k = reach[:, None] * share
+    fractions, weight = build_wave_rule(nodes)
+    k = reach[:, None] * fractions
     return k, transform_long_waves(blocks, k, bonded), k * reach[:, None] * weight
 
 
@@ -250,16 +250,16 @@ def _average_column(tissue: Tissue) -> tuple[Array, Array]:
     if not tissue.layers:
         return tissue.E, tissue.nu
     shortening = [layer.thickness / layer.E for layer in tissue.stack]
-    whole = sum(shortening)
-    return tissue.depth / whole, sum(share * layer.nu for share, layer in zip(shortening, tissue.stack, strict=True)) / whole
+    total = sum(shortening)
+    return tissue.depth / total, sum(part * layer.nu for part, layer in zip(shortening, tissue.stack, strict=True)) / total
 
 
 def _build_disc(blocks: BlockPair, tissue: Tissue, layer_nodes: int) -> Disc:
     """Build the disc that stands for both ends: each has the compliance of a half-space, averaged over the areas."""
     area = blocks[0].area + blocks[1].area
 
-    def compute_end_compliance(share: float) -> Array:
-        return sum(block.area / area * (1 - share * block.nu) * 2 * (1 + block.nu) / block.E for block in blocks)
+    def compute_end_compliance(poisson_weight: float) -> Array:
+        return sum(block.area / area * (1 - poisson_weight * block.nu) * 2 * (1 + block.nu) / block.E for block in blocks)
 
     if tissue.layers:
         pressed, sheared = compute_disc_compliances(

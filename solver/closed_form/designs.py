@@ -44,11 +44,8 @@ SPHERE_PARAMETERS = ("radius", "depth", "offset", "modulus", "poisson")
 LAYER_PARAMETERS = ("layer_thickness", "layer_modulus", "layer_poisson")
 MAX_WAVE_NODES = 256  # nodes of the integrals over wave numbers
 MIN_FACE_GAP_DIAMETERS = 0.05  # gap between a sphere's points and a face, in its diameters; ``evaluator`` refuses smaller ones
-DESIGNS_PER_CHUNK = (
-    520  # designs at a time, so that the work arrays stay in the processor's cache; a power of two would share cache lines
-)
-
-
+# designs at a time, so that the work arrays stay in the processor's cache; columns of a power of two would share its lines
+DESIGNS_PER_CHUNK = 520
 _HASH_WEIGHTS = np.sqrt(np.arange(2.0, 64.0))  # weights of the sum by which equal probes and tissues are recognised
 
 
@@ -89,7 +86,7 @@ class Shape:
     layer_nodes: int = 0
 
 
-def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
+def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
     """Solve the contact for parameters p, shape (parameters, n)."""
     depth, side, modulus, poisson = p[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers = split_parameters(shape, p)
@@ -102,7 +99,7 @@ def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
     nodes = {"nodes": shape.nodes, "side_nodes": shape.side_nodes, "layer_nodes": shape.layer_nodes}
     shared = (
         _find_shared(np.concatenate([p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)], layers.reshape(-1, p.shape[1])]))
-        if share
+        if reuse
         else None
     )
     return solve_contact(build_blocks(p), tissue, spheres, target=shape.target, bonded=shape.bonded, shared=shared, **nodes)
@@ -152,14 +149,14 @@ def compute_forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
         Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
         where the equations are singular the values are NaN.
     """
-    parts = list(iterate_solutions(shape, values, share=True))
+    parts = list(iterate_solutions(shape, values, reuse=True))
     return np.concatenate([part.forces for part in parts]), np.concatenate([part.slope for part in parts])
 
 
-def iterate_solutions(shape: Shape, values: Array, *, share: bool = False) -> Iterator[ContactSolution]:
+def iterate_solutions(shape: Shape, values: Array, *, reuse: bool = False) -> Iterator[ContactSolution]:
     """Yield the contact solutions of the designs, some designs at a time.
 
-    With ``share``, what designs with the same probe and tissue have in common is computed once; rounding then differs slightly.
+    With ``reuse``, what designs with the same probe and tissue have in common is computed once; rounding then differs slightly.
     """
     values = np.asarray(values)
     chunk = DESIGNS_PER_CHUNK // 2 if shape.layers else DESIGNS_PER_CHUNK  # layers take more waves
@@ -167,7 +164,7 @@ def iterate_solutions(shape: Shape, values: Array, *, share: bool = False) -> It
         keep_freed()
     for k in range(0, values.shape[1], chunk):
         try:
-            yield _solve_columns(shape, values[:, k : k + chunk], share)
+            yield _solve_columns(shape, values[:, k : k + chunk], reuse)
         except np.linalg.LinAlgError:
             yield from (_solve_alone(shape, column) for column in values[:, k : k + chunk].T)
 
@@ -175,7 +172,7 @@ def iterate_solutions(shape: Shape, values: Array, *, share: bool = False) -> It
 def _solve_alone(shape: Shape, column: Array) -> ContactSolution:
     """Solve one design; NaN if its equations are singular."""
     try:
-        return _solve_columns(shape, column[:, None], share=False)
+        return _solve_columns(shape, column[:, None], reuse=False)
     except np.linalg.LinAlgError:
         nan_forces, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
         return ContactSolution(nan_forces, nan_forces, np.full((1, 1, 1), np.nan), no_loads, no_loads)

@@ -66,7 +66,7 @@ def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> t
     """
     size = circles.shape[1]
     low, high = _index_upper_triangle(size)
-    rows, reach = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
+    rows, shear_radius = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
     a, b = rows[low], rows[high]
     complement = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
     smooth, singular = _evaluate_polynomials(complement, SMOOTH_COEFFICIENTS), _evaluate_polynomials(complement, LOG_COEFFICIENTS)
@@ -74,10 +74,10 @@ def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> t
     soft, mixed = 2 * np.pi / mu * (1 - nu), -np.pi / mu * (1 - 2 * nu)
     square = a * a  # and no higher power: numpy is slow with those
     pressure = soft / 2 * square * b * series[0]
-    shear = soft / 8 * square * square * b / (reach[low] * reach[high]) * series[1]
+    shear = soft / 8 * square * square * b / (shear_radius[low] * shear_radius[high]) * series[1]
     cross = np.empty((size, size, len(mu)), dtype=complement.dtype)
-    cross[low, high] = mixed / 8 * square * b * b / reach[high] * (1 + complement)
-    cross[high, low] = mixed / 8 * square * square / reach[low]
+    cross[low, high] = mixed / 8 * square * b * b / shear_radius[high] * (1 + complement)
+    cross[high, low] = mixed / 8 * square * square / shear_radius[low]
     return _fill_symmetric(pressure, size), _fill_symmetric(shear, size), cross.transpose(2, 0, 1)
 
 

@@ -39,10 +39,8 @@ BLUR_RELATIVE = 0.35  # of the distance from the probe to the cut
 MIN_BLUR_RELATIVE = 0.08  # of the cut's radius
 WAVE_REACH = 5.0  # wave numbers times blur
 NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
-NEAR_SIDE_RADII, MAX_SLENDERNESS = (
-    4.0,
-    0.2,
-)  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
+NEAR_SIDE_RADII = 4.0  # in outer radii: sides farther away matter only in slender tissue
+MAX_SLENDERNESS = 0.2  # depth x outer radius / radius^2 up to which it is not slender
 
 
 def compute_side_radius(tissue: CylinderTissue | BlockTissue) -> float:
@@ -61,9 +59,9 @@ def build_cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Arr
     """Return wave numbers, 1/m, and the weights k dk with the smoothing, shapes (n, nodes)."""
     gap_width, min_width = BLUR_RELATIVE * (radius - outer), MIN_BLUR_RELATIVE * radius
     width = np.where(gap_width.real > min_width.real, gap_width, min_width)[:, None]
-    share, weight = _build_wave_rule(nodes)
+    fractions, weight = _build_wave_rule(nodes)
     reach = WAVE_REACH / width
-    k = reach * share
+    k = reach * fractions
     return k, k * (reach * weight)
 
 
@@ -191,14 +189,14 @@ def _compute_cut_fields(field: Waves, loads: tuple[Array, Array], weights: Array
     nu, mu, R, k, weight = tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius, field.k.T.copy(), weights.T.copy()
     J0, J1 = bessel(k * R) * weight
     J1_over_kR = J1 / (k * R)
-    shares = J0 - J1_over_kR, -2 * nu * J0, J1_over_kR * (R / (2 * mu)), J0 / (2 * mu * k)
+    factors = J0 - J1_over_kR, -2 * nu * J0, J1_over_kR * (R / (2 * mu)), J0 / (2 * mu * k)
     kinds = []
     for load, (outwards, b_sum, shear_strain, downwards) in zip(loads, compute_fields(field, z, mirrored=True), strict=True):
         rows = np.empty((4, *shear_strain.shape), dtype=shear_strain.dtype)
-        np.multiply(outwards, shares[0], out=rows[0])
-        rows[0] += b_sum * shares[1]
-        for row, part, share in zip(rows[1:], (shear_strain, outwards, downwards), (J1, *shares[2:]), strict=True):
-            np.multiply(part, share, out=row)
+        np.multiply(outwards, factors[0], out=rows[0])
+        rows[0] += b_sum * factors[1]
+        for row, part, factor in zip(rows[1:], (shear_strain, outwards, downwards), (J1, *factors[2:]), strict=True):
+            np.multiply(part, factor, out=row)
         rows = rows.reshape(-1, *shear_strain.shape[1:])
         kinds.append(np.ascontiguousarray(rows.transpose(2, 0, 1)) @ load)
     return np.concatenate(kinds, axis=2)

@@ -178,9 +178,9 @@ def _compute_turned_image(downward: Array, upward: Array | None, shear: ShearEch
 
 def _compute_crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
     """Compute the image of the mean of xx-yy in a half-space, eq. CF.16, shape (n,)."""
-    ratio_squared = (sphere.radius / sphere.depth) ** 2
-    crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * ratio_squared + 0.225 * ratio_squared**2
-    return ratio_squared**1.5 / (12 * (1 - nu) * mu) * crossed
+    t_squared = (sphere.radius / sphere.depth) ** 2
+    crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * t_squared + 0.225 * t_squared**2
+    return t_squared**1.5 / (12 * (1 - nu) * mu) * crossed
 
 
 def _sum_crossed_waves(sphere: SphereArray, layer: TissueLayer, downward: SphereWaves, scale: Array) -> Array:

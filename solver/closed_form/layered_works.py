@@ -70,18 +70,18 @@ def compute_layered_works(
         Whether there are shears.
     """
     K = _choose_last_wave(blocks[1].radius, layers[0], nodes)
-    share, weight = build_wave_rule(nodes)
-    waves = K * share
+    fractions, weight = build_wave_rule(nodes)
+    waves = K * fractions
     C = _compute_surface_compliance(np.concatenate([waves, K, K * SLOPE_WAVE_RATIO], axis=1), layers, depth)
-    firm, springs = _fit_short_waves(C, K, layers[0], cut=(K[:, 0] * layers[0].thickness).real < 0.999 * LAYER_WAVE_REACH)
-    remainder = [K * weight * (part[:, :-2] - a - b * waves) for part, a, b in zip(C, firm, springs, strict=True)]
+    half_space, springs = _fit_short_waves(C, K, layers[0], cut=(K[:, 0] * layers[0].thickness).real < 0.999 * LAYER_WAVE_REACH)
+    remainders = [K * weight * (part[:, :-2] - a - b * waves) for part, a, b in zip(C, half_space, springs, strict=True)]
     ones = np.ones(len(K), dtype=K.dtype)
     closed = combine_disc_works(
         blocks, compute_disc_works(*list_disc_radii(blocks), ones, 0 * ones)
     )  # w = p / k, u = q / k, w = -q / 2k
-    works = [a[:, :, None] * work for a, work in zip((*firm[:2], -2 * firm[2]), closed, strict=True)]
+    works = [a[:, :, None] * work for a, work in zip((*half_space[:2], -2 * half_space[2]), closed, strict=True)]
     p, q = transform_all_waves(blocks, waves, bonded)
-    for work, part, left, right in zip(works, remainder, (p, q, p)[: 3 if bonded else 1], (p, q, q), strict=False):
+    for work, part, left, right in zip(works, remainders, (p, q, p)[: 3 if bonded else 1], (p, q, q), strict=False):
         work += 2 * np.pi * _sum_waves(left, part, right)
     for work, slope, products in zip(works, springs, integrate_load_products(blocks), strict=False):
         work += slope[:, :, None] * products
@@ -93,14 +93,14 @@ def _fit_short_waves(C: Sequence[Array], K: Array, first: TissueLayer, cut: Arra
 
     ``cut`` is true where K does not pass the first layer's waves, shape (n,).
     """
-    firm, springs = [], []
+    half_space, springs = [], []
     for part, top, bed in zip(C, first.half_space, (True, True, False), strict=True):
         last_value, previous_value = part[:, -2, None], part[:, -1, None]
         slope = (last_value - previous_value) / ((1 - SLOPE_WAVE_RATIO) * K)
         slope = np.where(cut[:, None] & bed & (slope.real > 0), slope, 0 * slope)
         springs.append(slope)
-        firm.append(np.where(cut[:, None], last_value - slope * K, top / (2 * first.mu)))
-    return firm, springs
+        half_space.append(np.where(cut[:, None], last_value - slope * K, top / (2 * first.mu)))
+    return half_space, springs
 
 
 def _choose_last_wave(radius: Array, first: TissueLayer, nodes: int) -> Array:
@@ -138,8 +138,8 @@ def compute_disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nod
         Of the integral over wave numbers.
     """
     K = _choose_last_wave(radius, layers[0], nodes)
-    share, weight = build_wave_rule(nodes)
-    k, first = K * share, layers[0]
+    fractions, weight = build_wave_rule(nodes)
+    k, first = K * fractions, layers[0]
     near_echo = compute_echoes(k, layers, False)[0].near_echo
     assert near_echo is not None
     pressed, sheared, _ = (part / (2 * first.mu) for part in compute_compliance_change(first, near_echo))
@@ -157,13 +157,13 @@ def _compute_surface_compliance(k: Array, layers: tuple[TissueLayer, ...], depth
     """Return C of eq. CF.20 for pressures, shears and both, without the floor of the stiffest layer alone; shapes (n, q)."""
     first, near_echo = layers[0], compute_echoes(k, layers, depth is not None)[0].near_echo
     change = (0.0, 0.0, 0.0) if near_echo is None else compute_compliance_change(first, near_echo)
-    whole = [(a + b) / (2 * first.mu) for a, b in zip(first.half_space, change, strict=True)]
+    compliances = [(a + b) / (2 * first.mu) for a, b in zip(first.half_space, change, strict=True)]
     if depth is None:
-        return [part + 0 * k for part in whole]
-    firm = find_stiffest(layers)
-    alone = TissueLayer(depth, firm.E, firm.nu)
-    floor = compute_floor_change(k, alone)
-    return [part - floor_part / (2 * alone.mu) for part, floor_part in zip(whole, floor, strict=True)]
+        return [part + 0 * k for part in compliances]
+    stiffest = find_stiffest(layers)
+    floor_layer = TissueLayer(depth, stiffest.E, stiffest.nu)
+    floor = compute_floor_change(k, floor_layer)
+    return [part - floor_part / (2 * floor_layer.mu) for part, floor_part in zip(compliances, floor, strict=True)]
 
 
 def _sum_waves(left: Array, weights: Array, right: Array) -> Array:

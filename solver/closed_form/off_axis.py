@@ -111,7 +111,7 @@ def compute_off_axis_response(
         pairs,
         *(rows @ pairs.compute_products(J, j, parity).transpose(1, 2, 0) for parity, rows in enumerate((even_rows, odd_rows))),
     )
-    share = np.concatenate(
+    factors = np.concatenate(
         [
             (2 * disc.radius)[:, None] / _select_degrees(disc.pressed, pairs.pressed),
             disc.radius[:, None] / _select_degrees(disc.sheared, pairs.sheared),
@@ -119,8 +119,8 @@ def compute_off_axis_response(
         axis=1,
     )
     if not bonded:
-        v, share = v[:, :, : len(pairs.pressed)], share[:, : len(pairs.pressed)]
-    return (v * share[:, None]) @ v.swapaxes(1, 2)
+        v, factors = v[:, :, : len(pairs.pressed)], factors[:, : len(pairs.pressed)]
+    return (v * factors[:, None]) @ v.swapaxes(1, 2)
 
 
 def _combine_shear(sphere_waves: SphereWaves) -> tuple[Array, Array]:

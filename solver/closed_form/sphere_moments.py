@@ -121,17 +121,17 @@ class BallWaves:
     odd_averages: Array
     size: Array
 
-    def average_downward(self, way: Array) -> tuple[Array, Array]:
-        """Return averages of e^-t and t e^-t, where t is ``way`` (n, q) at the centre and decreases upwards; two (n, 3, q)."""
-        fade, way = np.exp(self.size - way)[:, None], way[:, None]
+    def average_downward(self, t: Array) -> tuple[Array, Array]:
+        """Return averages of e^-t and t e^-t, with t (n, q) at the centre, decreasing upwards; two (n, 3, q)."""
+        fade = np.exp(self.size - t)[:, None]
         plain = fade * self.even_averages
-        return plain, way * plain - fade * self.odd_averages
+        return plain, t[:, None] * plain - fade * self.odd_averages
 
-    def average_upward(self, way: Array, across: Array) -> tuple[Array, Array]:
-        """Return averages of e^(t - 2x) and t e^(t - 2x), t as for downward waves, x = ``across`` = k times thickness (n, q)."""
-        fade, way = AVERAGE_MIRROR_SIGNS * np.exp(self.size + way - 2 * across)[:, None], way[:, None]
+    def average_upward(self, t: Array, x: Array) -> tuple[Array, Array]:
+        """Return averages of e^(t - 2x) and t e^(t - 2x), t as for downward waves, x = k times thickness (n, q)."""
+        fade = AVERAGE_MIRROR_SIGNS * np.exp(self.size + t - 2 * x)[:, None]
         plain = fade * self.even_averages
-        return plain, way * plain + fade * self.odd_averages
+        return plain, t[:, None] * plain + fade * self.odd_averages
 
 
 AVERAGE_MIRROR_SIGNS = np.array([1.0, -1.0, 1.0])[:, None]
@@ -177,8 +177,8 @@ class SphereWaves:
 def compute_sphere_waves(sphere: SphereArray, waves: Waves, ball: BallWaves) -> SphereWaves:
     """Compute the moments about spheres, at depths from the top of their layer, under waves of the tissue."""
     k = waves.k
-    way = k * sphere.depth[:, None]
-    downward, upward = ball.average_downward(way), None if waves.depth is None else ball.average_upward(way, k * waves.depth)
+    t = k * sphere.depth[:, None]
+    downward, upward = ball.average_downward(t), None if waves.depth is None else ball.average_upward(t, k * waves.depth)
     two_nu_minus_1, moments = (2 * waves.nu - 1)[:, :, None], []
     for load in (waves.by_pressure, waves.by_shear):
         rows = compute_strain_amplitudes([(k * part)[:, None] for part in load], downward, upward, two_nu_minus_1)
@@ -252,19 +252,19 @@ def _compute_running_waves(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...] | None]:
     """Return A, A' and the part of c2 e^-t alone of downward waves, and R, R' and the part of c4 of upward ones, (n, l, q)."""
     waves, size = sphere_waves.waves, sphere_waves.ball.size
-    way = waves.k * sphere_waves.depth[:, None]
+    t = waves.k * sphere_waves.depth[:, None]
     sums = [
         (waves.k * p)[:, None] * loads[0] + (waves.k * q)[:, None] * loads[1]
         for p, q in zip(waves.by_pressure, waves.by_shear, strict=True)
     ]
-    fade, way = np.exp(size - way)[:, None], way[:, None]
+    fade, t = np.exp(size - t)[:, None], t[:, None]
     b, size = fade * sums[1], size[:, None]
-    downward = fade * sums[0] + way * b, -size * b, b
+    downward = fade * sums[0] + t * b, -size * b, b
     if waves.depth is None:
         return downward, None
     rising_fade = np.exp(sphere_waves.ball.size - waves.k * (2 * waves.depth - sphere_waves.depth[:, None]))[:, None]
     upward_b = rising_fade * sums[3]
-    return downward, (rising_fade * sums[2] - way * upward_b, size * upward_b, upward_b)
+    return downward, (rising_fade * sums[2] - t * upward_b, size * upward_b, upward_b)
 
 
 def _iterate_bessel_factors(sphere_waves: SphereWaves, axis_distance: Array | None) -> Iterator[Array]:
