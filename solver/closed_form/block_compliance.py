@@ -142,34 +142,25 @@ def build_ritz_system(
     transverse, axial = integrals
     one_minus_2nu, across = 1 - 2 * nu, (transverse.slope * (slender * slender))[:, None]
     D_inverse = slender / ((2 - 2 * nu) * axial.slope + one_minus_2nu * across)  # D^-1 of eq. CF.23 over 1 - 2 nu
-    on_u, on_modes = (part.reshape(len(part), -1, len(nu)) for part in loads)
-    u, modes = len(transverse.strain) * len(axial.gg), on_modes.shape[1]
-    rows = np.empty((u, u + 4 * modes, len(nu)), dtype=D_inverse.dtype)  # blocks last, which is fast for all but products
-    _write_shear_stiffness(
-        transverse,
-        axial,
-        slender,
-        rows[:, :u].reshape(len(transverse.strain), len(axial.gg), len(transverse.strain), len(axial.gg), -1),
-    )
-    V, T, raised, mode_coupling = (
-        part.reshape(len(transverse.strain), len(axial.gg), *D_inverse.shape) for part in np.split(rows[:, u:], 4, axis=1)
-    )
-    np.multiply(transverse.widened[:, None, :, None], axial.g_dmode[None, :, None], out=V)
-    np.multiply(transverse.turned[:, None, :, None], -axial.dg_mode[None, :, None], out=T)
-    np.multiply((2 + across / axial.slope) * V + T, 2 * nu * D_inverse, out=raised)
-    np.multiply(2 * nu * V - one_minus_2nu * T, D_inverse, out=mode_coupling)
-    full = np.ascontiguousarray(rows.transpose(2, 0, 1))
-    weighted_modes = on_modes * (D_inverse * one_minus_2nu).reshape(modes, -1)
-    worked = np.concatenate([on_u, on_modes, weighted_modes], axis=1).transpose(2, 0, 1).copy()
-    products, mode_coupling, C = full[:, :, u : u + 2 * modes], full[:, :, u + 3 * modes :], worked[:, :, u : u + modes]
-    S = full[:, :, :u] + products @ full[:, :, u + 2 * modes :].swapaxes(1, 2)
-    return RitzSystem(S, worked[:, :, :u] + C @ mode_coupling.swapaxes(1, 2), C, mode_coupling, worked[:, :, u + modes :])
-
-
-def _write_shear_stiffness(transverse: RadialIntegrals, axial: AxialIntegrals, slender: Array, U: Array) -> None:
-    """Write the stiffness of the u without lambda into U, shape (U_i, g_j, U_i, g_j, n)."""
-    np.multiply(transverse.strain[:, None, :, None], (axial.gg * slender)[None, :, None], out=U)
+    V = transverse.widened[:, None, :, None] * axial.g_dmode[None, :, None]
+    T = -transverse.turned[:, None, :, None] * axial.dg_mode[None, :, None]
+    raised = (2 + across / axial.slope) * V + T
+    raised *= 2 * nu * D_inverse
+    coupling = 2 * nu * V - one_minus_2nu * T
+    coupling *= D_inverse
+    U = transverse.strain[:, None, :, None] * (axial.gg * slender)[None, :, None]
     U += transverse.slide[:, None, :, None] * (axial.dg_dg / slender)[None, :, None]
+    on_u, on_modes = (part.reshape(len(part), -1, len(nu)) for part in loads)
+    over_D = on_modes * (D_inverse * one_minus_2nu).reshape(-1, len(nu))
+
+    def move_blocks_first(values: Array, rows: int) -> Array:
+        return np.ascontiguousarray(values.reshape(rows, -1, len(nu)).transpose(2, 0, 1))
+
+    count = on_u.shape[1]
+    V, T, raised, coupling, U = (move_blocks_first(part, count) for part in (V, T, raised, coupling, U))
+    A, C, C_over_D = (move_blocks_first(part, len(on_u)) for part in (on_u, on_modes, over_D))
+    S = U + V @ raised.swapaxes(1, 2) + T @ coupling.swapaxes(1, 2)
+    return RitzSystem(S, A + C @ coupling.swapaxes(1, 2), C, coupling, C_over_D)
 
 
 # fraction by which the functions are too stiff, with w the width:
