@@ -64,7 +64,7 @@ def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]
     try:
         level = SolidEvaluator()
         forces = level.solve_forces(scene, accuracy)
-        result = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
+        result = level.build_solution(scene, forces, accuracy).build_result(level.name, scene, 0.0)
     except (Refusal, SolveError) as fault:
         print(f"refused: {fault}", file=sys.stderr)
         yield from [None] * 8

@@ -103,7 +103,7 @@ def rows(scene: Scene, evaluator_name: str, accuracies: list[float]) -> Iterator
             with use_limits(Limits(seconds=90.0)):
                 evaluator = SolidEvaluator(tell=meshes.append)
                 forces = evaluator.solve_forces(scene, accuracy)
-                result = evaluator.build_answer(scene, forces, accuracy).build_result(evaluator.name, scene, 0.0)
+                result = evaluator.build_solution(scene, forces, accuracy).build_result(evaluator.name, scene, 0.0)
             seconds = processor() - start
             quotients = compute_quotients(result, true, forces.films[0].sensitivity_error)
             yield (accuracy, *quotients, sum(text.startswith("solving") for text in meshes), seconds)

@@ -231,7 +231,7 @@ def _build_loaded_design(
 ) -> TumourVerification:
     """Return the design with the objective of the results of ``contact`` under its load."""
     scene = design.scene.model_copy(update={"load": pressing.load})
-    solution = ContactEvaluator().build_answer(scene, VERIFICATION_ACCURACY, pressed_scene, result)
+    solution = ContactEvaluator().build_solution(scene, VERIFICATION_ACCURACY, pressed_scene, [result])
     contact_result = solution.build_result(CONTACT_EVALUATOR, scene, perf_counter() - begin)
     lower, upper = bound_objective(result.films, noise, pressing)
     return replace(

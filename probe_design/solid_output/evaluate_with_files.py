@@ -54,7 +54,7 @@ def evaluate_with_files(
         check_writable_file(path, key)  # fail before the work, not after it
     start, solid_evaluator = perf_counter(), SolidEvaluator(tell=tell)
     solution = solid_evaluator.solve_forces(scene, accuracy)
-    result = solid_evaluator.build_answer(scene, solution, accuracy).build_result(
+    result = solid_evaluator.build_solution(scene, solution, accuracy).build_result(
         solid_evaluator.name, scene, perf_counter() - start
     )
     descent = compute_indentation(scene, solution, 0)

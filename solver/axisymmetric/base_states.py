@@ -29,7 +29,6 @@ from solver.elements.quadrilateral import (
     Condensed,
     Geometry,
     compute_geometry,
-    integrate_matrices,
     integrate_stiffness,
 )
 from solver.elements.rectangles import integrate_rectangles
@@ -82,12 +81,6 @@ class MeridianModel:
     def recovery(self) -> Floats:
         """Matrices that give values inside elements from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
         return self.condensed.compute_recovery()
-
-    def integrate_parts(self, chosen: Ints) -> tuple[Floats, Floats]:
-        """Return matrices of some elements per unit 2 mu and lambda, shape (e, 2 s, 2 s) both; u_r before u_z. Not cached."""
-        size = 2 * len(self.shapes.degrees)
-        shear, volume = integrate_matrices(self.geometry.select(chosen), self.shapes)
-        return shear.reshape(len(chosen), size, size), volume.reshape(len(chosen), size, size)
 
     def build_blocks(self, chosen: Ints) -> Blocks:
         """Return the blocks of some elements' stiffness matrices with their moduli. Not cached."""
@@ -291,11 +284,8 @@ def scale_inclusion(model: MeridianModel, time: float) -> Floats:
 
 def find_values_of_degree(model: MeridianModel, degree: int) -> Ints:
     """Return the indices of the elements' values whose edge functions are of one degree."""
-    return np.flatnonzero(np.tile(_get_degrees(model), 2) == degree)
-
-
-def _get_degrees(model: MeridianModel) -> Ints:
-    return np.asarray(model.shapes.degrees[: model.shapes.skeleton].max(axis=1))
+    degrees = model.shapes.degrees[: model.shapes.skeleton].max(axis=1)
+    return np.flatnonzero(np.tile(degrees, 2) == degree)
 
 
 def sum_products(a: Floats, b: Floats) -> Floats:

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
@@ -17,6 +16,7 @@ from geometry.scenes.scene import Contact, Scene
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
 from solver.contact.states import StoppedError
+from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
@@ -49,25 +49,17 @@ class ContactEvaluator(FilmEvaluator):
         Refusal
             The scene is not supported or too extreme, or no step converges at its load.
         """
-        return self.press_and_answer(scene, accuracy, moduli)[0]
-
-    def press_and_answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> tuple[FilmSolution, LoadedScene]:
-        """Press the scene; return the result and the pressed scene, which holds all states on the load path; see ``solve``."""
-        with threadpool_limits(1, user_api="blas"), self._convert_errors(scene):
+        with limit_to_one_thread(), self._convert_errors(scene):
             result, loaded, notes = press_refined(
                 self.prepare_scene(scene, accuracy), lambda films: _is_accurate(films, scene, accuracy)
             )
-            answers = [result] if moduli is None else compute_modulus_curve(loaded, np.asarray(moduli))
-        return self._build_answer(scene, accuracy, loaded, answers, notes), loaded
+            results = [result] if moduli is None else compute_modulus_curve(loaded, np.asarray(moduli))
+        return self.build_solution(scene, accuracy, loaded, results, notes)
 
     def load_scene(self, scene: Scene, accuracy: float) -> LoadedScene:
         """Return a scene pressed to its load, to start similar scenes from; its log-sensitivity may miss the accuracy."""
-        with threadpool_limits(1, user_api="blas"), self._convert_errors(scene):
+        with limit_to_one_thread(), self._convert_errors(scene):
             return press_refined(self.prepare_scene(scene, accuracy), lambda films: films.compute_max_error(scene) <= accuracy)[1]
-
-    def build_answer(self, scene: Scene, accuracy: float, loaded: LoadedScene, result: LoadedForces) -> FilmSolution:
-        """Build the film solution of one result of a pressed scene, with its warnings."""
-        return self._build_answer(scene, accuracy, loaded, [result], ())
 
     @contextmanager
     def _convert_errors(self, scene: Scene) -> Iterator[None]:
@@ -79,16 +71,17 @@ class ContactEvaluator(FilmEvaluator):
         except SolveError as fault:
             raise self._build_extreme_refusal(fault) from fault
 
-    def _build_answer(
-        self, scene: Scene, accuracy: float, loaded: LoadedScene, answers: list[LoadedForces], limits: tuple[Note, ...]
+    def build_solution(
+        self, scene: Scene, accuracy: float, loaded: LoadedScene, results: list[LoadedForces], limits: tuple[Note, ...] = ()
     ) -> FilmSolution:
-        films = tuple(result.films for result in answers)
+        """Build the solution from results of a pressed scene; ``limits`` are notes on what kept it from being finer."""
+        films = tuple(result.films for result in results)
         worst = max(films, key=lambda result: result.compute_max_error(scene))
         change = float(np.exp(np.abs(_compute_log_ratio(worst) - _compute_log_ratio(loaded.linear.films[0]))) - 1)
         decision = Decision(DECISION_FEATURE, True, change, accuracy, "their change of the ratio at this load")
         stopped = (*select_notes(loaded.linear.notes, "limit"), *limits)
         notes = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, stopped)
-        residual = max(loaded.linear.sample.states.residual, *(result.point.residual for result in answers))
+        residual = max(loaded.linear.sample.states.residual, *(result.point.residual for result in results))
         return FilmSolution(films, residual, (*loaded.linear.plan, decision), tuple(notes))
 
     def build_stop_refusal(self, load_entry: tuple[str, object], fault: StoppedError) -> Refusal:

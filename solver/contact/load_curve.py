@@ -10,7 +10,6 @@ from functools import partial
 from time import perf_counter
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
@@ -22,6 +21,7 @@ from solver.contact.limits import find_change_load, find_gap_closure_load, is_ga
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, press_with_enough_points
 from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
+from solver.linalg.threads import limit_to_one_thread
 from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_limits import LargestLoad
@@ -60,7 +60,7 @@ def compute_load_curve(
     """
     start = perf_counter()
     evaluator, points, stopped = ContactEvaluator(), [], None
-    with start_clock(), threadpool_limits(1, user_api="blas"):
+    with start_clock(), limit_to_one_thread():
         loaded = evaluator.prepare_scene(scene, accuracy)
         try:
             for k, load in enumerate(loads):
@@ -101,7 +101,7 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
     Refusal
         See ``compute_load_curve``.
     """
-    with start_clock(), threadpool_limits(1, user_api="blas"):
+    with start_clock(), limit_to_one_thread():
         loaded = ContactEvaluator().prepare_scene(scene, accuracy)
         closure, notes = _find_closure(loaded)
         changes = list(_list_changes(loaded, scene, accuracy))

@@ -20,9 +20,8 @@ from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.contact.assembly import Assembly
 from solver.contact.contact_forces import FRICTION_SPRING_RELATIVE, Touch, compute_touch
 from solver.contact.elements import Elements, ElementValues
-from solver.contact.pairs import Pair
+from solver.contact.pairs import Pair, compute_contact_length, find_pairs
 from solver.contact.states import Linearised, State
-from solver.contact.touching_lines import compute_contact_length, find_pairs
 from solver.elements.quadrilateral import compute_geometry
 from solver.elements.shape_functions import build_shapes
 from solver.linalg.cholesky import factorise, factorise_any

@@ -98,7 +98,6 @@ class FactorisedStates(SolidStates):
 
 def solid_states(
     problem: Problem,
-    neighbour: FactorisedStates | None = None,
     *,
     factor: Factor | None = None,
     start: Floats | None = None,
@@ -110,12 +109,10 @@ def solid_states(
     ----------
     problem
         The problem to solve.
-    neighbour
-        States for other materials of the same bodies: their factor is used again, and the iteration starts from them.
     factor
-        Factor of a matrix near the problem's, if there is no such state.
+        Factor of a matrix near the problem's; None for its own.
     start
-        Start of the iteration in that case.
+        Start of the iteration, such as the states for other materials.
     target
         Relative residual at which the iteration ends.
 
@@ -124,8 +121,6 @@ def solid_states(
     SolveError
         The residual is too large.
     """
-    if neighbour is not None and neighbour.problem.supports is problem.supports:
-        factor, start = neighbour.factor, neighbour.v
     factor, loads = factor or factor_of(problem), problem.loads
     try:
         v = solve(problem.matrix, loads, factor, start, target)

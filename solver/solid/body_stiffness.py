@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,10 +39,6 @@ class Coefficients:
         C[:3, :3] -= law.dilation_modulus
         whole = C[VOIGT_INDEX[:, :, None, None], VOIGT_INDEX]  # C_ikjl
         return cls(whole.transpose(1, 3, 0, 2).reshape(9, 9), law.dilation_modulus)
-
-    def __sub__(self, other: Coefficients) -> Coefficients:
-        """Return the coefficients of a difference of two laws."""
-        return Coefficients(self.gram_factors - other.gram_factors, self.dilation_factor - other.dilation_factor)
 
 
 @dataclass(frozen=True)
@@ -131,25 +127,12 @@ def assemble(body_parts: Mapping[int, Part], laws: Mapping[int, LinearLaw], numb
     number
         Unknown of each displacement, shape (nodes, 3); < 0 for none.
     """
-    return _add_bodies(((body_parts[b], Coefficients.from_law(laws[b])) for b in body_parts if b in laws), number)
-
-
-def assemble_changes(
-    body_parts: Mapping[int, Part], changes: Mapping[int, tuple[LinearLaw, LinearLaw]], number: Ints
-) -> sp.csc_array:
-    """Assemble the change of the stiffness when bodies change from an old to a new law; see ``assemble``."""
-    pieces = (
-        (body_parts[b], Coefficients.from_law(new) - Coefficients.from_law(old))
-        for b, (old, new) in changes.items()
-        if b in body_parts
-    )
-    return _add_bodies(pieces, number)
-
-
-def _add_bodies(bodies: Iterable[tuple[Part, Coefficients]], number: Ints) -> sp.csc_array:
-    """Add the lower triangles of some bodies' stiffness."""
     size, number = int(number.max()) + 1, number.astype(np.int32)
-    pieces = [_list_entries(part, part.compute_blocks(coefficients), number) for part, coefficients in bodies]
+    pieces = [
+        _list_entries(part, part.compute_blocks(Coefficients.from_law(laws[body])), number)
+        for body, part in body_parts.items()
+        if body in laws
+    ]
     values, high, low = (np.concatenate(kind) for kind in zip(*pieces, strict=True))
     del pieces  # as large as the arrays made of them, and as those made next
     rows = sp.coo_array((values, (low, high)), shape=(size, size)).tocsr()  # the upper triangle by rows is the lower by columns
@@ -167,12 +150,3 @@ def _list_entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Int
     # sliding nodes share u_z: their one entry stands for two
     values = np.where((row == column) & (part.rows != part.columns)[np.nonzero(inside)[0]], 2 * values, values)
     return values, np.maximum(row, column), np.minimum(row, column)
-
-
-def integrate_parts(
-    nodes: Floats, elements: Ints, body: Ints, averaged: bool = False, known: Mapping[int, Part] | None = None
-) -> Mapping[int, Part]:
-    """Integrate the stiffness of every body that is not in ``known``."""
-    known = known or {}
-    numbers = [int(b) for b in np.unique(body)]
-    return {b: known[b] if b in known else integrate_part(nodes, elements[body == b], averaged) for b in numbers}

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import eigvalsh
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TetMesh
+from geometry.tetra.tet_mesh import TetMesh
 from solver.linalg.cholesky import Factor
 from solver.linalg.conjugate_gradients import MAX_RESIDUAL_FACTOR, TARGET_RESIDUAL, get_analysis
 from solver.linalg.workspace import get_workspace
@@ -34,10 +34,8 @@ from solver.materials.linear import Isotropic, LinearLaw
 from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
 from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid, Supports
-from solver.solid.regions import Region
 
 REUSE_STEPS_COEFFICIENT = 0.03  # steps that cost as much as a factorisation, over unknowns^(2/3), the ratio of their operations
-MIN_MODULUS_RATIO = 1e-4  # of the old modulus: smaller new moduli are assembled, not added as a difference
 SOLVES_PER_FACTOR = 2  # solutions with one factor: reference and scene
 Laws = Mapping[int, Isotropic]
 
@@ -176,7 +174,8 @@ class CachedMesh:
             if previous is not None and previous.problem.laws == laws and previous.residual <= MAX_RESIDUAL_FACTOR * target:
                 factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base)
                 return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
-            problem = self._assemble_problem(laws)
+            supports = [item.problem.supports for item in self._states.values() if set(item.problem.laws) == set(laws)]
+            problem = Problem.assemble(self.solid, laws, supports[0] if supports else None)
             shared_factor, start = (
                 self.shared.find_factor(problem, base),
                 self.shared.find_start(kind, problem.supports.unknowns),
@@ -185,19 +184,6 @@ class CachedMesh:
             self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states
-
-    def _assemble_problem(self, laws: Laws) -> Problem:
-        """Assemble a problem, by the difference from earlier states of the same regions if rounding allows it."""
-        problems = [states.problem for states in self._states.values() if set(states.problem.laws) == set(laws)]
-        for known_problem in problems:
-            changed = [body for body in laws if laws[body] != known_problem.laws[body]]
-            if all(
-                Region.from_number(body).body >= FIRST_INCLUSION_BODY
-                and not _is_rounded_away(laws[body], known_problem.laws[body])
-                for body in changed
-            ):
-                return known_problem.change_laws(laws)
-        return Problem.assemble(self.solid, laws, problems[0].supports if problems else None)
 
 
 def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
@@ -237,11 +223,6 @@ def compute_modulus_spread(old: Laws, new: Laws) -> float:
     """Return how much the moduli of all regions changed relative to each other: the maximum change over the minimum."""
     changes = [_compute_modulus_changes(new[body], old[body]) for body in old]
     return float(np.max(changes) / np.min(changes))
-
-
-def _is_rounded_away(new: LinearLaw, old: LinearLaw) -> bool:
-    """Return whether new moduli are so small that a difference from the old ones would lose them to rounding."""
-    return bool(np.min(_compute_modulus_changes(new, old)) < MIN_MODULUS_RATIO)
 
 
 def _compute_modulus_changes(new: LinearLaw, old: LinearLaw) -> Floats:

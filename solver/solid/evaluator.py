@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, OutOfReach, ProgressCallback, ignore_progress
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
@@ -74,9 +74,9 @@ class SolidEvaluator(FilmEvaluator):
         Refusal
             The scene is not supported, or cannot be meshed or solved.
         """
-        return self.build_answer(scene, self.solve_forces(scene, accuracy, moduli), accuracy)
+        return self.build_solution(scene, self.solve_forces(scene, accuracy, moduli), accuracy)
 
-    def build_answer(self, scene: Scene, solution: SolidForces, accuracy: float) -> FilmSolution:
+    def build_solution(self, scene: Scene, solution: SolidForces, accuracy: float) -> FilmSolution:
         """Build the film solution at the scene's load; see ``add_tilt_forces`` for refusals."""
         tilted_films = [add_tilt_forces(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(film for film, _ in tilted_films)
@@ -102,7 +102,7 @@ class SolidEvaluator(FilmEvaluator):
                 "placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), "-10 to 10 deg: small rotations"
             )
         _check_sizes(scene)
-        with threadpool_limits(1, user_api="blas"):
+        with limit_to_one_thread():
             try:
                 return compute_solid_forces(scene, accuracy, moduli, self.tell)
             except SolveError as fault:

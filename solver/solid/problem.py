@@ -23,7 +23,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
 from solver.materials.linear import Isotropic
-from solver.solid.body_stiffness import Part, assemble, assemble_changes, integrate_parts
+from solver.solid.body_stiffness import Part, assemble, integrate_part
 from solver.solid.regions import number_elements
 
 STATE_NAMES = ("inner", "outer", "tilt")
@@ -59,8 +59,8 @@ class Solid:
     parts: Mapping[int, Part]
 
     @classmethod
-    def from_mesh(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
-        """Integrate a mesh; with ``averaged``, each element's dilation is its mean, which avoids locking near nu = 1/2.
+    def from_mesh(cls, mesh: TetMesh, frictionless: bool = False, like: Solid | None = None) -> Solid:
+        """Integrate a mesh; each element's dilation is its mean, which avoids locking near nu = 1/2.
 
         ``like`` is a solid of the same elements and kind; bodies with unmoved nodes are copied from it.
 
@@ -73,9 +73,9 @@ class Solid:
             _split_sliding_nodes(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
         )
         body = number_elements(mesh)
-        known = {} if like is None else like.find_unmoved_parts(nodes)
-        body_parts = integrate_parts(nodes, elements, body, averaged, known)
-        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=body_parts)
+        parts = {} if like is None else like.find_unmoved_parts(nodes)
+        parts |= {int(b): integrate_part(nodes, elements[body == b], averaged=True) for b in np.unique(body) if b not in parts}
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=parts)
 
     def find_unmoved_parts(self, nodes: Floats) -> dict[int, Part]:
         """Return the parts whose nodes all equal the given nodes of another solid with the same elements."""
@@ -181,14 +181,6 @@ class Problem:
         """Assemble a problem; problems with the same bodies may share their supports."""
         supports = supports or Supports.from_bodies(solid, laws)
         return cls(solid, laws, supports, Stiffness(assemble(solid.parts, laws, supports.number)))
-
-    def change_laws(self, laws: Mapping[int, Isotropic]) -> Problem:
-        """Return the problem for other laws of the same bodies: the change is added to the present stiffness."""
-        changed = {body: (self.laws[body], stuff) for body, stuff in laws.items() if stuff != self.laws[body]}
-        if not changed:
-            return Problem(self.solid, laws, self.supports, self.matrix)
-        difference = assemble_changes(self.solid.parts, changed, self.supports.number)
-        return Problem(self.solid, laws, self.supports, Stiffness(sp.csc_array(self.matrix.lower + difference)))
 
     @property
     def symmetry_factor(self) -> float:

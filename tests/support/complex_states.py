@@ -12,7 +12,7 @@ from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import build_model
 from solver.axisymmetric.gradients import BODY_OF_MATERIAL
 from solver.axisymmetric.sections import add_details, build_sections
-from solver.elements.quadrilateral import Blocks
+from solver.elements.quadrilateral import Blocks, integrate_matrices
 
 
 def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0.0, density: float = 0.0) -> complex:
@@ -29,7 +29,7 @@ def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0
             losses[body] = scene_sections.materials[body].loss_factor
     turn = 1 + 1j * losses[real.mesh.body]
     n, s = len(turn), len(real.shapes.degrees)
-    shear, volume = real.integrate_parts(np.arange(n))
+    shear, volume = (matrix.reshape(n, 2 * s, 2 * s) for matrix in integrate_matrices(real.geometry, real.shapes))
     whole = (real.law.two_mu * turn)[:, None, None] * shear + (real.law.dilation_modulus * turn)[:, None, None] * volume
     mass = density * np.einsum("nq,qs,qt->nst", real.geometry.weight, real.shapes.value, real.shapes.value)
     whole = whole - (2 * np.pi * frequency) ** 2 * np.einsum("cd,nst->ncsdt", np.eye(2), mass).reshape(whole.shape)
