@@ -74,53 +74,56 @@ def is_graded_everywhere(section: Section) -> bool:
 
 @dataclass(frozen=True)
 class _Change:
-    """The difference between the states of a smaller space and those of the whole, at every modulus.
+    """The difference between the states of a smaller space and those of the full space, at every modulus.
 
     Attributes
     ----------
+    model
+        The full space.
     values
         Vectors that span the difference, elements' values, shape (n, 8 p, m).
     loads
         Their forces, shape (n, 8 p, m).
-    low, whole
-        The states of the smaller and the whole space; for a curve ``values`` holds the vectors of both.
+    lower, full
+        The states of the smaller and of the full space; for a curve ``values`` holds the vectors of both.
     """
 
+    model: MeridianModel
     values: Floats
     loads: Floats
-    low: StateCurve
-    whole: StateCurve
+    lower: StateCurve
+    full: StateCurve
 
     @classmethod
-    def from_curves(cls, model: MeridianModel, low: StateCurve, whole: StateCurve) -> _Change:
+    def from_curves(cls, model: MeridianModel, lower: StateCurve, full: StateCurve) -> _Change:
         """Build the difference of two curves; with several moduli their vectors differ, so that both sets are used."""
-        values = low.edges - whole.edges if whole.rational is None else np.concatenate([low.edges, whole.edges], axis=2)
-        return cls(values, model.system.stiffness @ values, low, whole)
+        values = lower.edges - full.edges if full.rational is None else np.concatenate([lower.edges, full.edges], axis=2)
+        return cls(model, values, model.system.stiffness @ values, lower, full)
 
     def compute_coefficients(self, times: Floats) -> Floats:
         """Return the coefficients of both states' difference on the vectors at some moduli, shape (k, m, 2)."""
-        return (
-            self.low.compute_states(times)[0]
-            if self.whole.rational is None
-            else np.hstack([self.low.compute_states(times)[0], -self.whole.compute_states(times)[0]])
-        )
+        lower = self.lower.compute_states(times)[0]
+        return lower if self.full.rational is None else np.hstack([lower, -self.full.compute_states(times)[0]])
 
     def compute_energies(self, times: Floats) -> Floats:
+        """Return energies a(w_i, w_j) at some moduli, shape (k, 2, 2)."""
+        coefficients = self.compute_coefficients(times)
+        energies = np.asarray(coefficients.transpose(0, 2, 1) @ sum_products(self.values, self.loads) @ coefficients)
+        if self.full.rational is None:
+            return energies
+        return energies + (times[:, None, None] - 1) * _compute_inclusion_energies(self.model, self.values, coefficients)
+
+    def compute_element_energies(self, times: Floats) -> Floats:
         """Return energies a_e(w_i, w_j) by element, (k, n, 2, 2): w at ``times``, a_e with the model's own moduli."""
-        turn = self.compute_coefficients(times)
-        return _multiply_pairs(_combine_vectors(self.values, turn), _combine_vectors(self.loads, turn))
+        coefficients = self.compute_coefficients(times)
+        return _multiply_pairs(_combine_vectors(self.values, coefficients), _combine_vectors(self.loads, coefficients))
 
 
 def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
     """Bound the errors of a sample by its projection to the next lower order, one in ``ERROR_FACTOR_OF_ORDER``."""
-    whole, order = sample.curve or StateCurve(sample.states.edge), sample.states.model.shapes.order
-    low = _project_curve(sample, whole, order - 1)
-    return _build_errors(
-        sample,
-        _Change.from_curves(sample.states.model, low, whole),
-        ERROR_FACTOR_OF_ORDER[order],
-        RATE_FACTOR_OF_ORDER.get(order),
-    )
+    model, full = sample.states.model, sample.state_curve
+    lower = _project_curve(sample, full, model.shapes.order - 1)
+    return _build_errors(sample, _Change.from_curves(model, lower, full), *_get_factors(model))
 
 
 def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
@@ -128,12 +131,11 @@ def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
 
     None for several moduli, or where Poisson's ratio is above 0.48.
     """
-    whole, order, law = sample.curve or StateCurve(sample.states.edge), sample.states.model.shapes.order, sample.states.model.law
-    if whole.rational is not None or np.any(law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * law.two_mu):
+    model, full = sample.states.model, sample.state_curve
+    if full.rational is not None or np.any(model.law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * model.law.two_mu):
         return None
-    values, loads = approximate_lower_order(sample.states, order - 1)
-    change = _Change(values - whole.edges, loads, StateCurve(values), whole)
-    return _build_errors(sample, change, ERROR_FACTOR_OF_ORDER[order], RATE_FACTOR_OF_ORDER.get(order))
+    values, loads = approximate_lower_order(sample.states, model.shapes.order - 1)
+    return _build_errors(sample, _Change(model, values - full.edges, loads, StateCurve(values), full), *_get_factors(model))
 
 
 def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
@@ -141,100 +143,94 @@ def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
 
     None where the order is not in ``OWN_DEGREE_FACTOR_OF_ORDER``.
     """
-    whole, order = sample.curve or StateCurve(sample.states.edge), sample.states.model.shapes.order
+    model, full, order = sample.states.model, sample.state_curve, sample.states.model.shapes.order
     if order not in OWN_DEGREE_FACTOR_OF_ORDER:
         return None
-    values = whole.edges.copy()
-    values[:, find_values_of_degree(sample.states.model, order)] = 0.0
-    low = StateCurve(values, whole.rational)
-    return _build_errors(sample, _Change.from_curves(sample.states.model, low, whole), OWN_DEGREE_FACTOR_OF_ORDER[order])
+    values = full.edges.copy()
+    values[:, find_values_of_degree(model, order)] = 0.0
+    change = _Change.from_curves(model, StateCurve(values, full.rational), full)
+    return _build_errors(sample, change, OWN_DEGREE_FACTOR_OF_ORDER[order], None)
 
 
-def _build_errors(sample: MeshSample, change: _Change, factor: float, rate: float | None = None) -> SampleErrors:
+def _get_factors(model: MeridianModel) -> tuple[float, float | None]:
+    """Return c of eq. AX.10 and k of eq. AX.11 for the order of a model."""
+    return ERROR_FACTOR_OF_ORDER[model.shapes.order], RATE_FACTOR_OF_ORDER.get(model.shapes.order)
+
+
+def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> SampleErrors:
     """Build error bounds from a smaller space, by c of eq. AX.10 and, where changes may fall faster, k of eq. AX.11.
 
     The log-sensitivity is the difference of those of both films. The error of each is bounded by its change with the last degree
     plus, in case that vanishes by chance, the relative error of the film's force times the sensitivity. A smaller system that is
     solved inaccurately widens the bounds: the exact solution has the smallest energy.
     """
-    times, low = sample.times, change.low
-    energies = _compute_energies(sample, change)
-    bound = _compute_shares(sample, change, factor, rate) * _bound_products(energies)
-    totals, slope = sample.totals, sample.modulus_derivative.sum(axis=2)
-    share = _divide(slope, totals)
-    lower_slope = times[:, None] * _compute_inclusion_energies(sample, low.edges, low.compute_states(times)[0]).sum(axis=2)
-    moved = np.abs(_divide(lower_slope, totals + energies.sum(axis=2)) - share)
-    part = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # relative to the smallest force within the error
-    films = SENSITIVITY_FACTOR * moved + np.multiply(
-        np.abs(share), part, out=np.zeros_like(part), where=share != 0
-    )  # 0 without variation
-    return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(films.sum(axis=1)))
+    times, lower, totals = sample.times, change.lower, sample.totals
+    energies = change.compute_energies(times)
+    bound = _compute_error_ratios(sample, change, error_factor, rate_factor) * _bound_products(energies)
+    sensitivities = _divide(sample.modulus_derivative.sum(axis=2), totals)  # of each film's force
+    lower_energies = _compute_inclusion_energies(change.model, lower.edges, lower.compute_states(times)[0])
+    lower_sensitivities = _divide(times[:, None] * lower_energies.sum(axis=2), totals + energies.sum(axis=2))
+    # relative to the smallest force within the error; 0 without variation
+    relative_bound = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)
+    chance = np.multiply(np.abs(sensitivities), relative_bound, out=np.zeros_like(relative_bound), where=sensitivities != 0)
+    film_bounds = SENSITIVITY_FACTOR * np.abs(lower_sensitivities - sensitivities) + chance
+    return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(film_bounds.sum(axis=1)))
 
 
-def _project_curve(sample: MeshSample, whole: StateCurve, degree: int) -> StateCurve:
+def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCurve:
     """Project the vectors of a curve to a lower degree, and return the best states on them."""
     model = sample.states.model
-    values = project_to_lower_order(sample.states, whole.edges[..., 2:], degree, float(sample.times.max()))
-    if whole.rational is None:
+    values = project_to_lower_order(sample.states, full.edges[..., 2:], degree, float(sample.times.max()))
+    if full.rational is None:
         return StateCurve(values)
     states, vectors = values[..., :2], values[..., 2:]
-    size, turn = np.linalg.eigh(sum_products(vectors, model.system.stiffness @ vectors))
-    independent = size > DEPENDENT_RELATIVE * size[-1]
-    vectors = vectors @ (turn[:, independent] / np.sqrt(size[independent]))
-    inside = np.flatnonzero(model.mesh.body == Body.INCLUSION)
-    part = model.system.stiffness[inside] @ vectors[inside]
-    nothing = np.zeros((2, 2))
+    sizes, turn = np.linalg.eigh(sum_products(vectors, model.system.stiffness @ vectors))
+    independent = sizes > DEPENDENT_RELATIVE * sizes[-1]
+    vectors = vectors @ (turn[:, independent] / np.sqrt(sizes[independent]))
+    inclusion = np.flatnonzero(model.mesh.body == Body.INCLUSION)
+    loads, unused = model.system.stiffness[inclusion] @ vectors[inclusion], np.zeros((2, 2))
     rational = RationalResponse.from_energies(
-        sum_products(vectors[inside], part), sum_products(part, states[inside]), start=nothing, inside=nothing
+        sum_products(vectors[inclusion], loads), sum_products(loads, states[inclusion]), start=unused, inside=unused
     )
     return StateCurve(np.concatenate([states, vectors @ rational.turn], axis=2), rational)
 
 
-def _compute_inclusion_energies(sample: MeshSample, values: Floats, coefficients: Floats) -> Floats:
-    """Return energies within the inclusion, at the modulus of ``sample.states``, shape (k, 2, 2)."""
-    inside = np.flatnonzero(sample.states.model.mesh.body == Body.INCLUSION)
-    part = values[inside]
-    return np.asarray(
-        coefficients.transpose(0, 2, 1) @ sum_products(part, sample.states.model.system.stiffness[inside] @ part) @ coefficients
-    )
+def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficients: Floats) -> Floats:
+    """Return energies within the inclusion, at the model's own modulus, of states on the vectors ``values``, (k, 2, 2)."""
+    inclusion = np.flatnonzero(model.mesh.body == Body.INCLUSION)
+    vectors = values[inclusion]
+    products = sum_products(vectors, model.system.stiffness[inclusion] @ vectors)
+    return np.asarray(coefficients.transpose(0, 2, 1) @ products @ coefficients)
 
 
-def _compute_energies(sample: MeshSample, change: _Change) -> Floats:
-    """Return energies a(w_i, w_j) at all moduli, shape (k, 2, 2)."""
-    times, coefficients = sample.times, change.compute_coefficients(sample.times)
-    energies = np.asarray(coefficients.transpose(0, 2, 1) @ sum_products(change.values, change.loads) @ coefficients)
-    if change.whole.rational is None:
-        return energies
-    return np.asarray(energies + (times[:, None, None] - 1) * _compute_inclusion_energies(sample, change.values, coefficients))
-
-
-def _compute_shares(sample: MeshSample, change: _Change, factor: float, rate: float | None = None) -> Floats:
+def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> Floats:
     """Return the first factor of eq. AX.12, which changes little with the modulus, shape (k, 2)."""
-    model, order = sample.states.model, sample.states.model.shapes.order
+    model, order = change.model, change.model.shapes.order
     times = np.ones(1) if sample.curve is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED_MODULI)
-    stiffness = np.stack([scale_inclusion(model, time) for time in times])
-    energies = stiffness * change.compute_energies(times)
-    last = _compute_sizes(energies)
-    left = np.full_like(last, factor)
-    if rate is not None:
-        previous = _compute_sizes(stiffness * _compute_degree_energies(model, change.low, order - 1, times))
-        left = np.clip(rate * _divide(last, np.maximum(previous - last, 0.0), np.inf), MIN_ERROR_FACTOR, left)  # eq. AX.11
-    left[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
-    shares = _divide((left * last).sum(axis=1), _bound_products(energies.sum(axis=1)))
+    scales = np.stack([scale_inclusion(model, time) for time in times])
+    energies = scales * change.compute_element_energies(times)
+    sizes = _compute_sizes(energies)
+    factors = np.full_like(sizes, error_factor)
+    if rate_factor is not None:
+        previous = _compute_sizes(scales * _compute_degree_energies(model, change.lower, order - 1, times))
+        steady = rate_factor * _divide(sizes, np.maximum(previous - sizes, 0.0), np.inf)  # eq. AX.11
+        factors = np.clip(steady, MIN_ERROR_FACTOR, factors)
+    factors[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
+    ratios = _divide((factors * sizes).sum(axis=1), _bound_products(energies.sum(axis=1)))
     upper = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
-    return np.asarray(np.maximum(shares[upper], shares[np.maximum(upper - 1, 0)]))
+    return np.asarray(np.maximum(ratios[upper], ratios[np.maximum(upper - 1, 0)]))
 
 
 def _compute_degree_energies(model: MeridianModel, states: StateCurve, degree: int, times: Floats) -> Floats:
     """Return energies a_e of both states' parts of one degree, (k, n, 2, 2): states at ``times``, a_e with the model's moduli."""
     chosen = find_values_of_degree(model, degree)
-    part = _combine_vectors(states.edges[:, chosen], states.compute_states(times)[0])
-    return _multiply_pairs(part, model.system.stiffness[:, chosen[:, None], chosen] @ part)
+    parts = _combine_vectors(states.edges[:, chosen], states.compute_states(times)[0])
+    return _multiply_pairs(parts, model.system.stiffness[:, chosen[:, None], chosen] @ parts)
 
 
-def _combine_vectors(values: Floats, turn: Floats) -> Floats:
+def _combine_vectors(values: Floats, coefficients: Floats) -> Floats:
     """Combine vectors (n, s, m) by k pairs of coefficients, (k, m, 2), to shape (n, s, 2 k)."""
-    return np.asarray(values @ turn.transpose(1, 0, 2).reshape(turn.shape[1], -1))
+    return np.asarray(values @ coefficients.transpose(1, 0, 2).reshape(coefficients.shape[1], -1))
 
 
 def _multiply_pairs(values: Floats, loads: Floats) -> Floats:
@@ -251,8 +247,8 @@ def _bound_products(energies: Floats) -> Floats:
 
 def _compute_sizes(energies: Floats) -> Floats:
     """Return d_e of eq. AX.10 from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
-    whole, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
-    return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * whole[..., None])))
+    total, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
+    return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * total[..., None])))
 
 
 def _replace_nan(bounds: Floats) -> Floats:
@@ -260,6 +256,6 @@ def _replace_nan(bounds: Floats) -> Floats:
     return np.where(np.isnan(bounds), np.inf, bounds)
 
 
-def _divide(part: Floats, whole: Floats, otherwise: float = 0.0) -> Floats:
-    """Return parts divided by wholes; ``otherwise`` where a whole is 0."""
-    return np.divide(part, whole, out=np.full_like(whole, otherwise), where=whole != 0)
+def _divide(numerator: Floats, denominator: Floats, otherwise: float = 0.0) -> Floats:
+    """Return quotients; ``otherwise`` where a denominator is 0."""
+    return np.divide(numerator, denominator, out=np.full_like(denominator, otherwise), where=denominator != 0)

@@ -89,8 +89,8 @@ def bound_omitted_changes(
     if plain.bracket:
         yield _bound_sides(scene, plain, rough(), moduli)
     if scene.tissue.shape == "half-space":
-        share = 4 / HALF_SPACE_SIZES
-        bounds = tuple(Bound(share * np.abs(totals), share) for totals in rough().totals)
+        relative_change = 4 / HALF_SPACE_SIZES
+        bounds = tuple(Bound(relative_change * np.abs(totals), relative_change) for totals in rough().totals)
         yield Change(OUTER_TISSUE, bounds, zeros, rough().totals)
 
 

@@ -40,6 +40,11 @@ class MeshSample:
     curve: StateCurve | None = None
 
     @property
+    def state_curve(self) -> StateCurve:
+        """The states as functions of the modulus, which is 1 alone where there is one modulus."""
+        return self.curve or StateCurve(self.states.edge)
+
+    @property
     def rounding(self) -> Floats:
         """Bound on the rounding error of each film's total, shape (2,)."""
         return np.asarray(self.states.rounding.sum(axis=1))
@@ -53,8 +58,8 @@ class MeshSample:
     def log_sensitivity(self) -> Floats:
         """Log-sensitivities, shape (k,); 0 where a total is zero."""
         totals = self.totals
-        shares = np.divide(self.modulus_derivative.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
-        return np.asarray(shares[:, 0] - shares[:, 1])
+        films = np.divide(self.modulus_derivative.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
+        return np.asarray(films[:, 0] - films[:, 1])
 
 
 def solve_on_mesh(
@@ -76,22 +81,21 @@ def solve_on_mesh(
     materials, interface = dict(scene_sections.materials), scene.contact.interface
     assert interface != "unilateral"  # refused before
     if moduli is not None:
-        shift = _choose_middle_modulus(moduli, scene.tissue.youngs_modulus)
-        ratio = scene.inclusion[0].poisson_ratio
-        materials[Body.INCLUSION] = Material(youngs_modulus=shift, poisson_ratio=ratio)
+        middle = _choose_middle_modulus(moduli, scene.tissue.youngs_modulus)
+        materials[Body.INCLUSION] = Material(youngs_modulus=middle, poisson_ratio=scene.inclusion[0].poisson_ratio)
     try:
         states = solve_base_states(build_model(section, materials, interface, fineness, kind))
     except np.linalg.LinAlgError as fault:  # Poisson's ratio within rounding of 1/2
         raise SolveError(f"an element's matrix cannot be inverted: {fault}") from fault
     if moduli is None:
-        slope = states.compute_modulus_derivative() if scene.inclusion else np.zeros((2, 2))
-        return MeshSample(states.forces[None], slope[None], states, np.ones(1))
-    times = moduli / shift
+        derivative = states.compute_modulus_derivative() if scene.inclusion else np.zeros((2, 2))
+        return MeshSample(states.forces[None], derivative[None], states, np.ones(1))
+    times = moduli / middle
     response, states_by_modulus = compute_response(states, times.min(), times.max())
     return MeshSample(*response.evaluate(times), states, times, states_by_modulus)
 
 
-def _choose_middle_modulus(moduli: Floats, tissue: float) -> float:
+def _choose_middle_modulus(moduli: Floats, tissue_modulus: float) -> float:
     """Return the modulus at which a curve is solved: the middle of the range in which the film forces change."""
-    low, high = np.clip([moduli.min(), moduli.max()], 0.01 * tissue, 100 * tissue)
+    low, high = np.clip([moduli.min(), moduli.max()], 0.01 * tissue_modulus, 100 * tissue_modulus)
     return float(np.sqrt(low * high))

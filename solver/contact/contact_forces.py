@@ -88,7 +88,13 @@ class Touch:
 
 
 def compute_touch(
-    pair: Pair, displacements: Floats, multiplier: Floats, share: float = 1.0, blur: float = 0.0, *, grip: Grip | None = None
+    pair: Pair,
+    displacements: Floats,
+    multiplier: Floats,
+    penalty_fraction: float = 1.0,
+    blur: float = 0.0,
+    *,
+    grip: Grip | None = None,
 ) -> Touch:
     """Compute gaps, forces and tangent of a pair.
 
@@ -100,7 +106,7 @@ def compute_touch(
         Displacements of the elements, m, shape (n, 8 p).
     multiplier
         Multipliers of the last round, Pa, shape (points,).
-    share
+    penalty_fraction
         Fraction of the penalty that is used.
     blur
         Gap, m, over which the kink of eq. CT.3 is rounded; 0 at rest, where all that touches is closed.
@@ -112,7 +118,7 @@ def compute_touch(
     SolveError
         A line folds over.
     """
-    size, penalty, feet = displacements.size, share * pair.penalty, PointGaps.from_displacements(pair, displacements)
+    size, penalty, feet = displacements.size, penalty_fraction * pair.penalty, PointGaps.from_displacements(pair, displacements)
     gap, inside = feet.gap, feet.inside
     pressure, rising = _compute_pressure(multiplier - penalty * gap, penalty * blur, penalty * REST_CONTACT_GAP_M)
     if pair.tied.size:

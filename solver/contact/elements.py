@@ -142,7 +142,7 @@ class Elements:
 
         At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. LW.3,
 
-            d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.1)
+            d stress / d ln E = stress without the pressure's part,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.1)
         """
         stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
         compliance = self.material.compute_dilation(p)[1]
@@ -153,11 +153,16 @@ class Elements:
         ).forces
 
     def move(
-        self, state: ElementValues, elimination: Elimination, edge: Floats, balance: Balance | None = None, share: float = 1.0
+        self,
+        state: ElementValues,
+        elimination: Elimination,
+        edge: Floats,
+        balance: Balance | None = None,
+        step_fraction: float = 1.0,
     ) -> ElementValues:
         """Return the values after corners and edges change by ``edge``, (n, 8 p).
 
-        With a balance given, interior values and pressures also take their Newton corrections; ``share`` scales the step.
+        With a balance given, interior values and pressures also take their Newton corrections; ``step_fraction`` scales the step.
         """
         inner = (elimination.inner_by_edge @ edge[..., None])[..., 0]
         if balance is not None:
@@ -167,7 +172,7 @@ class Elements:
         pressure = (elimination.pressure_by_u @ step[..., None])[..., 0]
         if balance is not None:
             pressure += balance.pressure
-        return ElementValues(state.u + share * step, state.p + share * pressure)
+        return ElementValues(state.u + step_fraction * step, state.p + step_fraction * pressure)
 
     @cached_property
     def _pressures(self) -> Floats:

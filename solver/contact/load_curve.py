@@ -209,13 +209,13 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
     )
 
 
-def _find_constant_range(force: Floats, ratio: Floats, share: float) -> LoadRange | None:
-    """Find the widest range between two of the forces in which the ratio stays within ``share``, relative."""
+def _find_constant_range(force: Floats, ratio: Floats, tolerance: float) -> LoadRange | None:
+    """Find the widest range between two of the forces in which the ratio stays within ``tolerance``, relative."""
     best: LoadRange | None = None
     for low in range(len(force)):
         ratios = ratio[low:]
         spread = np.maximum.accumulate(ratios) / np.minimum.accumulate(ratios)
-        high = low + int(np.flatnonzero(spread <= (1 + share) / (1 - share))[-1])
+        high = low + int(np.flatnonzero(spread <= (1 + tolerance) / (1 - tolerance))[-1])
         if high > low and (best is None or force[high] - force[low] > best.high - best.low):
-            best = LoadRange(share, float(force[low]), float(force[high]))
+            best = LoadRange(tolerance, float(force[low]), float(force[high]))
     return best

@@ -366,12 +366,12 @@ def _tie_faces(scene: Scene) -> Scene:
 
 def _truncate_section(section: Section) -> Section:
     """Cut a half-space's section where strains are negligible; the linear correction at rest removes the effect of the cut."""
-    share = HALF_SPACE_EXTENT_RELATIVE / HALF_SPACE_SIZES
-    return replace(section, tissue_radius=share * section.tissue_radius, tissue_depth=share * section.tissue_depth)
+    scale = HALF_SPACE_EXTENT_RELATIVE / HALF_SPACE_SIZES
+    return replace(section, tissue_radius=scale * section.tissue_radius, tissue_depth=scale * section.tissue_depth)
 
 
-def _widen_bounds(films: FilmForces, share: float) -> FilmForces:
+def _widen_bounds(films: FilmForces, relative_error: float) -> FilmForces:
     """Return film forces with bounds widened by a relative amount."""
-    bound = Bound(films.bound.totals + share * np.abs(films.totals), films.bound.log_ratio + 2 * share)
-    error = films.sensitivity_error + share * abs(films.log_sensitivity or 0.0)
+    bound = Bound(films.bound.totals + relative_error * np.abs(films.totals), films.bound.log_ratio + 2 * relative_error)
+    error = films.sensitivity_error + relative_error * abs(films.log_sensitivity or 0.0)
     return replace(films, bound=bound, sensitivity_error=error)

@@ -32,7 +32,7 @@ from solver.materials.strain_energies import StableRange
 OPENING_LENGTH_RELATIVE, OPENING_BLUR_SHARE = (
     0.02,
     0.1,
-)  # where faces may open: contact length per indentation; share of the usual rounding
+)  # where faces may open: contact length per indentation; fraction of the usual rounding
 MAX_RESIDUAL = 1e-6  # of the tangent's solutions, relative to the forces that drive them
 BASE_HEIGHT_MARGIN, BASE_RADIUS_FACTOR = 0.05, 1.02  # of the outer block's height and radius: nearer tissue reaches the base
 _mesh = keep_result(build_topology)
@@ -155,7 +155,9 @@ class ContactModel:
             for pair, length in zip(self.pairs, lengths, strict=True)
         ]
         rows = zip(self.pairs, state.multipliers, blurs, state.grips, strict=True)
-        return tuple(compute_touch(pair, displacements, m, state.share, blur, grip=grip) for pair, m, blur, grip in rows)
+        return tuple(
+            compute_touch(pair, displacements, m, state.penalty_fraction, blur, grip=grip) for pair, m, blur, grip in rows
+        )
 
     def linearise(self, state: State, known: Linearised | None = None) -> Linearised:
         """Linearise about a state; ``known`` gives the elements' part if only contact has changed.
@@ -194,11 +196,11 @@ class ContactModel:
         matrix = self.assembly.assemble_tangent(equations.stiffness, equations.contact_stiffness)
         return replace(equations, factor=factorise_any(matrix) if self.has_friction else factorise(matrix, self.assembly.pattern))
 
-    def move(self, state: State, equations: Linearised, step: Floats, share: float = 1.0) -> State:
+    def move(self, state: State, equations: Linearised, step: Floats, step_fraction: float = 1.0) -> State:
         """Return the state after a fraction of a Newton step, given by its part on the unknowns."""
         edge = (self.numbering.gather @ step).reshape(self.lift.shape[:2])
-        elements = self.elements.move(state.elements, equations.elimination, edge, equations.balance, share)
-        return replace(state, v=state.v + share * step, elements=elements)
+        elements = self.elements.move(state.elements, equations.elimination, edge, equations.balance, step_fraction)
+        return replace(state, v=state.v + step_fraction * step, elements=elements)
 
     def shift(self, state: State, equations: Linearised, change: Floats, indentation: float) -> State:
         """Return a state with changed unknowns and another indentation; interior values and pressures follow linearly."""

@@ -61,14 +61,16 @@ def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibr
 def _solve_rounds(model: ContactModel, start: State, rounds: Sequence[tuple[float, float]]) -> Equilibrium:
     """Find equilibrium by the given rounds."""
     state, equations, residuals = start, None, list[float]()
-    for share, blur in rounds:
-        enough = GUESS_RESIDUAL_TOLERANCE if share < 1 and not model.may_open else RESIDUAL_TOLERANCE
-        state, equations, round_residuals = _iterate_newton(model, replace(state, share=share, blur=blur), equations, enough)
+    for penalty_fraction, blur in rounds:
+        enough = GUESS_RESIDUAL_TOLERANCE if penalty_fraction < 1 and not model.may_open else RESIDUAL_TOLERANCE
+        state, equations, round_residuals = _iterate_newton(
+            model, replace(state, penalty_fraction=penalty_fraction, blur=blur), equations, enough
+        )
         residuals += round_residuals
         if not equations.has_contact and equations.relative_residual > RESIDUAL_TOLERANCE:
             state, equations, round_residuals = _iterate_newton(model, state, equations)
             residuals += round_residuals
-        if not equations.has_contact or (share == 1 and equations.deepest <= MAX_PENETRATION_RELATIVE):
+        if not equations.has_contact or (penalty_fraction == 1 and equations.deepest <= MAX_PENETRATION_RELATIVE):
             return Equilibrium(_store_grips(state, equations), equations, tuple(residuals))
         state = replace(state, multipliers=tuple(touch.pressure for touch in equations.touches))
     raise SolveError("contact does not settle")
@@ -123,8 +125,8 @@ def _has_stalled(residuals: Sequence[float], rounded: float) -> bool:
 def _take_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> tuple[State, Linearised]:
     """Take a Newton step, halved until no element folds over and the residual falls, or halving stops helping."""
     best: tuple[State, Linearised] | None = None
-    for share in 0.5 ** np.arange(MAX_HALVINGS):
-        next_state = model.move(state, equations, step, share)
+    for step_fraction in 0.5 ** np.arange(MAX_HALVINGS):
+        next_state = model.move(state, equations, step, step_fraction)
         if model.elements.compute_min_volume_ratio(next_state.elements.u) <= 0:
             continue
         trial = next_state, model.linearise(next_state)

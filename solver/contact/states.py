@@ -31,7 +31,7 @@ class State:
         Contact multipliers at each pair's points, Pa.
     grips
         Friction history of each pair since the load before; None without friction.
-    share
+    penalty_fraction
         Fraction of the pairs' penalties that is used.
     blur
         Rounding of the contact's kink, in contact lengths.
@@ -42,7 +42,7 @@ class State:
     elements: ElementValues
     multipliers: tuple[Floats, ...]
     grips: tuple[Grip | None, ...]
-    share: float = 1.0
+    penalty_fraction: float = 1.0
     blur: float = 0.0
 
     @property

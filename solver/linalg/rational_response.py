@@ -90,7 +90,7 @@ class RationalResponse:
         F(1), shape (k, k).
     inside
         G, shape (k, k).
-    share
+    energy_fractions
         l_k, the part of w_k's energy that is B's, 0 to 1, shape (m,).
     coupling
         c, shape (m, k).
@@ -102,7 +102,7 @@ class RationalResponse:
 
     start: Floats
     inside: Floats
-    share: Floats
+    energy_fractions: Floats
     coupling: Floats
     turn: Floats
     weight: float = 1.0
@@ -112,20 +112,20 @@ class RationalResponse:
         cls, energy: Floats, coupling: Floats, *, start: Floats, inside: Floats, weight: float = 1.0
     ) -> RationalResponse:
         """Diagonalise the energies v_i^T B v_j, shape (m, m), on a basis; ``coupling`` v_k^T B u_i, shape (m, k)."""
-        share, turn = np.linalg.eigh(energy)
-        return cls(start, inside, np.clip(share, 0.0, 1.0), turn.T @ coupling, turn=turn, weight=weight)
+        fractions, turn = np.linalg.eigh(energy)
+        return cls(start, inside, np.clip(fractions, 0.0, 1.0), turn.T @ coupling, turn=turn, weight=weight)
 
     def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
         """Return F and dF / d ln t, t of shape (n,): two arrays of shape (n, k, k)."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
-        denominator = 1 + x[..., 0] * self.share
+        denominator = 1 + x[..., 0] * self.energy_fractions
         products = self.weight * self.coupling[:, :, None] * self.coupling[:, None]
         total = np.einsum("nk,kij->nij", 1 / denominator, products)
-        slope = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.share) / denominator**2, products)
+        slope = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.energy_fractions) / denominator**2, products)
         return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
 
     def compute_amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
         """Return the coefficients of u(t) - u(1) on w and their derivatives by ln t, shape (n, m, k) each."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
-        denominator = 1 + x * self.share[:, None]
+        denominator = 1 + x * self.energy_fractions[:, None]
         return -x * self.coupling / denominator, -(x + 1) * self.coupling / denominator**2

@@ -147,12 +147,12 @@ def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor(like=like)
     tamed = dict(problem.laws)
-    tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.from_number(body).body == TISSUE_BODY)
-    for body, stuff in problem.laws.items():
+    tissue = min(law.youngs_modulus for body, law in tamed.items() if Region.from_number(body).body == TISSUE_BODY)
+    for body, law in problem.laws.items():
         if Region.from_number(body).body >= TISSUE_BODY:
-            modulus = float(np.clip(stuff.youngs_modulus, tissue / MAX_MODULUS_RATIO, tissue * MAX_MODULUS_RATIO))
-            if modulus != stuff.youngs_modulus:
-                tamed[body] = replace(stuff, youngs_modulus=modulus)
+            modulus = float(np.clip(law.youngs_modulus, tissue / MAX_MODULUS_RATIO, tissue * MAX_MODULUS_RATIO))
+            if modulus != law.youngs_modulus:
+                tamed[body] = replace(law, youngs_modulus=modulus)
     if tamed == problem.laws:
         return problem.matrix.factor(single=True, like=like)
     return factorise_lower(

@@ -84,16 +84,16 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     scene, target = domain.scene, domain.scene.target
     if moduli is not None and target is not None:
         scene = _replace_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
-    kept = find_cached_mesh(mesh, scene.contact.interface == "frictionless")
+    cached_mesh = find_cached_mesh(mesh, scene.contact.interface == "frictionless")
     reference_laws, scene_laws = (
-        _find_laws(scene, kept.solid, find_material) for find_material in (find_reference_material, find_scene_material)
+        _find_laws(scene, cached_mesh.solid, find_material) for find_material in (find_reference_material, find_scene_material)
     )
-    base = _find_laws(scene, kept.solid, find_base_material)
+    base = _find_laws(scene, cached_mesh.solid, find_base_material)
     max_residual = _choose_residual(scene_laws) if moduli is None else TARGET_RESIDUAL
-    reference = kept.find_states("reference", reference_laws, base, max_residual)
+    reference = cached_mesh.find_states("reference", reference_laws, base, max_residual)
     reference_reactions, residual = reference.reactions, reference.residual
-    edges = kept.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
-    states = kept.find_states("scene", scene_laws, base, max_residual)
+    edges = cached_mesh.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
+    states = cached_mesh.find_states("scene", scene_laws, base, max_residual)
     reactions, slope = _compute_reactions(states, scene, target, moduli)
     result = SceneDifference(
         reactions[:, :2, :2] - reference_reactions[:2, :2],

@@ -149,10 +149,18 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
     if not w > 0:
         key, value = ("indentation", f"{w:g} m") if scene.load.force is None else ("force", f"{scene.load.force:g} N")
         raise Refusal(f"load.{key}", Words(value), "a load that presses the tilted probe into the tissue")
-    share = tilt / w
-    error = films.bound.totals + np.abs(share) * solution.tilt_error + tilt**2 * np.abs(share * solution.tilt[k])
-    forces = films.forces + np.diag(share * solution.tilt[k])
-    slope = None if films.modulus_derivative is None else films.modulus_derivative + np.diag(share * solution.tilt_slope[k])
+    tilt_per_indentation = tilt / w
+    error = (
+        films.bound.totals
+        + np.abs(tilt_per_indentation) * solution.tilt_error
+        + tilt**2 * np.abs(tilt_per_indentation * solution.tilt[k])
+    )
+    forces = films.forces + np.diag(tilt_per_indentation * solution.tilt[k])
+    slope = (
+        None
+        if films.modulus_derivative is None
+        else films.modulus_derivative + np.diag(tilt_per_indentation * solution.tilt_slope[k])
+    )
     bound = Bound.from_independent_errors(np.asarray(error), forces)
     return replace(films, forces=forces, bound=bound, modulus_derivative=slope), stiffness
 

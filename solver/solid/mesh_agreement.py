@@ -68,13 +68,13 @@ def bound_film_forces(
         rims = SOFT_RIM_FACTOR * raw * change * np.clip(1 - totals[-1] / symmetric_totals, 0.0, None)
         error = bound_error(totals, times[0]) + (doubt + REFERENCE_ERROR_SHARE * raw) * change + rims + whole.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.nan_to_num(rims / np.abs(totals[-1]))
+            rim_errors = np.nan_to_num(rims / np.abs(totals[-1]))
             log_changes = np.abs(np.log(np.abs(totals[-1] / symmetric_totals)))
         moved = max(
             abs(logs[-1] - _compute_log_ratio(symmetric_totals)), RATIO_CHANGE_SHARE * float(np.nan_to_num(log_changes).max())
         )
         log_ratio = (
-            float(bound_error(logs, times[0]) + (doubt + REFERENCE_ERROR_SHARE * raw.max()) * moved + share.sum())
+            float(bound_error(logs, times[0]) + (doubt + REFERENCE_ERROR_SHARE * raw.max()) * moved + rim_errors.sum())
             + whole.bound.log_ratio
         )
         bound = Bound(error, log_ratio if np.all(error < np.abs(totals[-1])) else np.inf)
@@ -84,7 +84,7 @@ def bound_film_forces(
         sensitive = (
             bound_error(sensitivities @ [1.0, -1.0], times[1])
             + (ERROR_FLOOR_RELATIVE + fine.lost) * abs(sensitivities[-1] @ [1.0, -1.0])
-            + np.abs(sensitivities[-1]) @ share
+            + np.abs(sensitivities[-1]) @ rim_errors
         )
         films.append(FilmForces(mesh_forces, bound, slopes[-1][k] if scene.target is not None else None, float(sensitive)))
     return tuple(films)
