@@ -294,6 +294,7 @@ def sum_products(a: Floats, b: Floats) -> Floats:
 
 
 def _collect_laws(mesh: Topology, materials: Materials) -> Isotropic:
+    """Return the law of each element, from the materials of the bodies."""
     bodies = list(materials)
     number = np.zeros(len(Body), dtype=int)
     number[bodies] = np.arange(len(bodies))

@@ -57,6 +57,7 @@ class System:
         return local - shift[:, None] * unit_shift[:, None], shift
 
     def _gather_values(self, v: Floats, lift: Floats | float) -> Floats:
+        """Return the elements' values of displacements v (unknowns, k) and lift, rigid shifts included; shape (n, 8 p, k)."""
         return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], v.shape[1]) + lift)
 
     def assemble_forces(self, forces: Floats) -> Floats:

@@ -72,6 +72,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
     solve = partial(solve_on_mesh, chosen.section, chosen, scene, moduli=moduli)
 
     def is_good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
+        """Return whether errors are within the accuracy, or finer meshes could not bring them there."""
         numerical = _build_films(scene, mesh_sample, errors)
         numerical_error = reached = max(film.compute_max_error(scene) for film in numerical)
         if missing:
@@ -95,6 +96,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
 def _build_films(
     scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()
 ) -> tuple[FilmForces, ...]:
+    """Return the film forces at each modulus, their bounds widened by what ``changes`` leave out."""
     films = []
     for k, forces in enumerate(sample.forces):
         bound = Bound.from_independent_errors(errors.totals[k], forces)
@@ -111,6 +113,7 @@ def _build_films(
 def _write_notes(
     scene: Scene, films: tuple[FilmForces, ...], missing: Iterable[Change], accuracy: float, reason: str | None
 ) -> Iterable[Note]:
+    """Yield warnings: features left out, the limit that stopped refinement, and accuracies that were not reached."""
     for change in missing:
         if change.effect > NEGLIGIBLE_SHARE * accuracy:
             size = f"changes the ratio by at most about {change.effect:.2g}"

@@ -83,6 +83,7 @@ class Numbering:
 
     @cached_property
     def _empty_matrix(self) -> sp.csc_array:
+        """The system's matrix with its sparsity pattern and zeros as entries."""
         return sp.csc_array((np.zeros(len(self.rows)), self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
@@ -213,6 +214,7 @@ def _find_ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[b
 
 
 def _build_gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
+    """Return the matrix from unknowns to the elements' own values; ``dofs`` are their unknowns, or negative where fixed."""
     free = dofs.ravel() >= 0
     starts = np.concatenate([[0], np.cumsum(free)])
     return sp.csr_array((signs.ravel()[free], dofs.ravel()[free], starts), shape=(dofs.size, unknowns))

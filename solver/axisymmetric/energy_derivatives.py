@@ -99,6 +99,7 @@ def differentiate_totals(
     velocities, mask, k, j = compute_velocities(model), model.mesh.body == inside, len(states), len(changes)
 
     def differentiate(part: Bools) -> TotalDerivatives:
+        """Return the derivatives of the elements of one part."""
         chosen_derivatives = _differentiate_elements(model, values, np.flatnonzero(part), velocities)
         derivatives = np.moveaxis(chosen_derivatives @ weights, -1, 0)
         return TotalDerivatives(derivatives[:k], (derivatives[k : k + j] - derivatives[k + j :]) / (2 * step))
@@ -149,21 +150,34 @@ def compute_velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     return by_lengths, free.corner_size.imag / COMPLEX_STEP / section.corner_size
 
 
-def _differentiate_elements(model: MeridianModel, whole: Floats, chosen: Ints, moved: tuple[Floats, Floats]) -> Floats:
-    """Return derivatives of some elements' totals, shape (variables, 2, k)."""
+def _differentiate_elements(model: MeridianModel, states: Floats, chosen: Ints, velocities: tuple[Floats, Floats]) -> Floats:
+    """Return derivatives of the totals u_i^T K (u_1 + u_2) of k pairs of states in some elements, shape (variables, 2, k).
+
+    Parameters
+    ----------
+    model
+        Whose energies are differentiated.
+    states
+        All values of the elements, shape (n, 2 s, 2, k).
+    chosen
+        Numbers of the elements.
+    velocities
+        See ``compute_velocities``.
+    """
     if not chosen.size:
-        return np.zeros((len(list_variables(model)), *whole.shape[2:]))
-    velocity, shares = moved
+        return np.zeros((len(list_variables(model)), *states.shape[2:]))
+    velocity, corner_size_derivatives = velocities
     points = EnergyPoints.from_elements(model, chosen)
     motions = points.compute_motions(velocity[:, chosen]).reshape(len(velocity), -1)
-    element_values = whole[chosen].reshape(len(chosen), 2, -1, *whole.shape[2:]).transpose(3, 4, 1, 0, 2)
+    element_values = states[chosen].reshape(len(chosen), 2, -1, *states.shape[2:]).transpose(3, 4, 1, 0, 2)
+    # energies of S = u_1 + u_2 alone, and of S with D = u_1 - u_2, give both totals
     values = np.empty((element_values.shape[1], 2, *element_values.shape[2:]))
     np.add(element_values[0], element_values[1], out=values[:, 0])
     np.subtract(element_values[0], element_values[1], out=values[:, 1])
     at_once = max(1, int(MAX_TENSOR_BYTES / (16 * motions.shape[1])))
     parts = [_differentiate_pairs(points, motions, values[low : low + at_once]) for low in range(0, len(values), at_once)]
     lengths, energy, volume = (np.concatenate(part) for part in zip(*parts, strict=True))  # (k, 2, ...)
-    lengths = lengths[..., :-1] + lengths[..., -1:] * shares
+    lengths = lengths[..., :-1] + lengths[..., -1:] * corner_size_derivatives
     combined = np.concatenate([lengths, *_differentiate_by_materials(model, chosen, energy, volume)], axis=-1).transpose(2, 1, 0)
     total, difference = combined[:, 0] / 2, combined[:, 1] / 4
     return np.stack([total + difference, total - difference], axis=1)
@@ -187,9 +201,9 @@ def _differentiate_by_materials(model: MeridianModel, chosen: Ints, energy: Floa
     """
     membership = (model.mesh.body[chosen][:, None] == np.array(list(model.materials))).astype(float)
     law = Isotropic.from_materials(model.materials.values())
-    whole, volumetric = energy @ membership, volume @ membership
-    shear = (whole - law.dilation_modulus * volumetric) / (1 + law.poisson_ratio)
-    return whole, law.dilation_modulus_by_poisson * volumetric - shear
+    energies, volumetric = energy @ membership, volume @ membership  # of each body
+    shear = (energies - law.dilation_modulus * volumetric) / (1 + law.poisson_ratio)
+    return energies, law.dilation_modulus_by_poisson * volumetric - shear
 
 
 @dataclass(frozen=True)

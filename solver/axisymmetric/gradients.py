@@ -146,6 +146,7 @@ def differentiate_by_scene(scene: Scene, model: MeridianModel, name: str) -> Flo
 
 
 def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
+    """Return the outputs by name at the scene's load, shape (k,) each."""
     totals, ends = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
     stiffness = totals.sum(axis=1)
     moved = scene.load.indentation

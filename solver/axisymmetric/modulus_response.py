@@ -96,14 +96,17 @@ def _build_space(states: BaseStates, inside: Ints) -> BodySpace:
     gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
 
     def assemble_loads(local: Floats) -> Floats:
+        """Return K_b times the body's elements' values (e, 8 p, k), on the unknowns."""
         return np.asarray(gather.T @ (stiffness @ local).reshape(-1, local.shape[2]))
 
     def multiply_body(v: Floats) -> Floats:
+        """Return K_b v of unknowns v, shape (unknowns, k)."""
         return assemble_loads(system.remove_shift((gather @ v).reshape(len(inside), size, -1))[0])
 
     return BodySpace(system.matrix, system.factor.solve, multiply_body, assemble_loads(states.edge[inside]), MIN_NEW_ENERGY_SHARE)
 
 
 def _build_curve(states: BaseStates, space: BodySpace, response: RationalResponse) -> StateCurve:
+    """Return the states on the eigenvectors of K_b on the basis."""
     basis = states.model.system.compute_values(space.vectors) @ response.turn
     return StateCurve(np.concatenate([states.edge, basis], axis=2), response)

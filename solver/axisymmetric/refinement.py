@@ -111,16 +111,16 @@ def refine(
     return *best, "this is the finest"
 
 
-def _list_meshes(accuracy: float, has_one_mesh_bounds: bool, several: bool) -> Sequence[MeridianFineness]:
+def _list_meshes(accuracy: float, has_one_mesh_bounds: bool, trusts_several: bool) -> Sequence[MeridianFineness]:
     """Return the meshes to solve, in order.
 
     Where one mesh bounds its own error, the second mesh comes first. If that is not accurate enough, and bounds from several
-    meshes are trusted, the cheap first mesh follows and gives another bound.
+    meshes are trusted (``trusts_several``), the cheap first mesh follows and gives another bound.
     """
     levels = MESH_LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not has_one_mesh_bounds:
         return levels
-    return (*((LIGHT_MESH,) if accuracy >= LIGHT_MESH_MIN_ACCURACY else ()), levels[1], *levels[:several], *levels[2:])
+    return (*((LIGHT_MESH,) if accuracy >= LIGHT_MESH_MIN_ACCURACY else ()), levels[1], *levels[:trusts_several], *levels[2:])
 
 
 def _iterate_bounds(

@@ -87,7 +87,7 @@ def _move_off_poles(section: Section) -> Section:
         return section
     radius, thicknesses, last = section.sphere_radius, {}, 0.0
     for body, depth in zip(LAYERS, section.interfaces, strict=False):
-        for inwards in (1, -1):
+        for inwards in (1, -1):  # the upper pole, from which the sphere lies deeper, and the lower one
             pole = section.sphere_depth - inwards * radius
             moved = pole + inwards * MIN_CUT_RELATIVE * radius
             if abs(depth - pole) < TOUCHING_RELATIVE * radius and moved > last:

@@ -71,6 +71,7 @@ def solve_shared_designs(
 
 
 def _get_modulus(scene: Scene) -> float:
+    """Return Young's modulus of the only inclusion, Pa; 0 without one or with several."""
     return scene.inclusion[0].youngs_modulus if len(scene.inclusion) == 1 else 0.0
 
 
@@ -91,6 +92,7 @@ def _solve_curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: fl
 def _select_accurate(
     converged: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
 ) -> Iterator[tuple[float, FilmSolution]]:
+    """Yield the moduli at which a curve is accurate enough, or at which no finer mesh could be more accurate, with solutions."""
     residual, details = converged.sample.states.residual, select_notes(converged.notes, "left_out")
     for modulus, films in zip(moduli.tolist(), converged.films, strict=True):
         short: list[Note] = find_shortfalls(films, films.compute_max_error(scenes[modulus]), accuracy)

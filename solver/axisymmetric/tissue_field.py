@@ -70,6 +70,7 @@ class TissueField:
         return Strains(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
     def _check_points(self, points: Floats) -> None:
+        """Raise ``InputError`` where a point (r, z) lies outside the tissue."""
         s = self.states.model.section
         r, z = points.T
         inside = (r >= 0) & (r <= s.tissue_radius) & (z <= 0) & (z >= -s.tissue_depth)
@@ -79,6 +80,7 @@ class TissueField:
             raise InputError("points", f"r = {far[0]:g}, z = {far[1]:g}", allowed)
 
     def _evaluate_chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return displacements, strains and projected dilations, as in ``Strains``, at points (m, 2)."""
         element, places, jacobian = self.locate(points)
         model, legendre = self.states.model, evaluate_legendre(places, self.states.model.shapes.order)
         value, (by_u, by_v) = evaluate_functions(places, model.shapes.degrees, legendre)
@@ -150,17 +152,18 @@ def _compute_planes(corners: Floats) -> Floats:
 
 
 def _invert_maps(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Return the places in quadrilaterals' unit squares that map to points, (m, 2), and the Jacobians there."""
+    """Return the places (u, v) in quadrilaterals' unit squares that map to points, (m, 2), and the Jacobians there.
+
+    The map from (u, v) to (r, z) is a + u edge_u + v edge_v + u v twist, a the first corner; Newton's method inverts it.
+    """
     a, b, c, d = corners.transpose(1, 2, 0)
-    edge_u, edge_v, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
+    edge_u, edge_v, twist = b - a, d - a, (a - d) - (b - c)
     u = v = np.full(len(points), 0.5)
     for _ in range(MAX_NEWTON_STEPS):
-        by_u, by_v = edge_u + v * twist, edge_v + u * twist
-        residual = points.T - a - u * by_u - v * edge_v
-        determinant = by_u[0] * by_v[1] - by_u[1] * by_v[0]
-        step = (
-            np.stack([residual[0] * by_v[1] - residual[1] * by_v[0], by_u[0] * residual[1] - by_u[1] * residual[0]]) / determinant
-        )
+        d_u, d_v = edge_u + v * twist, edge_v + u * twist
+        residual = points.T - a - u * d_u - v * edge_v
+        determinant = d_u[0] * d_v[1] - d_u[1] * d_v[0]
+        step = np.stack([residual[0] * d_v[1] - residual[1] * d_v[0], d_u[0] * residual[1] - d_u[1] * residual[0]]) / determinant
         u, v = u + step[0], v + step[1]
         if not twist.any() or np.abs(step).max(initial=0.0) <= NEWTON_TOLERANCE:
             break

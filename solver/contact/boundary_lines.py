@@ -103,9 +103,11 @@ def find_lines(mesh: Topology, corners: Floats, order: int) -> dict[str, Boundar
     inner, outer = (mesh.body == body for body in (Body.INNER, Body.OUTER))
 
     def find_vertical(selection: Bools, name: str) -> BoundaryLine:
+        """Return the edges of selected elements on a named column of the mesh."""
         return _find_line(corner_labels, corners, selection, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
 
     def find_horizontal(selection: Bools, start: float, end: float) -> BoundaryLine:
+        """Return the edges of selected elements on the tissue's surface between two radii, as labels."""
         return _find_line(corner_labels, corners, selection, order, axis=1, line=surface, start=start, end=end)
 
     axis, inner_wall, hole, tube, side = (column[name] for name in ("axis", "inner", "hole", "tube", "side"))

@@ -221,6 +221,7 @@ class Elements:
         e, i = slice(0, m), slice(m, None)
 
         def take_block(a: slice, b: slice) -> Floats:
+            """Return one block of all elements, shape (n, rows, columns)."""
             part = parts[:, :, a, :, b]
             return part.reshape(n, 2 * part.shape[2], -1)
 

@@ -93,6 +93,7 @@ class ContactEvaluator(FilmEvaluator):
         return Refusal(key, value, f"up to {limit} for {self.name}: {fault.reason}")
 
     def _build_extreme_refusal(self, fault: SolveError) -> Refusal:
+        """Build the refusal of a scene whose equations cannot be solved."""
         return Refusal("evaluator", self.name, f"scenes whose sizes and moduli lie closer together ({fault})")
 
     @use_own_workspace
@@ -126,6 +127,7 @@ def _is_accurate(films: FilmForces, scene: Scene, accuracy: float) -> bool:
 
 
 def _compute_log_ratio(films: FilmForces) -> float:
+    """Return ln of the ratio of the film forces."""
     return float(np.log(np.abs(films.totals)) @ [1.0, -1.0])
 
 

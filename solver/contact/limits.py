@@ -76,6 +76,7 @@ def find_change_load(path: Path, value: Callable[[PathPoint], float], allowed: f
         return None
 
     def compute_margin(point: PathPoint) -> float:
+        """Return the part of the allowed change that is left at a point, 1 at rest and 0 at the limit."""
         return 1 - abs(value(point) / rest_value - 1) / allowed
 
     return _find_first_load(path, lambda point: compute_margin(point) <= 0, compute_margin, quantity)

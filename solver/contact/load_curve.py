@@ -78,6 +78,7 @@ def compute_load_curve(
 
 
 def _press(loaded: LoadedScene, load: float, by_force: bool) -> LoadedForces:
+    """Press to a force, N, or to an indentation, m."""
     return loaded.press_to_force(load, "force") if by_force else loaded.press_to_indentation(load)
 
 
@@ -170,6 +171,7 @@ def _compute_ratio(path: Path, point: PathPoint) -> float:
 
 
 def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:
+    """Build the curve from the results at each load; ``stopped`` is the reason why it ends early, or None."""
     probe = scene.probe
     areas = np.array([probe.inner_area, probe.outer_area])
     stiffness = [float(point.films.totals.sum()) for point in points]
@@ -185,6 +187,7 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
         warnings.append(Note("limit", f"the curve ends early: {stopped}"))
 
     def collect(name: str) -> tuple[float, ...]:
+        """Return one quantity of the path's points at all loads."""
         return tuple(float(getattr(point.point, name)) for point in points)
 
     return LoadCurve(

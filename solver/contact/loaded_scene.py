@@ -182,6 +182,7 @@ class LoadedScene:
 
     @property
     def _stiffness(self) -> float:
+        """Stiffness at rest on the finer mesh, N/m."""
         return float(self.paths[1].points[0].tangent.sum())
 
     @property

@@ -242,6 +242,7 @@ class ContactModel:
 
     @cached_property
     def _stable_ranges(self) -> list[StableRange]:
+        """Ranges in which the laws that are not neo-Hookean are stable, in their order."""
         return [StableRange.from_law(law) for _, law in self.elements.material.laws]
 
     def compute_film_forces(self, equations: Linearised) -> Floats:

@@ -207,6 +207,7 @@ def _list_wall_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, S
     strip, top = lines["open strip"], lines["open top"]
 
     def build_wall_side(block: str) -> Side:
+        """Return a block's wall; where its edge is round, from the end of the face on."""
         line, lip = lines[f"{block} wall"], lines.get(f"{block} lip")
         if lip is None:
             return Side(line, line)
@@ -226,6 +227,7 @@ def _list_face_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, S
     middle = len(face.element) // 2
 
     def join_side(part: BoundaryLine, whole: BoundaryLine, continuation: BoundaryLine) -> Side:
+        """Return a face, of which ``part`` has contact points, with the line that continues it."""
         return Side(part.join(continuation), whole.join(continuation), (float(part.lengths.sum()), float(whole.lengths.sum())))
 
     inner = join_side(lines["inner face"], lines["inner face"], lines["inner wall"])

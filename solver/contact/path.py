@@ -155,11 +155,11 @@ class Path:
                 self.length = step
                 if step <= 0.5 * MIN_STEP_RELATIVE * self.unit:
                     raise StoppedError(self.last, f"no further step converges: {fault}") from fault
-        easy, longest = (
+        easy_steps, max_step = (
             (EASY_OPENING_STEPS, MAX_OPENING_STEP_RELATIVE) if self.model.may_open else (EASY_NEWTON_STEPS, MAX_STEP_RELATIVE)
         )
-        if len(point.equilibrium.residuals) <= easy:
-            self.length = min(STEP_GROWTH_FACTOR * self.length, longest * self.radius)
+        if len(point.equilibrium.residuals) <= easy_steps:
+            self.length = min(STEP_GROWTH_FACTOR * self.length, max_step * self.radius)
         self.points.append(point)
         return point
 
@@ -179,6 +179,7 @@ class Path:
         return point
 
     def _solve_point(self, indentation: float) -> PathPoint:
+        """Solve at an indentation from the extrapolated state or, where faces may open, also from the state before it."""
         try:
             return self._build_point(
                 solve(self.model, self._extrapolate(indentation), known=self._has_known_contact(indentation))
@@ -191,6 +192,7 @@ class Path:
 
     @property
     def _target(self) -> Floats | None:
+        """Mask of the target's elements; None where no sensitivity is wanted."""
         return self.model.target if self.sensitive else None
 
     def _find_nearest(self, indentation: float) -> list[PathPoint]:

@@ -194,6 +194,7 @@ def integrate_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic) -> B
     push_edge, push_inside = pressures @ on_edge, pressures @ on_inside
 
     def build_block(chosen: Ints, moments: Floats, pushed: Floats) -> Floats:
+        """Return one block: the shear part's chosen sums plus the products of moments and pressures."""
         whole = sums.take(chosen, axis=1)
         whole += moments.transpose(0, 2, 1) @ pushed
         return whole
@@ -206,18 +207,24 @@ def integrate_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic) -> B
 
 
 def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
-    """Return the sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums)."""
+    """Return the sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums).
+
+    Slopes by r and z are sums of slopes X, Y by the unit square's x and y, such as xr X + yr Y by r. So each integral is a sum
+    of products of functions, X and Y with coefficients at the Gauss points: those of X X, X Y and Y Y for u_r alone
+    (``radial``), for u_z alone (``axial``), and for u_r with u_z.
+    """
     table = shapes.tables
-    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
+    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))
     w = geometry.weight * two_mu[:, None]
     half = w / 2
-    rr, zz, sheared = half * xr, half * xz, half * yr
-    by_r, by_z = (rr * xr, rr * yr, sheared * yr), (zz * xz, zz * yz, half * yz * yz)  # X X, X Y and Y Y
-    radial, axial = ([2 * a + b for a, b in zip(*pair, strict=True)] for pair in ((by_r, by_z), (by_z, by_r)))
+    d_r = half * xr * xr, half * xr * yr, half * yr * yr  # of slopes by r squared: X X, X Y and Y Y
+    d_z = half * xz * xz, half * xz * yz, half * yz * yz
+    # 2 mu (u_r,r^2 + u_r,z^2 / 2), and likewise for u_z
+    radial, axial = ([2 * a + b for a, b in zip(*pair, strict=True)] for pair in ((d_r, d_z), (d_z, d_r)))
     sums = (
         table.symmetric([w / geometry.radius**2, *radial[:2], *radial[1:]]),
         table.symmetric([None, *axial[:2], *axial[1:]]),
-        table.unsymmetric([zz * xr, zz * yr, half * yz * xr, half * yz * yr]),
+        table.unsymmetric([half * xz * xr, half * xz * yr, half * yz * xr, half * yz * yr]),
     )
     return np.concatenate([array.reshape(len(w), array.shape[1] * array.shape[2]) for array in sums], axis=1)
 

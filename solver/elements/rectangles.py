@@ -53,6 +53,7 @@ class RectangleTables:
 
 @keep_table
 def _build_tables(order: int) -> RectangleTables:
+    """Tabulate the integrals of eq. EL.2 for one order."""
     shapes = shapes_of(order)
     s, m, points = len(shapes.degrees), shapes.skeleton, shapes.order + 2
     x, w = shapes.points.reshape(points, points, 2)[:, 0, 0], shapes.weights.reshape(points, points).sum(axis=1)
@@ -67,9 +68,11 @@ def _build_tables(order: int) -> RectangleTables:
     M, C = values.sum(axis=0), crossed.sum(axis=0)
 
     def integrate_moments(products: Floats) -> Floats:
+        """Return integrals over the unit interval of products and of x times products, shape (2, p + 1, p + 1)."""
         return np.stack([products.sum(axis=0), np.einsum("a,aij->ij", x, products)])
 
     def tabulate(by_x: Floats, by_y: Floats, chosen: Ints) -> Floats:
+        """Return products of integrals along x and y for pairs of two-dimensional functions."""
         (x_one, y_one), (x_other, y_other) = (shapes.degrees[index].T for index in chosen)
         return np.asarray(by_x[:, x_one, x_other] * by_y[y_one, y_other])
 

@@ -46,7 +46,7 @@ class TensorSums:
         return cls(tuple(by_y for _, by_y in terms), np.concatenate(tables), groups)
 
     def __call__(self, coefficients: Coefficients) -> Floats:
-        """Return the sums, shape (n, pairs by y, pairs by x)."""
+        """Return the sums of eq. EL.1, shape (n, pairs by y, pairs by x): first over the points along y, then along x."""
         n = next(len(array) for array in coefficients if array is not None)
         points, pairs = self.y_tables[0].shape
         by_y = np.empty((n, pairs, len(self.groups), points))

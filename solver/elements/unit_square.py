@@ -140,13 +140,16 @@ def _join_parts(parts: Floats) -> Floats:
 
 @keep_table
 def _build_tables(order: int) -> Tables:
+    """Tabulate the functions of one order and their products at the Gauss points."""
     functions = build_shapes(order)
     x, y, value = *functions.slope, functions.value
 
     def multiply(*pairs: tuple[Floats, Floats]) -> Floats:
+        """Return products of all functions of each pair of tables, one pair below the other."""
         return np.concatenate([(a[:, :, None] * b[:, None]).reshape(len(a), -1) for a, b in pairs])
 
     def symmetrise(a: Floats, b: Floats) -> Floats:
+        """Return products of two tables in both orders, added."""
         return multiply((a, b)) + multiply((b, a))
 
     vertical = np.concatenate([multiply((x, x)), symmetrise(x, y), multiply((y, y))])

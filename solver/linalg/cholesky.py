@@ -141,6 +141,7 @@ class _Pardiso:
             return np.asarray(self.analysis.solver.solve(np.asarray(forces)))
 
     def _refresh(self) -> None:
+        """Factorise again if another matrix of the pattern was factorised since."""
         if self.analysis.values is not self.values:
             self.analysis.solver.refactor_values(self.values)
             self.analysis.values = self.values

@@ -188,6 +188,7 @@ class _Ldlt:
             raise SolveError(f"the factor could not be used: {fault}") from None
 
     def _solve(self, forces: Floats) -> Floats:
+        """Solve in the factor's precision; columns are scaled, as single precision has a narrow range."""
         if not self.single:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
@@ -195,6 +196,7 @@ class _Ldlt:
 
 
 def _analyse(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
+    """Analyse the sparsity pattern of a lower triangle."""
     _reserve(ANALYSIS_BYTES_PER_UNKNOWN * lower.shape[0])
     symbolic = library.analyze(lower, path="ldlt")
     give_back()  # memory that the analysis freed: else the peak is hundreds of MB higher
@@ -306,14 +308,17 @@ def compute_residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
 
 
 def _multiply_columns(a: Floats, b: Floats) -> Floats:
+    """Return the scalar products of the columns of a and b, shape (k,)."""
     return np.asarray(np.einsum("ik,ik->k", a, b))
 
 
 def _divide(a: Floats, b: Floats) -> Floats:
+    """Return a / b, and 0 where b is not positive."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
 
 
 def _check_residual(matrix: Stiffness, forces: Floats, v: Floats, largest: float) -> None:
+    """Raise ``SolveError`` where the relative residual is above ``largest`` and above rounding."""
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
     if np.all(remainder <= largest * size):
         return

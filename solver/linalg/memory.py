@@ -26,6 +26,7 @@ class _FreedMemory:
     idle_bytes = 0
 
     def give_back(self, worth: float) -> None:
+        """Return freed memory to the system if it grew by ``worth`` bytes since this was done last."""
         library = ctypes.CDLL(None)
         library.mallinfo2.restype = _Heap
         idle = _measure_idle_bytes(library)

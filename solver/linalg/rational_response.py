@@ -56,7 +56,7 @@ class BodySpace:
         """
         new = self._solve(self._newest_loads)
         new = new / np.sqrt(np.maximum(np.abs(np.einsum("ik,ik->k", new, self._newest_loads)), 1e-300))
-        for _ in range(2):
+        for _ in range(2):  # twice: one pass leaves rounding errors
             new = new - self.vectors @ (self._images.T @ new)
         images = self._matrix @ new
         gram = new.T @ images

@@ -68,6 +68,7 @@ class SchurComplements:
         return np.asarray(complement[:-1, :-1])
 
     def _eliminate(self, A: Any, B: Any) -> Floats:
+        """Return B^T A^-1 B by eliminating the unknowns of A; the analysis is kept for matrices of one structure."""
         structure = (A.indptr, A.indices, B.indptr, B.indices)
         if self._analysis is None or not all(map(np.array_equal, structure, self._analysis.structure)):
             self._analysis = _analyse(A, B, structure)

@@ -19,5 +19,6 @@ def limit_to_one_thread() -> AbstractContextManager[Any]:
 
 @cache
 def _get_controller() -> ThreadpoolController:
+    """Return the controller of all BLAS libraries that are loaded."""
     has_pardiso()  # PARDISO brings its own BLAS
     return ThreadpoolController()

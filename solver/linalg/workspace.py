@@ -195,18 +195,12 @@ def get_process_workspace() -> Workspace:
 
 def keep_result(function: Callable[P, T]) -> Callable[P, T]:
     """Decorate a function so that its results are kept in the current workspace, by its hashable arguments."""
-    return _keep(function, fixed=False)
+    return _keep(function)
 
 
 def keep_within_limits(function: Callable[P, T]) -> Callable[P, T]:
     """Keep results as ``keep_result`` does, but apart for each limit of memory and time, on which they may depend."""
-
-    @wraps(function)
-    def look_up(*args: P.args, **named: P.kwargs) -> T:
-        key = (function, get_limits(), args, tuple(named.items()))
-        return get_workspace().keep(key, lambda: function(*args, **named))
-
-    return look_up
+    return _keep(function, get_circumstances=get_limits)
 
 
 def keep_table(function: Callable[P, T]) -> Callable[P, T]:
@@ -214,10 +208,14 @@ def keep_table(function: Callable[P, T]) -> Callable[P, T]:
     return _keep(function, fixed=True)
 
 
-def _keep(function: Callable[P, T], fixed: bool) -> Callable[P, T]:
+def _keep(
+    function: Callable[P, T], get_circumstances: Callable[[], Hashable] = lambda: None, fixed: bool = False
+) -> Callable[P, T]:
+    """Decorate a function so that results are kept by arguments and circumstances; for ``fixed`` see ``Workspace.keep``."""
+
     @wraps(function)
     def look_up(*args: P.args, **named: P.kwargs) -> T:
-        key = (function, args, tuple(named.items()))
+        key = (function, get_circumstances(), args, tuple(named.items()))
         return get_workspace().keep(key, lambda: function(*args, **named), fixed)
 
     return look_up

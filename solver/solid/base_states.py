@@ -188,6 +188,7 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
     problem, ends, previous = states.problem, np.array([low, high]), states.reactions[None]
 
     def apply_body_stiffness(displacements: Floats) -> Floats:
+        """Return K_b times displacements of all nodes (3 n, k), on the unknowns."""
         return problem.restrict(
             sum((problem.compute_body_forces(b, displacements) for b in bodies), start=np.zeros_like(displacements))
         )
