@@ -16,7 +16,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import find_max_file_error
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
@@ -24,6 +23,7 @@ from solver.materials.linear import Elastic, Isotropic
 from solver.solid.base_states import FactorisedStates, SolidStates, compute_solid_response
 from solver.solid.cached_mesh import find_cached_mesh
 from solver.solid.domain import Domain
+from solver.solid.domain_mesh import build_domain_layout
 from solver.solid.problem import Solid
 from solver.solid.regions import Region, find_base_material, find_material_at_depth, find_reference_material, find_scene_material
 
@@ -134,7 +134,7 @@ def _lost(domain: Domain, mesh: TetMesh) -> float:
     """
     if all(body.surface is None for body in domain.scene.inclusion):
         return 0.0
-    return find_max_file_error(mesh, build_layout(domain.scene, domain.half, find_extent(domain.scene, None), domain.radius))
+    return find_max_file_error(mesh, build_domain_layout(domain))
 
 
 def _replace_modulus(scene: Scene, target: int, modulus: float) -> Scene:

@@ -22,10 +22,16 @@ from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 from solver.results.result import Decision
 from solver.results.warnings import Note
 from solver.solid.base_states import SolidStates
-from solver.solid.cost import UNKNOWNS_PER_TETRAHEDRON, check_mesh, check_unknowns
 from solver.solid.difference import SceneDifference, difference
 from solver.solid.domain import Domain
-from solver.solid.domain_mesh import is_meshed, mesh_domain, move_meshes
+from solver.solid.domain_mesh import (
+    UNKNOWNS_PER_TETRAHEDRON,
+    check_mesh,
+    check_unknowns,
+    is_meshed,
+    mesh_domain,
+    move_meshes,
+)
 from solver.solid.mesh_agreement import ERROR_FLOOR_RELATIVE, FORCE_SAFETY_FACTOR, bound_film_forces
 from solver.solid.symmetric_part import FAR_TISSUE_PRODUCT_SHARE, SymmetricPart, compute_symmetric_part
 
