@@ -33,7 +33,7 @@ from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.materials.linear import Isotropic
 from solver.solid.base_states import SolidStates
 from solver.solid.body_stiffness import assemble, integrate_part
-from solver.solid.difference import difference
+from solver.solid.difference import solve_difference
 from solver.solid.domain import choose_domain
 from solver.solid.domain_mesh import mesh_domain
 
@@ -90,7 +90,7 @@ def correction() -> Iterator[MeasuredTable]:
     for fineness in (ROUGH_FINENESS, COARSE_FINENESS):
         print(f"{SCENE}: meshing and solving", file=sys.stderr, flush=True)
         mesh: TetMesh = mesh_domain(chosen, fineness)
-        change, states = difference(chosen, mesh)
+        change, states = solve_difference(chosen, mesh)
         alone, added = change.reference + change.forces[0], exact + change.forces[0]
         table.add(len(mesh.elements), change.unknowns, ratio(scene, alone) / known - 1, ratio(scene, added) / known - 1)
         solvers.append(states)

@@ -29,7 +29,7 @@ from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import check_mesh, find_max_error
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, TetraFineness
 from solver.axisymmetric.converged_forces import compute_converged_forces
-from solver.solid.difference import difference
+from solver.solid.difference import solve_difference
 from solver.solid.domain import choose_domain, compute_reach
 
 FINENESS = {"rough": ROUGH_FINENESS, "coarse": COARSE_FINENESS}
@@ -65,7 +65,7 @@ def trials(scene: Scene, fineness: TetraFineness, true: float) -> Iterator[tuple
         seconds, passed = processor() - start, "passed"
         try:
             check_mesh(mesh, layout)
-            change, _ = difference(domain, mesh)
+            change, _ = solve_difference(domain, mesh)
         except SolveError as fault:
             yield name, seconds, len(mesh.elements), find_max_error(mesh, layout), None, str(fault)[:60]
             continue

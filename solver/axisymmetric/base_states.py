@@ -18,8 +18,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_memory, check_time
 from geometry.meridian.mesh import Topology, build_topology, compute_nodes
-from geometry.meridian.mesh_lines import Kind, MeridianFineness
-from geometry.meridian.mesh_lines import find_kind as kind_of
+from geometry.meridian.mesh_lines import Kind, MeridianFineness, find_kind
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
@@ -149,7 +148,7 @@ def build_model(
     LimitReached
         The mesh has too many cells for the limit of memory, or the time limit is exceeded.
     """
-    mesh = _mesh(kind or kind_of(section, fineness.lean), fineness)
+    mesh = _mesh(kind or find_kind(section, fineness.lean), fineness)
     functions = build_shapes(fineness.order)
     size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
     check_memory("a finer mesh", PEAK_MEMORY_FACTOR * size)

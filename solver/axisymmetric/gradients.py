@@ -74,7 +74,7 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     derivatives = {name: outputs[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
     derivatives["log_sensitivity"] = logs.sensitivity @ chain.T
     for change in derivatives.values():  # the variable is each value's own modulus, not that of the states
-        change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.times[:, None]
+        change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.modulus_ratios[:, None]
     return Gradients(chosen, outputs, derivatives)
 
 
@@ -101,10 +101,10 @@ def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
     """
-    model, t, curve = sample.states.model, sample.times[:, None, None], sample.curve
+    model, t, curve = sample.states.model, sample.modulus_ratios[:, None, None], sample.curve
     if curve is None:
         curve = compute_tangent(sample.states) if Body.INCLUSION in model.materials else StateCurve(sample.states.edge)
-    u, du = curve.compute_states(sample.times)
+    u, du = curve.compute_states(sample.modulus_ratios)
     outside, inside = differentiate_totals(model, model.recover_values(curve.edges), u, du, Body.INCLUSION)
     totals = sample.totals[:, None]
     logs = (outside.totals + t * inside.totals) / totals

@@ -100,22 +100,22 @@ class _Change:
         values = lower.edges - full.edges if full.rational is None else np.concatenate([lower.edges, full.edges], axis=2)
         return cls(model, values, model.system.stiffness @ values, lower, full)
 
-    def compute_coefficients(self, times: Floats) -> Floats:
-        """Return the coefficients of both states' difference on the vectors at some moduli, shape (k, m, 2)."""
-        lower = self.lower.compute_states(times)[0]
-        return lower if self.full.rational is None else np.hstack([lower, -self.full.compute_states(times)[0]])
+    def compute_coefficients(self, ratios: Floats) -> Floats:
+        """Return the coefficients of both states' difference on the vectors at some ratios of the modulus, shape (k, m, 2)."""
+        lower = self.lower.compute_states(ratios)[0]
+        return lower if self.full.rational is None else np.hstack([lower, -self.full.compute_states(ratios)[0]])
 
-    def compute_energies(self, times: Floats) -> Floats:
-        """Return energies a(w_i, w_j) at some moduli, shape (k, 2, 2)."""
-        coefficients = self.compute_coefficients(times)
+    def compute_energies(self, ratios: Floats) -> Floats:
+        """Return energies a(w_i, w_j) at some ratios of the modulus, shape (k, 2, 2)."""
+        coefficients = self.compute_coefficients(ratios)
         energies = np.asarray(coefficients.transpose(0, 2, 1) @ sum_products(self.values, self.loads) @ coefficients)
         if self.full.rational is None:
             return energies
-        return energies + (times[:, None, None] - 1) * _compute_inclusion_energies(self.model, self.values, coefficients)
+        return energies + (ratios[:, None, None] - 1) * _compute_inclusion_energies(self.model, self.values, coefficients)
 
-    def compute_element_energies(self, times: Floats) -> Floats:
-        """Return energies a_e(w_i, w_j) by element, (k, n, 2, 2): w at ``times``, a_e with the model's own moduli."""
-        coefficients = self.compute_coefficients(times)
+    def compute_element_energies(self, ratios: Floats) -> Floats:
+        """Return energies a_e(w_i, w_j) by element, (k, n, 2, 2): w at ``ratios``, a_e with the model's own moduli."""
+        coefficients = self.compute_coefficients(ratios)
         return _multiply_pairs(_combine_vectors(self.values, coefficients), _combine_vectors(self.loads, coefficients))
 
 
@@ -164,12 +164,12 @@ def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate
     plus, in case that vanishes by chance, the relative error of the film's force times the sensitivity. A smaller system that is
     solved inaccurately widens the bounds: the exact solution has the smallest energy.
     """
-    times, lower, totals = sample.times, change.lower, sample.totals
-    energies = change.compute_energies(times)
+    ratios, lower, totals = sample.modulus_ratios, change.lower, sample.totals
+    energies = change.compute_energies(ratios)
     bound = _compute_error_ratios(sample, change, error_factor, rate_factor) * _bound_products(energies)
     sensitivities = _divide(sample.modulus_derivative.sum(axis=2), totals)  # of each film's force
-    lower_energies = _compute_inclusion_energies(change.model, lower.edges, lower.compute_states(times)[0])
-    lower_sensitivities = _divide(times[:, None] * lower_energies.sum(axis=2), totals + energies.sum(axis=2))
+    lower_energies = _compute_inclusion_energies(change.model, lower.edges, lower.compute_states(ratios)[0])
+    lower_sensitivities = _divide(ratios[:, None] * lower_energies.sum(axis=2), totals + energies.sum(axis=2))
     # relative to the smallest force within the error; 0 without variation
     relative_bound = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)
     chance = np.multiply(np.abs(sensitivities), relative_bound, out=np.zeros_like(relative_bound), where=sensitivities != 0)
@@ -180,7 +180,7 @@ def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate
 def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCurve:
     """Project the vectors of a curve to a lower degree, and return the best states on them."""
     model = sample.states.model
-    values = project_to_lower_order(sample.states, full.edges[..., 2:], degree, float(sample.times.max()))
+    values = project_to_lower_order(sample.states, full.edges[..., 2:], degree, float(sample.modulus_ratios.max()))
     if full.rational is None:
         return StateCurve(values)
     states, vectors = values[..., :2], values[..., 2:]
@@ -206,25 +206,29 @@ def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficien
 def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> Floats:
     """Return the first factor of eq. AX.12, which changes little with the modulus, shape (k, 2)."""
     model, order = change.model, change.model.shapes.order
-    times = np.ones(1) if sample.curve is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED_MODULI)
-    scales = np.stack([scale_inclusion(model, time) for time in times])
-    energies = scales * change.compute_element_energies(times)
+    ratios = (
+        np.ones(1)
+        if sample.curve is None
+        else np.geomspace(sample.modulus_ratios.min(), sample.modulus_ratios.max(), SAMPLED_MODULI)
+    )
+    scales = np.stack([scale_inclusion(model, ratio) for ratio in ratios])
+    energies = scales * change.compute_element_energies(ratios)
     sizes = _compute_sizes(energies)
     factors = np.full_like(sizes, error_factor)
     if rate_factor is not None:
-        previous = _compute_sizes(scales * _compute_degree_energies(model, change.lower, order - 1, times))
+        previous = _compute_sizes(scales * _compute_degree_energies(model, change.lower, order - 1, ratios))
         steady = rate_factor * _divide(sizes, np.maximum(previous - sizes, 0.0), np.inf)  # eq. AX.11
         factors = np.clip(steady, MIN_ERROR_FACTOR, factors)
     factors[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
-    ratios = _divide((factors * sizes).sum(axis=1), _bound_products(energies.sum(axis=1)))
-    upper = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
-    return np.asarray(np.maximum(ratios[upper], ratios[np.maximum(upper - 1, 0)]))
+    error_ratios = _divide((factors * sizes).sum(axis=1), _bound_products(energies.sum(axis=1)))
+    upper = np.clip(np.searchsorted(ratios, sample.modulus_ratios), min(1, len(ratios) - 1), len(ratios) - 1)
+    return np.asarray(np.maximum(error_ratios[upper], error_ratios[np.maximum(upper - 1, 0)]))
 
 
-def _compute_degree_energies(model: MeridianModel, states: StateCurve, degree: int, times: Floats) -> Floats:
-    """Return energies a_e of both states' parts of one degree, (k, n, 2, 2): states at ``times``, a_e with the model's moduli."""
+def _compute_degree_energies(model: MeridianModel, states: StateCurve, degree: int, ratios: Floats) -> Floats:
+    """Return energies a_e of both states' parts of one degree, (k, n, 2, 2), at ``ratios`` of the modulus."""
     chosen = find_values_of_degree(model, degree)
-    parts = _combine_vectors(states.edges[:, chosen], states.compute_states(times)[0])
+    parts = _combine_vectors(states.edges[:, chosen], states.compute_states(ratios)[0])
     return _multiply_pairs(parts, model.system.stiffness[:, chosen[:, None], chosen] @ parts)
 
 

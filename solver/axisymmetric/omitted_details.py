@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.mesh_lines import find_kind as kind_of
+from geometry.meridian.mesh_lines import find_kind
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
@@ -102,7 +102,7 @@ def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Float
     cylinder, the remaining error is bounded by a third of the shift and b^2. In 3D references with b = 0.03 and 0.06 it was
     0.0001 and 0.002 (their own uncertainty).
     """
-    kind = kind_of(plain.section)
+    kind = find_kind(plain.section)
     from scipy.interpolate import pchip_interpolate
 
     ends = []

@@ -36,7 +36,7 @@ class MeshSample:
     forces: Floats
     modulus_derivative: Floats
     states: BaseStates
-    times: Floats
+    modulus_ratios: Floats
     curve: StateCurve | None = None
 
     @property
@@ -90,9 +90,9 @@ def solve_on_mesh(
     if moduli is None:
         derivative = states.compute_modulus_derivative() if scene.inclusion else np.zeros((2, 2))
         return MeshSample(states.forces[None], derivative[None], states, np.ones(1))
-    times = moduli / middle
-    response, states_by_modulus = compute_response(states, times.min(), times.max())
-    return MeshSample(*response.evaluate(times), states, times, states_by_modulus)
+    modulus_ratios = moduli / middle
+    response, states_by_modulus = compute_response(states, modulus_ratios.min(), modulus_ratios.max())
+    return MeshSample(*response.evaluate(modulus_ratios), states, modulus_ratios, states_by_modulus)
 
 
 def _choose_middle_modulus(moduli: Floats, tissue_modulus: float) -> float:

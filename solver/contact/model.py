@@ -11,8 +11,7 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
 from geometry.meridian.mesh import Topology, build_topology, compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
-from geometry.meridian.mesh_lines import MeridianFineness
-from geometry.meridian.mesh_lines import find_kind as kind_of
+from geometry.meridian.mesh_lines import MeridianFineness, find_kind
 from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
@@ -86,7 +85,7 @@ class ContactModel:
         SolveError
             The mesh has a cell without area.
         """
-        mesh, functions = _mesh(kind_of(section), fineness), build_shapes(fineness.order)
+        mesh, functions = _mesh(find_kind(section), fineness), build_shapes(fineness.order)
         element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
         elements = Elements.from_geometry(element_geometry, functions, _build_laws(materials, mesh))
         numbers = number_unknowns(mesh, fineness.order, "bonded" if interface == "bonded" else "apart")

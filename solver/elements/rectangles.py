@@ -22,8 +22,7 @@ from scipy.linalg.blas import dger
 
 from geometry.common.arrays import Floats, Ints
 from solver.elements.quadrilateral import Blocks, Geometry, integrate_volumetric
-from solver.elements.shape_functions import Shapes, evaluate_edge_functions, evaluate_legendre
-from solver.elements.shape_functions import build_shapes as shapes_of
+from solver.elements.shape_functions import Shapes, build_shapes, evaluate_edge_functions, evaluate_legendre
 from solver.linalg.workspace import keep_table
 from solver.materials.linear import Isotropic
 
@@ -54,7 +53,7 @@ class RectangleTables:
 @keep_table
 def _build_tables(order: int) -> RectangleTables:
     """Tabulate the integrals of eq. EL.2 for one order."""
-    shapes = shapes_of(order)
+    shapes = build_shapes(order)
     s, m, points = len(shapes.degrees), shapes.skeleton, shapes.order + 2
     x, w = shapes.points.reshape(points, points, 2)[:, 0, 0], shapes.weights.reshape(points, points).sum(axis=1)
     N, S = evaluate_edge_functions(x, evaluate_legendre(x, shapes.order))

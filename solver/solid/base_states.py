@@ -25,7 +25,9 @@ from solver.solid.problem import BLOCK_BODIES, STATE_NAMES, Problem
 from solver.solid.regions import Region
 from solver.solid.tetrahedron import iterate_quadrature
 
-DOUBLE = 20_000  # unknowns up to which factors are in double precision; above, single precision is faster and half as large
+MAX_DOUBLE_PRECISION_UNKNOWNS = (
+    20_000  # unknowns up to which factors are in double precision; above, single precision is faster and half as large
+)
 MAX_MODULUS_RATIO = 100.0
 FORCE_TOLERANCE_RELATIVE = 1e-7  # of the film forces: change by the last step of a curve, above the remaining error
 MAX_BASIS_STEPS = 60
@@ -96,7 +98,7 @@ class FactorisedStates(SolidStates):
         return SolidStates(self.problem, self.v, self.energies)
 
 
-def solid_states(
+def solve_states(
     problem: Problem,
     *,
     factor: Factor | None = None,
@@ -121,7 +123,7 @@ def solid_states(
     SolveError
         The residual is too large.
     """
-    factor, loads = factor or factor_of(problem), problem.loads
+    factor, loads = factor or factorise_problem(problem), problem.loads
     try:
         v = solve(problem.matrix, loads, factor, start, target)
     except SolveError:  # too far away, or too rough
@@ -130,7 +132,7 @@ def solid_states(
     return FactorisedStates(problem, v, compute_energies(problem, v), factor)
 
 
-def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
+def factorise_problem(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
     """Factorise a problem's matrix; large systems in single precision, with the contrast of moduli limited.
 
     Parameters
@@ -144,19 +146,19 @@ def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
     -----
     In single precision, errors in very stiff bodies would outweigh the softest layer.
     """
-    if problem.supports.unknowns <= DOUBLE:
+    if problem.supports.unknowns <= MAX_DOUBLE_PRECISION_UNKNOWNS:
         return problem.matrix.factor(like=like)
-    tamed = dict(problem.laws)
-    tissue = min(law.youngs_modulus for body, law in tamed.items() if Region.from_number(body).body == TISSUE_BODY)
+    limited_laws = dict(problem.laws)
+    tissue = min(law.youngs_modulus for body, law in limited_laws.items() if Region.from_number(body).body == TISSUE_BODY)
     for body, law in problem.laws.items():
         if Region.from_number(body).body >= TISSUE_BODY:
             modulus = float(np.clip(law.youngs_modulus, tissue / MAX_MODULUS_RATIO, tissue * MAX_MODULUS_RATIO))
             if modulus != law.youngs_modulus:
-                tamed[body] = replace(law, youngs_modulus=modulus)
-    if tamed == problem.laws:
+                limited_laws[body] = replace(law, youngs_modulus=modulus)
+    if limited_laws == problem.laws:
         return problem.matrix.factor(single=True, like=like)
     return factorise_lower(
-        round_to_single(Problem.assemble(problem.solid, tamed, problem.supports).matrix.lower), like
+        round_to_single(Problem.assemble(problem.solid, limited_laws, problem.supports).matrix.lower), like
     )  # which frees the matrix
 
 

@@ -31,7 +31,7 @@ from solver.linalg.cholesky import Factor
 from solver.linalg.conjugate_gradients import MAX_RESIDUAL_FACTOR, TARGET_RESIDUAL, get_analysis
 from solver.linalg.workspace import get_workspace
 from solver.materials.linear import Isotropic, LinearLaw
-from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
+from solver.solid.base_states import FactorisedStates, SolidStates, factorise_problem, solve_states
 from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid, Supports
 
@@ -111,7 +111,7 @@ class SharedFactor:
             like = None if self.regions is None else get_analysis(self.regions.factor)
             self.regions = None  # frees it before the next is made
             whole = problem if problem.laws == base else Problem.assemble(problem.solid, base)
-            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
+            self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factorise_problem(whole, like))
         return RestrictedFactor.restrict(self.regions.factor, self.regions.supports, problem.supports)
 
     @staticmethod
@@ -180,7 +180,7 @@ class CachedMesh:
                 self.shared.find_factor(problem, base),
                 self.shared.find_start(kind, problem.supports.unknowns),
             )
-            states = solid_states(problem, factor=shared_factor, start=start, target=target)
+            states = solve_states(problem, factor=shared_factor, start=start, target=target)
             self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states

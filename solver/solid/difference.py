@@ -61,17 +61,17 @@ class SceneDifference:
     """
 
     forces: Floats
-    slope: Floats
+    modulus_derivative: Floats
     tilt: Floats
-    tilt_slope: Floats
+    tilt_derivative: Floats
     reference: Floats
     edges: Floats | None
     unknowns: int
     residual: float
-    lost: float
+    volume_error: float
 
 
-def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
+def solve_difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
     """Solve reference and scene, at the scene's modulus of the target or at all ``moduli``; return also the scene's states.
 
     The factor takes most of the memory. Both share one, which the workspace caches with the states for other materials.
@@ -94,17 +94,17 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     reference_reactions, residual = reference.reactions, reference.residual
     edges = cached_mesh.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
     states = cached_mesh.find_states("scene", scene_laws, base, max_residual)
-    reactions, slope = _compute_reactions(states, scene, target, moduli)
+    reactions, modulus_derivative = _compute_reactions(states, scene, target, moduli)
     result = SceneDifference(
         reactions[:, :2, :2] - reference_reactions[:2, :2],
-        slope[:, :2, :2],
+        modulus_derivative[:, :2, :2],
         tilt=reactions[:, :2, 2] - reference_reactions[:2, 2],
-        tilt_slope=slope[:, :2, 2],
+        tilt_derivative=modulus_derivative[:, :2, 2],
         reference=reference_reactions[:2, :2],
         edges=edges,
         unknowns=states.problem.supports.unknowns,
         residual=max(residual, states.residual),
-        lost=_lost(domain, mesh),
+        volume_error=_compute_volume_error(domain, mesh),
     )
     return result, states.bare_states
 
@@ -127,7 +127,7 @@ def _choose_residual(laws: Mapping[int, Isotropic]) -> float:
     )
 
 
-def _lost(domain: Domain, mesh: TetMesh) -> float:
+def _compute_volume_error(domain: Domain, mesh: TetMesh) -> float:
     """Return the relative volume error of bodies from files; see ``SceneDifference``.
 
     Nodes lie on blocks and ellipsoids, whose volumes the mesher checks more strictly.

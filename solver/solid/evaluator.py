@@ -156,13 +156,13 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
         + tilt**2 * np.abs(tilt_per_indentation * solution.tilt[k])
     )
     forces = films.forces + np.diag(tilt_per_indentation * solution.tilt[k])
-    slope = (
+    modulus_derivative = (
         None
         if films.modulus_derivative is None
-        else films.modulus_derivative + np.diag(tilt_per_indentation * solution.tilt_slope[k])
+        else films.modulus_derivative + np.diag(tilt_per_indentation * solution.tilt_derivative[k])
     )
     bound = Bound.from_independent_errors(np.asarray(error), forces)
-    return replace(films, forces=forces, bound=bound, modulus_derivative=slope), stiffness
+    return replace(films, forces=forces, bound=bound, modulus_derivative=modulus_derivative), stiffness
 
 
 def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:

@@ -22,7 +22,7 @@ from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 from solver.results.result import Decision
 from solver.results.warnings import Note
 from solver.solid.base_states import SolidStates
-from solver.solid.difference import SceneDifference, difference
+from solver.solid.difference import SceneDifference, solve_difference
 from solver.solid.domain import Domain
 from solver.solid.domain_mesh import (
     UNKNOWNS_PER_TETRAHEDRON,
@@ -73,7 +73,7 @@ class SolidForces:
 
     films: tuple[FilmForces, ...]
     tilt: Floats
-    tilt_slope: Floats
+    tilt_derivative: Floats
     tilt_error: Floats
     domain: Domain
     difference: SceneDifference
@@ -138,10 +138,10 @@ def _refine_until_agreed(
         ):
             continue
         try:
-            for fineness, mesh in zip(stage, _meshes(symmetric.domain, stage, tell), strict=True):
+            for fineness, mesh in zip(stage, _iterate_meshes(symmetric.domain, stage, tell), strict=True):
                 tell(f"solving on {len(mesh.elements)} tetrahedra")
                 get_workspace().begin()  # a coarser mesh's factor may be freed
-                solutions[fineness] = difference(symmetric.domain, mesh, moduli)
+                solutions[fineness] = solve_difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
             if not films:
                 raise
@@ -168,11 +168,11 @@ def _refine_until_agreed(
 
 def _may_suffice(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:
     """Return whether two meshes suffice if a coarser one shows steady convergence: then the last step counts once."""
-    films = bound_film_forces(scene, symmetric, differences, ERROR_FLOOR_RELATIVE, times=(1.0, 1.0))
+    films = bound_film_forces(scene, symmetric, differences, ERROR_FLOOR_RELATIVE, safety_factors=(1.0, 1.0))
     return not any(_may_improve(film, scene, accuracy) for film in films)
 
 
-def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
+def _iterate_meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
     """Yield meshes moved from those of a similar scene, or made in parallel."""
     moved = move_meshes(domain, finenesses)
     if moved is not None:
@@ -214,7 +214,7 @@ def _may_improve(films: FilmForces, scene: Scene, accuracy: float, max_excess: f
 def _compute_tilt_forces(symmetric: SymmetricPart, difference: SceneDifference) -> tuple[Floats, Floats]:
     """Return film forces per unit rotation and their derivatives, corrected by eq. SO.5, shape (k, 2) each."""
     tilt, slope = (
-        symmetric.propagate_change(difference, part[..., None])[..., 0] for part in (difference.tilt, difference.tilt_slope)
+        symmetric.propagate_change(difference, part[..., None])[..., 0] for part in (difference.tilt, difference.tilt_derivative)
     )
     return tilt, slope
 

@@ -37,7 +37,7 @@ def bound_film_forces(
     differences: Sequence[SceneDifference],
     floor: float,
     *,
-    times: tuple[float, float] = (FORCE_SAFETY_FACTOR, SENSITIVITY_SAFETY_FACTOR),
+    safety_factors: tuple[float, float] = (FORCE_SAFETY_FACTOR, SENSITIVITY_SAFETY_FACTOR),
 ) -> tuple[FilmForces, ...]:
     """Return the film forces of the finest mesh, the last of two or more, with error bounds from all meshes.
 
@@ -51,52 +51,49 @@ def bound_film_forces(
         Scene minus reference on each mesh, coarser meshes first.
     floor
         See ``ERROR_FLOOR_RELATIVE``.
-    times
+    safety_factors
         Safety factors of the last step, for forces and for log_sensitivity.
     """
-    fine, whole = differences[-1], symmetric.whole.films
+    fine, exact_films, (force_factor, sensitivity_factor) = differences[-1], symmetric.whole.films, safety_factors
     forces = [symmetric.correct_forces(entry) for entry in differences]
-    slopes = [symmetric.propagate_change(entry, entry.slope) for entry in differences]
-    symmetric_totals = whole.forces.sum(axis=1)
-    raw = np.abs(np.log(fine.reference.sum(axis=1) / symmetric.exact.sum(axis=1)))
-    doubt = floor + fine.lost + FAR_TISSUE_PRODUCT_SHARE * symmetric.edges
+    derivatives = [symmetric.propagate_change(entry, entry.modulus_derivative) for entry in differences]
+    symmetric_totals = exact_films.forces.sum(axis=1)
+    reference_errors = np.abs(np.log(fine.reference.sum(axis=1) / symmetric.exact.sum(axis=1)))
+    relative_doubt = floor + fine.volume_error + FAR_TISSUE_PRODUCT_SHARE * symmetric.edges
+    mesh_errors = relative_doubt + REFERENCE_ERROR_SHARE * reference_errors  # of each film, relative to the change
     films = []
     for k, mesh_forces in enumerate(forces[-1]):
         totals = [entry[k].sum(axis=1) for entry in forces]
         change = np.abs(totals[-1] - symmetric_totals)
-        logs = [_compute_log_ratio(entry) for entry in totals]
-        rims = SOFT_RIM_FACTOR * raw * change * np.clip(1 - totals[-1] / symmetric_totals, 0.0, None)
-        error = bound_error(totals, times[0]) + (doubt + REFERENCE_ERROR_SHARE * raw) * change + rims + whole.bound.totals
+        rim_forces = SOFT_RIM_FACTOR * reference_errors * change * np.clip(1 - totals[-1] / symmetric_totals, 0.0, None)
+        error = bound_error(totals, force_factor) + mesh_errors * change + rim_forces + exact_films.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
-            rim_errors = np.nan_to_num(rims / np.abs(totals[-1]))
-            log_changes = np.abs(np.log(np.abs(totals[-1] / symmetric_totals)))
-        moved = max(
-            abs(logs[-1] - _compute_log_ratio(symmetric_totals)), RATIO_CHANGE_SHARE * float(np.nan_to_num(log_changes).max())
-        )
-        log_ratio = (
-            float(bound_error(logs, times[0]) + (doubt + REFERENCE_ERROR_SHARE * raw.max()) * moved + rim_errors.sum())
-            + whole.bound.log_ratio
-        )
-        bound = Bound(error, log_ratio if np.all(error < np.abs(totals[-1])) else np.inf)
+            rim_errors = np.nan_to_num(rim_forces / np.abs(totals[-1]))
+            log_changes = np.nan_to_num(np.abs(np.log(np.abs(totals[-1] / symmetric_totals))))
+        logs = [_compute_log_ratio(entry) for entry in totals]
+        log_change = max(abs(logs[-1] - _compute_log_ratio(symmetric_totals)), RATIO_CHANGE_SHARE * float(log_changes.max()))
+        log_ratio_error = float(bound_error(logs, force_factor) + mesh_errors.max() * log_change + rim_errors.sum())
+        log_ratio = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
         sensitivities: Floats = np.array(
-            [_compute_sensitivities(slope[k], entry[k]) for slope, entry in zip(slopes, forces, strict=True)]
+            [_compute_sensitivities(slope[k], entry[k]) for slope, entry in zip(derivatives, forces, strict=True)]
         )
-        sensitive = (
-            bound_error(sensitivities @ [1.0, -1.0], times[1])
-            + (ERROR_FLOOR_RELATIVE + fine.lost) * abs(sensitivities[-1] @ [1.0, -1.0])
+        sensitivity_error = (
+            bound_error(sensitivities @ [1.0, -1.0], sensitivity_factor)
+            + (ERROR_FLOOR_RELATIVE + fine.volume_error) * abs(sensitivities[-1] @ [1.0, -1.0])
             + np.abs(sensitivities[-1]) @ rim_errors
         )
-        films.append(FilmForces(mesh_forces, bound, slopes[-1][k] if scene.target is not None else None, float(sensitive)))
+        derivative = derivatives[-1][k] if scene.target is not None else None
+        films.append(FilmForces(mesh_forces, Bound(error, log_ratio), derivative, float(sensitivity_error)))
     return tuple(films)
 
 
-def bound_error(values: Sequence[Floats | float] | Floats, times: float) -> Floats:
+def bound_error(values: Sequence[Floats | float] | Floats, safety_factor: float) -> Floats:
     """Bound the error of the last of the values on finer and finer meshes, each of shape (n,) or a number."""
     steps = np.abs(np.diff(np.array(values), axis=0))
-    last = times * steps[-1]
+    last = safety_factor * steps[-1]
     if len(steps) > 1:
-        known = times * steps[-2] > steps[-1]
-        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], times), where=known), 1.0)
+        known = safety_factor * steps[-2] > steps[-1]
+        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], safety_factor), where=known), 1.0)
         last = np.maximum(
             np.minimum(last, np.maximum(EARLIER_STEP_SHARE * steps[-2], growth * steps[-1])), MIN_EARLIER_STEP_SHARE * steps[-2]
         )
@@ -109,7 +106,7 @@ def _compute_log_ratio(totals: Floats) -> float:
         return float(np.log(np.abs(totals)) @ [1.0, -1.0])
 
 
-def _compute_sensitivities(slope: Floats, forces: Floats) -> Floats:
+def _compute_sensitivities(modulus_derivative: Floats, forces: Floats) -> Floats:
     """Return d ln F / d ln E of both film forces F, with the target's modulus E; shape (2,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.nan_to_num(slope.sum(axis=1) / forces.sum(axis=1)))
+        return np.asarray(np.nan_to_num(modulus_derivative.sum(axis=1) / forces.sum(axis=1)))

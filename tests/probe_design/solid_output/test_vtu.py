@@ -21,7 +21,7 @@ from probe_design.solid_output.figure import draw_solid
 from probe_design.solid_output.stress_panel import deform_section
 from probe_design.solid_output.vtu import write_vtu
 from solver.materials.linear import Isotropic
-from solver.solid.base_states import SolidFields, SolidStates, compute_fields, solid_states
+from solver.solid.base_states import SolidFields, SolidStates, compute_fields, solve_states
 from solver.solid.problem import Problem, Solid
 from solver.solid.regions import Region
 from tests.support.meshes import body_volumes, stored_mesh
@@ -56,7 +56,7 @@ def whole() -> TetMesh:
 
 @cache
 def states(frictionless: bool = False) -> SolidStates:
-    return solid_states(Problem.assemble(Solid.from_mesh(half(), frictionless), MATERIALS))
+    return solve_states(Problem.assemble(Solid.from_mesh(half(), frictionless), MATERIALS))
 
 
 @pytest.fixture(scope="module")

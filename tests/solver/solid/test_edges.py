@@ -6,7 +6,7 @@ from geometry import Placement, read_scene
 from geometry.scenes.scene import CylinderTissue
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS
 from solver import evaluate, evaluator
-from solver.solid.difference import difference
+from solver.solid.difference import solve_difference
 from solver.solid.domain_mesh import mesh_domain
 from solver.solid.symmetric_part import compute_symmetric_part
 from tests.support.paths import ROOT
@@ -33,7 +33,7 @@ def test_what_coarse_meshes_get_wrong_at_the_rims_cancels():
     symmetric = compute_symmetric_part(scene, 0.01)
     assert symmetric.domain.radius is not None
     differences = [
-        difference(symmetric.domain, mesh_domain(symmetric.domain, fine))[0] for fine in (ROUGH_FINENESS, COARSE_FINENESS)
+        solve_difference(symmetric.domain, mesh_domain(symmetric.domain, fine))[0] for fine in (ROUGH_FINENESS, COARSE_FINENESS)
     ]
     by_compliance = [symmetric.correct_forces(difference_found).sum() for difference_found in differences]
     assert abs(by_compliance[0] / by_compliance[1] - 1) < 0.003

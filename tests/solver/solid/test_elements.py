@@ -21,7 +21,7 @@ from solver.linalg import conjugate_gradients as solid_factor
 from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.materials.linear import Isotropic
 from solver.solid import base_states as solid_states_module
-from solver.solid.base_states import SolidStates, average_at_nodes, compute_fields, compute_solid_response, solid_states
+from solver.solid.base_states import SolidStates, average_at_nodes, compute_fields, compute_solid_response, solve_states
 from solver.solid.body_stiffness import assemble, integrate_part
 from solver.solid.problem import Problem, Solid
 from solver.solid.regions import Region
@@ -47,7 +47,7 @@ def solid(frictionless: bool = False) -> Solid:
 
 @cache
 def states(sphere: float = 6e4, frictionless: bool = False, ratio: float = 0.45) -> SolidStates:
-    return solid_states(Problem.assemble(solid(frictionless), materials(sphere, ratio)))
+    return solve_states(Problem.assemble(solid(frictionless), materials(sphere, ratio)))
 
 
 class TestElements:
@@ -154,7 +154,7 @@ class TestStates:
         """Taylor: F(e^h) - F - h F' is of second order."""
         solution, rests = states(), []
         for h in (0.1, 0.05):
-            moved = solid_states(
+            moved = solve_states(
                 Problem.assemble(solid(), materials(6e4 * np.exp(h)), solution.problem.supports), start=solution.v
             )
             rests.append(
@@ -167,7 +167,7 @@ class TestStates:
     @pytest.mark.parametrize("sphere", [6e9, 6e-3])
     def test_states_from_the_factor_of_another_material(self, sphere: float) -> None:
         problem = Problem.assemble(solid(), materials(sphere), states().problem.supports)
-        close = solid_states(problem, factor=states().factor, start=states().v)
+        close = solve_states(problem, factor=states().factor, start=states().v)
         assert close.factor is states().factor
         assert close.forces == pytest.approx(states(sphere).forces, rel=1e-8)
         assert close.tilt == pytest.approx(states(sphere).tilt, rel=1e-6)
@@ -175,7 +175,7 @@ class TestStates:
     def test_forces_are_exact_long_before_states(self) -> None:
         """They are off by about the square of the residual; their slopes by about itself."""
         problem, known = Problem.assemble(solid(), materials(6e6), states().problem.supports), states()
-        early, late = (solid_states(problem, factor=known.factor, start=known.v, target=target) for target in (1e-6, 1e-11))
+        early, late = (solve_states(problem, factor=known.factor, start=known.v, target=target) for target in (1e-6, 1e-11))
         assert early.residual > 1e-8
         assert early.forces == pytest.approx(late.forces, rel=1e-9)
         assert early.compute_modulus_derivative([FIRST_INCLUSION_BODY]) == pytest.approx(
@@ -184,8 +184,8 @@ class TestStates:
 
     def test_absent_bodies(self) -> None:
         """A groove takes stiffness away, tissue beyond adds some; another choice of bodies is another system."""
-        cut = solid_states(Problem.assemble(solid(), {k: v for k, v in materials(6e4).items() if k != GROOVE_BODY}))
-        wide = solid_states(Problem.assemble(solid(), {**materials(6e4), BEYOND_BODY: material(6e3)}))
+        cut = solve_states(Problem.assemble(solid(), {k: v for k, v in materials(6e4).items() if k != GROOVE_BODY}))
+        wide = solve_states(Problem.assemble(solid(), {**materials(6e4), BEYOND_BODY: material(6e3)}))
         assert cut.factor is not states().factor
         assert cut.forces.sum() < states().forces.sum() < wide.forces.sum()
 
@@ -251,19 +251,19 @@ class TestSolver:
     def test_where_single_precision_fails_double_serves(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(solid_factor, "MAX_STEPS", 10)
         monkeypatch.setattr(solid_states_module, "DOUBLE", 0)
-        solution = solid_states(states(6e9, ratio=0.4999).problem)
+        solution = solve_states(states(6e9, ratio=0.4999).problem)
         assert solution.forces == pytest.approx(states(6e9, ratio=0.4999).forces, rel=1e-9)
 
     def test_large_systems(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(solid_states_module, "DOUBLE", 0)
         for sphere in (6e-3, 6e9):
-            solution = solid_states(states(sphere).problem)
+            solution = solve_states(states(sphere).problem)
             assert solution.forces == pytest.approx(states(sphere).forces, rel=1e-8)
 
     def test_without_rslab(self, monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.importorskip("pymklpardiso", reason="SuperLU would take a minute")
         monkeypatch.setattr(solid_factor, "_load_rslab", lambda: None)
-        assert solid_states(states().problem).reactions == pytest.approx(states().reactions, rel=1e-9)
+        assert solve_states(states().problem).reactions == pytest.approx(states().reactions, rel=1e-9)
 
     def test_a_bad_factor_is_noticed(self) -> None:
         class Wrong:

@@ -106,7 +106,7 @@ def test_what_the_volume_of_a_body_from_a_file_is_off_counts_as_much_of_its_effe
     monkeypatch.setattr("solver.solid.film_forces.mesh_domain", scene_mesh)
     stated = []
     for lost in (0.0, 0.04):
-        monkeypatch.setattr("solver.solid.difference._lost", lambda domain, mesh, lost=lost: lost)
+        monkeypatch.setattr("solver.solid.difference._compute_volume_error", lambda domain, mesh, lost=lost: lost)
         result = solved(named("solid", SCENE).scene, 0.05)
         stated.append(result.error_estimate or 0.0)
     effect = next(decision.effect for decision in result.plan if decision.feature.startswith("inclusions"))

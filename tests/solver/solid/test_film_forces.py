@@ -57,15 +57,15 @@ def test_a_rougher_mesh_is_made_where_its_word_may_do_and_else_a_finer_one(error
     """Meshes whose film forces are off by known shares, at 1 %; DESIGN asks no price that the answer does not need."""
     scene = read_scene(SCENE)
     symmetric, requests = compute_symmetric_part(scene, 0.01), []
-    monkeypatch.setattr(film_forces, "_meshes", lambda domain, stage, tell: [_Mesh(made_mesh) for made_mesh in stage])
+    monkeypatch.setattr(film_forces, "_iterate_meshes", lambda domain, stage, tell: [_Mesh(made_mesh) for made_mesh in stage])
 
-    def difference(domain, mesh, moduli):
+    def solve_difference(domain, mesh, moduli):
         requests.append(mesh.fineness)
         zero = np.zeros((1, 2))
         forces = error[mesh.fineness] * symmetric.exact[None]
         return SceneDifference(forces, np.zeros((1, 2, 2)), zero, zero, symmetric.exact, None, 1, 0.0, 0.0), None
 
-    monkeypatch.setattr(film_forces, "difference", difference)
+    monkeypatch.setattr(film_forces, "solve_difference", solve_difference)
     _refine_until_agreed(scene, symmetric, 0.01, None, lambda text: None)
     assert requests == made
 

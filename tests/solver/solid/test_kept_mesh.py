@@ -13,7 +13,7 @@ from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.linalg.workspace import Workspace, use_workspace
 from solver.materials.linear import Isotropic
 from solver.solid import cached_mesh as kept_mesh_module
-from solver.solid.base_states import solid_states
+from solver.solid.base_states import solve_states
 from solver.solid.cached_mesh import CachedMesh, compute_modulus_spread, estimate_steps, find_cached_mesh
 from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid
@@ -51,8 +51,13 @@ def kept(workspace: Workspace) -> CachedMesh:
 def factors(monkeypatch: pytest.MonkeyPatch) -> list[Problem]:
     """Every problem that is factorised for a kept mesh."""
     made: list[Problem] = []
-    whole = kept_mesh_module.factor_of
-    monkeypatch.setattr(kept_mesh_module, "factor_of", lambda problem, like=None: made.append(problem) or whole(problem, like))
+    factorise = kept_mesh_module.factorise_problem
+
+    def record(problem, like=None):
+        made.append(problem)
+        return factorise(problem, like)
+
+    monkeypatch.setattr(kept_mesh_module, "factorise_problem", record)
     return made
 
 
@@ -64,7 +69,7 @@ def test_what_is_left_out_needs_no_factor_of_its_own(
 ) -> None:
     kept.find_states("before", materials(WHOLE), materials(WHOLE))
     solution = kept.find_states("scene", materials(bodies, sphere), materials(WHOLE))
-    expected = solid_states(Problem.assemble(kept.solid, materials(bodies, sphere)))
+    expected = solve_states(Problem.assemble(kept.solid, materials(bodies, sphere)))
     assert solution.reactions == pytest.approx(expected.reactions, rel=1e-7, abs=1e-7 * abs(expected.reactions[0, 0]) * 1e-3)
     assert solution.residual <= 1e-8
     assert len(factors) == 1
@@ -72,7 +77,7 @@ def test_what_is_left_out_needs_no_factor_of_its_own(
 
 def test_the_same_materials_are_not_solved_again(kept: CachedMesh, monkeypatch: pytest.MonkeyPatch) -> None:
     first = kept.find_states("scene", materials(SCENE, 6e4), materials(WHOLE))
-    monkeypatch.setattr(kept_mesh_module, "solid_states", lambda *_, **__: pytest.fail("solved again"))
+    monkeypatch.setattr(kept_mesh_module, "solve_states", lambda *_, **__: pytest.fail("solved again"))
     repeated = kept.find_states("scene", materials(SCENE, 6e4), materials(WHOLE))
     assert repeated.v is first.v
     assert repeated.factor is not None
@@ -83,7 +88,7 @@ def test_other_tissue_uses_the_factor_while_moduli_are_near(kept: CachedMesh, fa
     for tissue, ratio, expected in ((6e3, 0.45, 1), (6.3e3, 0.45, 1), (6e5, 0.45, 2), (6e5, 0.4999, 3)):
         base = materials(WHOLE, tissue, tissue, ratio)
         solution = kept.find_states("scene", materials(SCENE, 6e4, tissue, ratio), base)
-        solved_anew = solid_states(Problem.assemble(kept.solid, materials(SCENE, 6e4, tissue, ratio)))
+        solved_anew = solve_states(Problem.assemble(kept.solid, materials(SCENE, 6e4, tissue, ratio)))
         assert solution.forces == pytest.approx(solved_anew.forces, rel=1e-7)
         assert len(factors) == expected
 
@@ -103,7 +108,7 @@ def states_on(mesh: TetMesh) -> np.ndarray:
 
 
 def own_states_on(mesh: TetMesh) -> np.ndarray:
-    return solid_states(Problem.assemble(Solid.from_mesh(mesh), materials(SCENE, 6e4))).forces
+    return solve_states(Problem.assemble(Solid.from_mesh(mesh), materials(SCENE, 6e4))).forces
 
 
 def test_what_is_kept_is_counted_and_may_go(workspace: Workspace, kept: CachedMesh) -> None:
