@@ -250,12 +250,12 @@ class TestSolver:
 
     def test_where_single_precision_fails_double_serves(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(solid_factor, "MAX_STEPS", 10)
-        monkeypatch.setattr(solid_states_module, "DOUBLE", 0)
+        monkeypatch.setattr(solid_states_module, "MAX_DOUBLE_PRECISION_UNKNOWNS", 0)
         solution = solve_states(states(6e9, ratio=0.4999).problem)
         assert solution.forces == pytest.approx(states(6e9, ratio=0.4999).forces, rel=1e-9)
 
     def test_large_systems(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(solid_states_module, "DOUBLE", 0)
+        monkeypatch.setattr(solid_states_module, "MAX_DOUBLE_PRECISION_UNKNOWNS", 0)
         for sphere in (6e-3, 6e9):
             solution = solve_states(states(sphere).problem)
             assert solution.forces == pytest.approx(states(sphere).forces, rel=1e-8)
