@@ -21,7 +21,7 @@ from geometry.meridian.mesh import Topology, build_topology, compute_nodes
 from geometry.meridian.mesh_lines import Kind, MeridianFineness, find_kind
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
-from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
+from solver.axisymmetric.condensed_system import MAX_RESIDUAL_RELATIVE, System
 from solver.axisymmetric.dofs import Interface, number_unknowns, select_subspace
 from solver.elements.quadrilateral import (
     Blocks,
@@ -36,7 +36,7 @@ from solver.linalg.workspace import get_workspace, keep_result
 from solver.materials.linear import Isotropic
 
 Materials = Mapping[Body, Material]
-MAX_HIDDEN_RELATIVE = 1e-12  # change of a force by rounding above which the solution is refined
+MAX_RESIDUAL_EFFECT_RELATIVE = 1e-12  # change of a force by the residual above which the solution is refined
 MAX_LOOSE_BOUND_RELATIVE = 1e-9  # change of a force by rounding above which a closer bound is computed
 DEPENDENT_RELATIVE = 1e-12  # of the largest energy: directions with less count as dependent
 BLOCK_BYTES = 4e6  # of element matrices processed at once: fits the processor's cache
@@ -195,15 +195,16 @@ def solve_base_states(model: MeridianModel) -> BaseStates:
         The residual of the solution is too large to be trusted.
     """
     system = model.system
-    for passes, largest in ((1, np.inf), (2, LARGEST_RESIDUAL)):
-        solution = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, largest)
+    for passes, max_residual in ((1, np.inf), (2, MAX_RESIDUAL_RELATIVE)):
+        solution = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, max_residual)
         values, unbalanced = solution.values, solution.unbalanced
         forces = sum_products(values, solution.loads)
-        # what the forces would change if the equations were met exactly
-        hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
-        if solution.residual <= LARGEST_RESIDUAL and np.all(hidden <= MAX_HIDDEN_RELATIVE * np.abs(forces)):
+        # changes of the forces if the equations were met exactly
+        residual_effects = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
+        is_negligible = np.all(residual_effects <= MAX_RESIDUAL_EFFECT_RELATIVE * np.abs(forces))
+        if solution.residual <= MAX_RESIDUAL_RELATIVE and is_negligible:
             break
-    rounding = _bound_rounding(system.stiffness, values, forces) + hidden
+    rounding = _bound_rounding(system.stiffness, values, forces) + residual_effects
     return BaseStates(
         model, solution.v, edge=values, shift=solution.shift, forces=forces, rounding=rounding, residual=solution.residual
     )
@@ -223,10 +224,10 @@ def _bound_rounding(stiffness: Floats, values: Floats, forces: Floats) -> Floats
     return np.asarray(ten * np.sqrt(sum_products(values**2, stiffness**2 @ values**2)))
 
 
-def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
+def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, max_modulus_ratio: float = 1.0) -> Floats:
     """Project states and vectors, in energy, to the space of edge functions up to a degree.
 
-    Returns the elements' values, shape (n, 8 p, 2 + m) or, with ``stiffest`` above 1, (n, 8 p, 2 + m + 2).
+    Returns the elements' values, shape (n, 8 p, 2 + m) or, with ``max_modulus_ratio`` above 1, (n, 8 p, 2 + m + 2).
 
     Parameters
     ----------
@@ -236,18 +237,18 @@ def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, sti
         Elements' values without a lift, shape (n, 8 p, m).
     degree
         At least 1.
-    stiffest
+    max_modulus_ratio
         A modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved there, too, and their
         differences from the first come last: they describe the strain of a nearly rigid inclusion.
     """
     system, lift = states.model.system, states.model.system.numbering.lift
     space = select_subspace(system.numbering, degree)
-    pushed = -system.compute_lift_forces(lift)[space.unknowns]
+    lift_forces = -system.compute_lift_forces(lift)[space.unknowns]
     forces = system.assemble_forces(system.stiffness @ vectors)[space.unknowns]
-    solution = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
-    if stiffest > 1:
-        matrix = system.numbering.assemble(system.stiffness * scale_inclusion(states.model, stiffest))
-        solution = np.hstack([solution, space.factor(matrix).solve(pushed) - solution[:, :2]])
+    solution = space.factor(system.matrix).solve(np.hstack([lift_forces, forces]))
+    if max_modulus_ratio > 1:
+        matrix = system.numbering.assemble(system.stiffness * scale_inclusion(states.model, max_modulus_ratio))
+        solution = np.hstack([solution, space.factor(matrix).solve(lift_forces) - solution[:, :2]])
     v = np.zeros((system.numbering.unknowns, solution.shape[1]))
     v[space.unknowns] = solution
     return np.concatenate([system.compute_values(v[:, :2], lift), system.compute_values(v[:, 2:])], axis=2)
@@ -262,23 +263,23 @@ def approximate_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Fl
     in energy of both at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
     space by the coupling between the last degree and the others; this is small unless Poisson's ratio is near 1/2.
     """
-    system, outside = states.model.system, states.model.system.numbering.degrees > degree
-    cut = states.edge.copy()
-    cut[:, find_values_of_degree(states.model, degree + 1)] = 0.0
-    forces = system.stiffness @ (cut - states.edge)
+    system, removed = states.model.system, states.model.system.numbering.degrees > degree
+    truncated = states.edge.copy()
+    truncated[:, find_values_of_degree(states.model, degree + 1)] = 0.0
+    forces = system.stiffness @ (truncated - states.edge)
     residual = system.assemble_forces(forces)
-    residual[outside] = 0.0
+    residual[removed] = 0.0
     v = system.factor.solve(residual)
-    v[outside] = 0.0
+    v[removed] = 0.0
     direction = system.compute_values(v)
     loads = system.stiffness @ direction
     step = np.linalg.lstsq(sum_products(direction, loads), sum_products(direction, forces), rcond=DEPENDENT_RELATIVE)[0]
-    return cut - direction @ step, forces - loads @ step
+    return truncated - direction @ step, forces - loads @ step
 
 
-def scale_inclusion(model: MeridianModel, time: float) -> Floats:
-    """Return factors of the elements' stiffness, shape (n, 1, 1): ``time`` in the inclusion, 1 elsewhere."""
-    return np.where(model.mesh.body == Body.INCLUSION, time, 1.0)[:, None, None]
+def scale_inclusion(model: MeridianModel, modulus_ratio: float) -> Floats:
+    """Return factors of the elements' stiffness, shape (n, 1, 1): ``modulus_ratio`` in the inclusion, 1 elsewhere."""
+    return np.where(model.mesh.body == Body.INCLUSION, modulus_ratio, 1.0)[:, None, None]
 
 
 def find_values_of_degree(model: MeridianModel, degree: int) -> Ints:

@@ -12,7 +12,7 @@ from geometry.common.errors import SolveError
 from solver.axisymmetric.dofs import Numbering
 from solver.linalg.cholesky import Factor, factorise
 
-LARGEST_RESIDUAL = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
+MAX_RESIDUAL_RELATIVE = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
 MAX_LOOSE_RESIDUAL = 1e-12  # relative to the diagonal's part of |K| |u|: below it no closer value is computed
 
 
@@ -71,13 +71,19 @@ class System:
         forces[elements] = self.stiffness[elements] @ self.remove_shift(lift[elements])[0]
         return self.assemble_forces(forces)
 
-    def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1, largest: float = LARGEST_RESIDUAL) -> Solution:
+    def solve(
+        self,
+        forces: Floats,
+        lift: Floats | float = 0.0,
+        passes: int = 1,
+        max_residual: float = MAX_RESIDUAL_RELATIVE,
+    ) -> Solution:
         """Solve K (v + lift) = forces, with iterative refinement in ``passes`` - 1 further steps.
 
         Raises
         ------
         SolveError
-            The relative residual is above ``largest``, so that the solution cannot be trusted.
+            The relative residual is above ``max_residual``, so that the solution cannot be trusted.
         """
         v = np.zeros_like(forces)
         unbalanced = forces - self.compute_lift_forces(lift) if isinstance(lift, np.ndarray) else forces
@@ -91,8 +97,8 @@ class System:
         residual = self._compute_relative_residual(unbalanced, diagonal * np.abs(local), forces)
         if not residual <= MAX_LOOSE_RESIDUAL:
             residual = self._compute_relative_residual(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
-        if not residual <= largest:
-            allowed = f"relative residual {residual:.1e}, allowed {largest:.0e}"
+        if not residual <= max_residual:
+            allowed = f"relative residual {residual:.1e}, allowed {max_residual:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
         return Solution(v, values, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 

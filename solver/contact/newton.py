@@ -62,9 +62,9 @@ def _solve_rounds(model: ContactModel, start: State, rounds: Sequence[tuple[floa
     """Find equilibrium by the given rounds."""
     state, equations, residuals = start, None, list[float]()
     for penalty_fraction, blur in rounds:
-        enough = GUESS_RESIDUAL_TOLERANCE if penalty_fraction < 1 and not model.may_open else RESIDUAL_TOLERANCE
+        tolerance = GUESS_RESIDUAL_TOLERANCE if penalty_fraction < 1 and not model.may_open else RESIDUAL_TOLERANCE
         state, equations, round_residuals = _iterate_newton(
-            model, replace(state, penalty_fraction=penalty_fraction, blur=blur), equations, enough
+            model, replace(state, penalty_fraction=penalty_fraction, blur=blur), equations, tolerance
         )
         residuals += round_residuals
         if not equations.has_contact and equations.relative_residual > RESIDUAL_TOLERANCE:
@@ -91,18 +91,18 @@ def _store_sliding(state: State, equations: Linearised) -> State:
 
 
 def _iterate_newton(
-    model: ContactModel, state: State, known: Linearised | None, enough: float = RESIDUAL_TOLERANCE
+    model: ContactModel, state: State, known: Linearised | None, tolerance: float = RESIDUAL_TOLERANCE
 ) -> tuple[State, Linearised, list[float]]:
     """Iterate Newton's method with fixed multipliers; ``known`` may give the elements' part of the first linearisation."""
     check_volume(model.elements, state.elements)
     equations = model.linearise(state, known)
     residuals: list[float] = []
-    rounded = (
+    rounding = (
         max(ROUNDING_RESIDUAL, LIGHT_ROUNDING_RESIDUAL * model.section.tube_radius / state.indentation)
         if state.indentation > 0
         else ROUNDING_RESIDUAL
     )
-    while equations.has_sliding_reversal or (equations.relative_residual > enough and not _has_stalled(residuals, rounded)):
+    while equations.has_sliding_reversal or (equations.relative_residual > tolerance and not _has_stalled(residuals, rounding)):
         check_time("pressing")
         if len(residuals) == (MAX_OPENING_STEPS if model.may_open else MAX_NEWTON_STEPS):
             raise SolveError("Newton's method does not converge")
@@ -117,9 +117,9 @@ def _iterate_newton(
     return state, equations, residuals
 
 
-def _has_stalled(residuals: Sequence[float], rounded: float) -> bool:
-    """Return whether the residuals no longer fall and are at most ``rounded``, the level of rounding errors."""
-    return len(residuals) > 1 and residuals[-1] <= rounded and residuals[-1] > residuals[-2] / 2
+def _has_stalled(residuals: Sequence[float], rounding: float) -> bool:
+    """Return whether the residuals no longer fall and are at most ``rounding``, the level of rounding errors."""
+    return len(residuals) > 1 and residuals[-1] <= rounding and residuals[-1] > residuals[-2] / 2
 
 
 def _take_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> tuple[State, Linearised]:

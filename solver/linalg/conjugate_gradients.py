@@ -165,7 +165,7 @@ class _Ldlt:
         check_memory(f"factors of {n} unknowns", estimate_held_bytes(n, plan))
         single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]
         check_time(f"factorising {n} unknowns", flops / OPERATIONS_PER_SECOND * (1 if single else 2))
-        _reserve(plan)
+        _check_system_memory(plan)
         stop = library.Interrupt()
         watch = Timer(min(find_seconds_left(), TIMEOUT_MAX), stop.cancel)
         watch.daemon = True
@@ -197,7 +197,7 @@ class _Ldlt:
 
 def _analyse(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
     """Analyse the sparsity pattern of a lower triangle."""
-    _reserve(ANALYSIS_BYTES_PER_UNKNOWN * lower.shape[0])
+    _check_system_memory(ANALYSIS_BYTES_PER_UNKNOWN * lower.shape[0])
     symbolic = library.analyze(lower, path="ldlt")
     give_back()  # memory that the analysis freed: else the peak is hundreds of MB higher
     return MatrixAnalysis(symbolic, lower.indptr, lower.indices)
@@ -208,7 +208,7 @@ def estimate_held_bytes(unknowns: float, factor: float) -> float:
     return ASSEMBLY_BYTES_PER_UNKNOWN * unknowns + factor
 
 
-def _reserve(size: float) -> None:
+def _check_system_memory(size: float) -> None:
     """Check that the system provides so many bytes, as a library in Rust ends the process when it does not.
 
     Raises
@@ -317,13 +317,13 @@ def _divide(a: Floats, b: Floats) -> Floats:
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
 
 
-def _check_residual(matrix: Stiffness, forces: Floats, v: Floats, largest: float) -> None:
-    """Raise ``SolveError`` where the relative residual is above ``largest`` and above rounding."""
+def _check_residual(matrix: Stiffness, forces: Floats, v: Floats, max_residual: float) -> None:
+    """Raise ``SolveError`` where the relative residual is above ``max_residual`` and above rounding."""
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
-    if np.all(remainder <= largest * size):
+    if np.all(remainder <= max_residual * size):
         return
     if not np.all(
-        remainder <= np.maximum(largest * size, ROUNDING_RELATIVE * np.linalg.norm(matrix.compute_magnitude(v), axis=0))
+        remainder <= np.maximum(max_residual * size, ROUNDING_RELATIVE * np.linalg.norm(matrix.compute_magnitude(v), axis=0))
     ):
-        allowed = f"relative residual {compute_residual(matrix, forces, v):.1e}, allowed {largest:.0e}"
+        allowed = f"relative residual {compute_residual(matrix, forces, v):.1e}, allowed {max_residual:.0e}"
         raise SolveError(f"the linear system was not solved: {allowed}")

@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats, Ints
 from solver.linalg.cholesky import METIS_ORDERING, POSITIVE_DEFINITE_TYPE, has_pardiso, load_pardiso
 
 SCHUR_COMPLEMENT_OPTION, FACTORISATION_PHASE = {35: 1}, 22  # PARDISO's: return the Schur complement of the marked unknowns; phase
-LARGEST_ERROR = 1e-9  # relative, in energy, of the check column; rounding leaves about 1e-15
+MAX_CHECK_ERROR_RELATIVE = 1e-9  # relative, in energy, of the check column; rounding leaves about 1e-15
 
 
 @dataclass
@@ -63,7 +63,7 @@ class SchurComplements:
             except RuntimeError:
                 return None
         scale = np.sqrt(np.maximum(np.diag(complement)[:-1], 0.0) * (e @ strained))
-        if not np.all(np.abs(complement[:-1, -1] - B.T @ e) <= LARGEST_ERROR * scale):
+        if not np.all(np.abs(complement[:-1, -1] - B.T @ e) <= MAX_CHECK_ERROR_RELATIVE * scale):
             return None
         return np.asarray(complement[:-1, :-1])
 

@@ -98,31 +98,31 @@ class Workspace:
 
     def _measure(self) -> int:
         """Measure all values again, as some grow; an array that several share is counted with the one used last."""
-        seen: set[int] = set()
+        counted: set[int] = set()
         for entry in reversed(self._entries.values()):
             if not entry.fixed:
-                entry.bytes = measure_bytes(entry.value, seen)
+                entry.bytes = measure_bytes(entry.value, counted)
         return sum(entry.bytes for entry in self._entries.values())
 
 
-def measure_bytes(value: Any, seen: set[int] | None = None) -> int:
+def measure_bytes(value: Any, counted: set[int] | None = None) -> int:
     """Return the bytes of all arrays that a value refers to, plus the ``foreign_bytes`` that libraries hold for it.
 
     Parameters
     ----------
     value
         Any object, container or array.
-    seen
+    counted
         Identities of objects that are already counted; new ones are added.
     """
-    seen, total, queue = set() if seen is None else seen, 0, [value]
+    counted, total, queue = set() if counted is None else counted, 0, [value]
     while queue:
         item = queue.pop()
         while isinstance(item, np.ndarray) and isinstance(item.base, np.ndarray):
             item = item.base  # a view holds the whole
-        if id(item) in seen:
+        if id(item) in counted:
             continue
-        seen.add(id(item))
+        counted.add(id(item))
         if isinstance(item, np.ndarray):
             total += item.nbytes
         elif isinstance(item, dict):

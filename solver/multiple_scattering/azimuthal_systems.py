@@ -19,7 +19,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL
+from solver.axisymmetric.condensed_system import MAX_RESIDUAL_RELATIVE
 from solver.axisymmetric.dofs import Interface, Numbering, number_unknowns
 from solver.elements.quadrilateral import Blocks, Geometry
 from solver.elements.shape_functions import Shapes
@@ -88,7 +88,7 @@ class Harmonic:
         imbalance = np.linalg.norm(force - self.matrix.T @ combination)  # the matrix is symmetric; its transpose is read faster
         scale = np.linalg.norm(self._magnitude * np.abs(combination) + np.abs(force))
         residual = float(imbalance / scale) if scale > 0 else 0.0
-        if not residual <= LARGEST_RESIDUAL:
+        if not residual <= MAX_RESIDUAL_RELATIVE:
             raise SolveError(f"the linear system of order {self.m} was not solved: residual {residual:.1e}")
         return np.asarray(v)
 

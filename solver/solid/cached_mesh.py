@@ -63,8 +63,8 @@ class RestrictedFactor:
         """Restrict a factor of all regions to the unknowns in use; return it unchanged if all are."""
         if np.array_equal(whole.number, supports.number):
             return factor
-        has, place = supports.number >= 0, np.empty(supports.unknowns, dtype=np.int64)
-        place[supports.number[has]] = whole.number[has]
+        used, place = supports.number >= 0, np.empty(supports.unknowns, dtype=np.int64)
+        place[supports.number[used]] = whole.number[used]
         return cls(factor, place, whole.unknowns)
 
     def solve(self, forces: Floats) -> Floats:

@@ -130,12 +130,11 @@ def _refine_until_agreed(
     """
     solutions: dict[TetraFineness, tuple[SceneDifference, SolidStates]] = {}
     films: tuple[FilmForces, ...] = ()
+    differences: list[SceneDifference] = []
+    states: list[SolidStates] = []
     is_rough = accuracy >= ROUGH_ACCURACY
     for stage in MESH_STAGES[0] if is_rough else MESH_STAGES[1]:
-        solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]
-        if stage == (ROUGHEST_FINENESS,) and not _may_suffice(
-            scene, symmetric, [scene_difference for scene_difference, _ in solved], accuracy
-        ):
+        if stage == (ROUGHEST_FINENESS,) and not _may_suffice(scene, symmetric, differences, accuracy):
             continue
         try:
             for fineness, mesh in zip(stage, _iterate_meshes(symmetric.domain, stage, tell), strict=True):
@@ -143,27 +142,17 @@ def _refine_until_agreed(
                 get_workspace().begin()  # a coarser mesh's factor may be freed
                 solutions[fineness] = solve_difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
-            if not films:
+            if not states:
                 raise
-            return (
-                films,
-                [scene_difference for scene_difference, _ in solved],
-                solved[-1][1],
-                (Note("limit", f"no finer mesh: {limit}"),),
-            )
-        solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]
-        films = bound_film_forces(
-            scene,
-            symmetric,
-            [scene_difference for scene_difference, _ in solved],
-            ERROR_FLOOR_RELATIVE / 2 if FINE_FINENESS in solutions else ERROR_FLOOR_RELATIVE,
-        )
-        if not any(
-            _may_improve(film, scene, accuracy, np.inf if is_rough and len(solved) == 2 else MAX_SENSITIVITY_EXCESS)
-            for film in films
-        ):
+            return films, differences, states[-1], (Note("limit", f"no finer mesh: {limit}"),)
+        solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]  # coarser meshes first
+        differences, states = [difference for difference, _ in solved], [mesh_states for _, mesh_states in solved]
+        floor = ERROR_FLOOR_RELATIVE / 2 if FINE_FINENESS in solutions else ERROR_FLOOR_RELATIVE
+        films = bound_film_forces(scene, symmetric, differences, floor)
+        max_excess = np.inf if is_rough and len(solved) == 2 else MAX_SENSITIVITY_EXCESS
+        if not any(_may_improve(film, scene, accuracy, max_excess) for film in films):
             break
-    return films, [scene_difference for scene_difference, _ in solved], solved[-1][1], ()
+    return films, differences, states[-1], ()
 
 
 def _may_suffice(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:

@@ -115,7 +115,7 @@ def test_under_a_limit_of_the_system_room_is_left_beside_stacks(monkeypatch, lim
     monkeypatch.setattr(module, "_is_memory_limited", lambda: limited)
     monkeypatch.setattr(module.os, "cpu_count", lambda: 1)
     if enough:
-        module._reserve(0.5e9)
+        module._check_system_memory(0.5e9)
     else:
         with pytest.raises(LimitReached, match=r"memory = 1 GB wanted: allowed: what the system gives this process"):
-            module._reserve(0.5e9)
+            module._check_system_memory(0.5e9)
