@@ -22,7 +22,8 @@ import numpy as np
 from geometry import Refusal, Scene, SolveError, read_scene
 from geometry.common.errors import InputError
 from geometry.tetra.layout import build_layout, find_extent
-from geometry.tetra.mesher import COARSE_FINENESS, ROUGH_FINENESS, mesh_layout
+from geometry.tetra.mesher import mesh_layout
+from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS
 from solver.solid.domain import choose_domain, compute_reach
 from solver.solid.symmetric_part import MIN_SIDE_TISSUE_RADII, find_reference_wall
 

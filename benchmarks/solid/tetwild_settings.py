@@ -24,7 +24,7 @@ from benchmarks.tables import MeasuredTable
 from geometry import Scene
 from geometry.common.errors import SolveError
 from geometry.processes.child import Failure
-from geometry.tetra import mesher
+from geometry.tetra import irregular_mesh, mesher
 from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import check_mesh, find_max_error
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, TetraFineness
@@ -39,9 +39,9 @@ SETTINGS: Mapping[str, tuple[dict[str, float], float]] = {  # constants of the m
     "envelope halved": ({"_ENVELOPE_FRACTION": 0.075}, 1.0),
     "envelope doubled": ({"_ENVELOPE_FRACTION": 0.3}, 1.0),
     "envelope four times": ({"_ENVELOPE_FRACTION": 0.6}, 1.0),
-    "stop energy 30": ({"_TETWILD_STOP_ENERGY": 30.0}, 1.0),
-    "stop energy 100": ({"_TETWILD_STOP_ENERGY": 100.0}, 1.0),
-    "10 iterations": ({"_TETWILD_MAX_ITERATIONS": 10}, 1.0),
+    "stop energy 30": ({"_STOP_ENERGY": 30.0}, 1.0),
+    "stop energy 100": ({"_STOP_ENERGY": 100.0}, 1.0),
+    "10 iterations": ({"_MAX_ITERATIONS": 10}, 1.0),
     "edges 1.25 times": ({}, 1.25),
     "netgen": ({}, 1.0),
 }
@@ -55,7 +55,7 @@ def trials(scene: Scene, fineness: TetraFineness, true: float) -> Iterator[tuple
         sizes = replace(fineness, **{key: factor * getattr(fineness, key) for key in SIZES})
         with ExitStack() as stack:
             for constant, value in constants.items():
-                stack.enter_context(patch.object(mesher, constant, value))
+                stack.enter_context(patch.object(irregular_mesh, constant, value))
             chosen, start = mesher.NETGEN_MESHER if name == "netgen" else mesher.TETWILD_MESHER, processor()
             try:
                 mesh = chosen.trial(layout, sizes, 0)

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
 from geometry.tetra.body_layout import BodyLayout
-from geometry.tetra.labels import AIR_LABEL, MIRROR_LABEL
 from geometry.tetra.smoothing import compute_mean_ratios, smooth, undo_inversions
 from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
-from geometry.tetra.tet_mesh import EDGE_CORNERS
+from geometry.tetra.tet_mesh import AIR_LABEL, EDGE_CORNERS, MIRROR_LABEL
 
 Indices = NDArray[np.int64]
 _MAX_MOVE_TO_PLANE = 0.3  # of the shortest edge that crosses a plane: how far its corners move onto the plane

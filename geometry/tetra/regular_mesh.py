@@ -1,46 +1,86 @@
-"""Mesh regular scenes by netgen, which meshes blocks, groove, tissue, its layers and ellipsoids as exact shapes.
+"""Mesh blocks, groove, tissue, its layers and ellipsoids by netgen, as exact shapes.
 
-No stretched space is needed: the gap is air, which is not meshed. Bodies from files, whose triangles are no such shapes, and
-hairline gaps are left to pytetwild.
+No stretched space is needed: the gap is air, which is not meshed.
 """
 
 from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
-from geometry.mesh_programs.glued_shapes import GluedShapes, Pieces
+from geometry.mesh_programs.glued_shapes import GluedShapes
 from geometry.mesh_programs.size_cubes import SizeCubes, build_size_cubes
 from geometry.tetra.body_layout import BodyLayout, Ellipsoid
-from geometry.tetra.labels import label_points
 from geometry.tetra.layers import find_body_faces, find_layers
-from geometry.tetra.sizing import TetraFineness, compute_sizes, count_squares
+from geometry.tetra.sizing import TetraFineness, choose_space, compute_sizes, count_squares
 from geometry.tetra.smoothing import smooth
 from geometry.tetra.snapping import build_exact_surfaces, curve_mesh, find_memberships, snap
-from geometry.tetra.stretched_space import MeshSpace
-from geometry.tetra.surfaces import Corners, choose_corners
-from geometry.tetra.tet_mesh import TISSUE_BODY, TetMesh
+from geometry.tetra.stretched_space import choose_mesh_space
+from geometry.tetra.tet_mesh import (
+    AIR_LABEL,
+    BEYOND_BODY,
+    FIRST_INCLUSION_BODY,
+    GROOVE_BODY,
+    INNER_BODY,
+    MIRROR_LABEL,
+    OUTER_BODY,
+    TISSUE_BODY,
+    TetMesh,
+)
 
 Indices = NDArray[np.int64]
 _TETRAHEDRA_PER_CUBE = 6 * 2**0.5  # regular tetrahedra in the cube of their edge
-_TETRAHEDRA_PER_SQUARE = 5.0  # tetrahedra that a thin layer has in a square of their edge
-_GRADING_FACTOR = 1.3  # times our sizes' growth: netgen's own, between the points where they are told
+_GRADING_FACTOR = 1.3  # times our sizes' growth: netgen's own, between the points where they are given
 _SMOOTHING_ROUNDS = 3  # rounds: a fifth fewer tetrahedra than after one, which saves more than they take
-_MIN_RELATIVE_GAP = 1 / 300  # of the solid cylinder's radius: below half of that netgen never ends on the strip under the gap
+MIN_RELATIVE_GAP = 1 / 300  # of the solid cylinder's radius: below half of that netgen never ends on the strip under the gap
+_MIN_TIME_S, _MIN_TETRAHEDRA_PER_S = 30.0, 500.0  # netgen's time limit: this, and more for each tetrahedron; it makes some 6000/s
 _MEND_BELOW_RATIO = 0.2  # straight tetrahedra below this mean ratio are mended
 _MIN_KEPT_QUALITY = 0.2  # of its quality an element keeps when its edges are curved, or they stay straight
 _MIN_VOLUME_FRACTION = 0.9  # of a piece's volume that lies in one body, as tetrahedra are straight and bodies are not
 
 
-def is_regular(layout: BodyLayout) -> bool:
-    """Return whether all bodies are shapes with formulas, and the gap no hairline."""
-    return layout.gap >= _MIN_RELATIVE_GAP * layout.inner and all(isinstance(body, Ellipsoid) for body in layout.inclusions)
+@dataclass(frozen=True)
+class LabelledTetrahedra:
+    """Straight tetrahedra of blocks, groove, tissue and ellipsoids; surfaces from files left out.
+
+    Attributes
+    ----------
+    points
+        (n, 3) in m.
+    cells
+        (t, 4).
+    body, beyond, layer
+        Of each tetrahedron, as in ``TetMesh``.
+    """
+
+    points: Points
+    cells: Indices
+    body: Indices
+    beyond: NDArray[np.bool_]
+    layer: Indices
 
 
-def mesh_regular_layout(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, patience: float) -> TetMesh:
-    """Mesh a regular layout; ``space`` says how sizes grow far away, ``patience`` is in s.
+def mesh_regular_layout(layout: BodyLayout, fineness: TetraFineness) -> TetMesh:
+    """Mesh a layout without surfaces from files; raises as ``mesh_shapes``, and ``SolveError`` where bodies touch wrongly."""
+    straight = mesh_shapes(layout, fineness)
+    surfaces = build_exact_surfaces(layout)
+    faces, chosen = find_body_faces(layout, surfaces, straight.points, straight.cells, body=straight.body, layer=straight.layer)
+    member = find_memberships(len(straight.points), faces, chosen, len(surfaces))
+    exact = snap(surfaces, straight.points, member)
+    mended = smooth(exact, straight.cells, surfaces, member, min_ratio=_MEND_BELOW_RATIO, rounds=6)
+    nodes, elements = curve_mesh(mended, straight.cells, surfaces, faces=faces, chosen=chosen, keep=_MIN_KEPT_QUALITY)
+    return TetMesh(nodes, elements, straight.body, straight.beyond, straight.layer, layout.half)
+
+
+def mesh_shapes(layout: BodyLayout, fineness: TetraFineness) -> LabelledTetrahedra:
+    """Mesh all bodies that are shapes by netgen, and label its tetrahedra.
+
+    A hairline gap is widened for netgen and narrowed again, which leaves good surfaces, but flat tetrahedra below the gap.
 
     Raises
     ------
@@ -49,36 +89,41 @@ def mesh_regular_layout(layout: BodyLayout, fineness: TetraFineness, space: Mesh
     SolveError
         A piece is in no body, or in two.
     """
-    pieces = build_shapes(layout, fineness, space).mesh(patience)
-    body, is_beyond, layer = _label_pieces(layout, space, choose_corners(layout, fineness.corners), pieces)
-    surfaces = build_exact_surfaces(layout)
-    faces, chosen = find_body_faces(layout, surfaces, pieces.points, pieces.tetrahedra, body=body, layer=layer)
-    member = find_memberships(len(pieces.points), faces, chosen, len(surfaces))
-    exact = snap(surfaces, pieces.points, member)
-    straight = smooth(exact, pieces.tetrahedra, surfaces, member, min_ratio=_MEND_BELOW_RATIO, rounds=6)
-    nodes, elements = curve_mesh(straight, pieces.tetrahedra, surfaces, faces=faces, chosen=chosen, keep=_MIN_KEPT_QUALITY)
-    return TetMesh(nodes, elements, body, is_beyond, layer, layout.half)
+    widening = choose_mesh_space(
+        layout.inner, layout.hole, layout.tube, gap=MIN_RELATIVE_GAP * layout.inner, linear_radius=math.inf
+    )
+    wide = replace(layout, inner=layout.inner + widening.moved[1], hole=layout.hole + widening.moved[2])
+    patience = _MIN_TIME_S + _count_tetrahedra(_build_cubes(wide, fineness), layout) / _MIN_TETRAHEDRA_PER_S
+    pieces = build_shapes(wide, fineness).mesh(patience)
+    corners = pieces.points[pieces.tetrahedra]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+    labels = _choose_by_majority(pieces.piece, label_points(wide, corners.mean(axis=1)), volumes)
+    body, layer = labels[:, 0], labels[:, 2]
+    return LabelledTetrahedra(widening.to_scene(pieces.points), pieces.tetrahedra, body, labels[:, 1].astype(bool), layer)
 
 
-def build_shapes(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) -> GluedShapes:
+def build_shapes(layout: BodyLayout, fineness: TetraFineness) -> GluedShapes:
     """Build the scene's bodies as shapes, and the sizes wanted."""
     cylinders: list[tuple[float, ...]] = [(0.0, 0.0, 0.0, layout.inner_height, layout.inner)]
     (x, y), (a, b), floor = layout.centre, layout.sides, -layout.depth
     if layout.wall is not None:
         cylinders.append((0.0, 0.0, floor, 0.0, layout.wall))
-    round_tissue = layout.tissue_radius is not None
+    boxes, grooves = [], []
     if layout.tissue_radius is not None:
         cylinders.append((x, y, floor, 0.0, layout.tissue_radius))
-    grooves, cubes = [], _build_cubes(layout, fineness, space)
+    else:
+        boxes.append((x - a, y - b, floor, x + a, y + b, 0.0))
     if layout.groove is not None:
         width, depth = layout.groove
-        grooves = [(0.0, -width, layout.outer_height - depth, 2 * layout.tube, width, layout.outer_height)]
+        grooves.append((0.0, -width, layout.outer_height - depth, 2 * layout.tube, width, layout.outer_height))
+    ellipsoids = [[*body.centre, *body.axes.ravel()] for body in layout.inclusions if isinstance(body, Ellipsoid)]
+    cubes = _build_cubes(layout, fineness)
     return GluedShapes(
         cylinders=np.array(cylinders),
         tubes=np.array([(0.0, 0.0, 0.0, layout.outer_height, layout.hole, layout.tube)]),
-        boxes=np.array([] if round_tissue else [(x - a, y - b, floor, x + a, y + b, 0.0)]).reshape(-1, 6),
+        boxes=np.array(boxes).reshape(-1, 6),
         grooves=np.array(grooves).reshape(-1, 6),
-        ellipsoids=np.array([[*body.centre, *body.axes.ravel()] for body in _list_ellipsoids(layout)]).reshape(-1, 12),
+        ellipsoids=np.array(ellipsoids).reshape(-1, 12),
         cuts=np.array(layout.interfaces, dtype=np.float64),
         half=layout.half,
         sizes=np.column_stack([cubes.middles, cubes.sizes]),
@@ -87,19 +132,21 @@ def build_shapes(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) 
     )
 
 
-def _list_ellipsoids(layout: BodyLayout) -> list[Ellipsoid]:
-    return [body for body in layout.inclusions if isinstance(body, Ellipsoid)]
+def estimate_tetrahedra(layout: BodyLayout, fineness: TetraFineness, per_square: float) -> float:
+    """Return about how many tetrahedra a mesh will have, from their sizes alone.
+
+    ``per_square`` tetrahedra are counted for each square of their edge that the planes between layers have.
+    """
+    volume_count = _count_tetrahedra(_build_cubes(layout, fineness), layout)
+    return volume_count + per_square * count_squares(layout, fineness, choose_space(layout, fineness))
 
 
-def estimate_regular_elements(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) -> float:
-    """Return about how many tetrahedra a regular layout's mesh will have, from their sizes alone: 0.8 to 1.5 times as many."""
-    cubes = _build_cubes(layout, fineness, space)
-    whole = _TETRAHEDRA_PER_CUBE * ((cubes.edges / cubes.sizes) ** 3)[layout.contains(cubes.middles)].sum()
-    return float(whole + _TETRAHEDRA_PER_SQUARE * count_squares(layout, fineness, space))
+def _count_tetrahedra(cubes: SizeCubes, layout: BodyLayout) -> float:
+    return float(_TETRAHEDRA_PER_CUBE * ((cubes.edges / cubes.sizes) ** 3)[layout.contains(cubes.middles)].sum())
 
 
-def _build_cubes(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) -> SizeCubes:
-    top = max(layout.inner_height, layout.outer_height)
+def _build_cubes(layout: BodyLayout, fineness: TetraFineness) -> SizeCubes:
+    space, top = choose_space(layout, fineness), max(layout.inner_height, layout.outer_height)
     wide = max(float(layout.compute_side_distance(np.linspace(0, 2 * np.pi, 721)).max()), (layout.depth + top) / 2)
 
     def is_near(points: Points, distance: float) -> NDArray[np.bool_]:
@@ -115,20 +162,39 @@ def _build_cubes(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) 
     return build_size_cubes(find_sizes, is_near, centre=np.array([0.0, 0.0, top - wide]), edge=2 * wide)
 
 
-def _label_pieces(
-    layout: BodyLayout, space: MeshSpace, turns: Corners, pieces: Pieces
-) -> tuple[Indices, NDArray[np.bool_], Indices]:
-    """Return body, whether beyond the reference cylinder, and layer of each tetrahedron, by majority of its piece's volume."""
-    corners = pieces.points[pieces.tetrahedra]
-    centres, volumes = corners.mean(axis=1), np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
-    body, is_beyond = label_points(layout, turns, space, centres)
-    layer = np.where(body < TISSUE_BODY, 0, find_layers(layout, centres[:, 2]))
-    kinds, number = np.unique(np.column_stack([body, is_beyond, layer]), axis=0, return_inverse=True)
-    votes = np.zeros((int(pieces.piece.max()) + 1, len(kinds)))
-    np.add.at(votes, (pieces.piece, number.reshape(-1)), volumes)
+def label_points(layout: BodyLayout, points: Points) -> Indices:
+    """Return of points (n, 3) the body (or ``AIR_LABEL``, ``MIRROR_LABEL``), whether it is beyond, and the layer, (n, 3).
+
+    Surfaces from files are left out: what is inside them counts as the tissue or ellipsoid about them.
+    """
+    x, y, z = points.T
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    body = np.full(len(points), AIR_LABEL)
+    body[(z > 0) & (z < layout.inner_height) & (radius < layout.inner)] = INNER_BODY
+    outer = (z > 0) & (z < layout.outer_height) & (radius >= layout.hole) & (radius < layout.tube)
+    body[outer] = OUTER_BODY
+    if layout.groove is not None:
+        width, depth = layout.groove
+        body[outer & (z > layout.outer_height - depth) & (x > 0) & (np.abs(y) < width)] = GROOVE_BODY
+    tissue = (z < 0) & (z > -layout.depth) & (radius < layout.compute_side_distance(angle))
+    body[tissue] = TISSUE_BODY
+    is_beyond = tissue & (radius > (np.inf if layout.wall is None else layout.wall))
+    body[is_beyond] = BEYOND_BODY
+    for index, inclusion in enumerate(layout.inclusions):
+        if isinstance(inclusion, Ellipsoid):
+            body[tissue & (inclusion.level(points) < 1)] = FIRST_INCLUSION_BODY + index
+    if layout.half:
+        body[y < 0] = MIRROR_LABEL
+    return np.column_stack([body, is_beyond, np.where(body < TISSUE_BODY, 0, find_layers(layout, z))])
+
+
+def _choose_by_majority(piece: Indices, labels: Indices, volumes: Points) -> Indices:
+    """Give all tetrahedra of a piece the labels (t, k) that most of its volume has."""
+    kinds, number = np.unique(labels, axis=0, return_inverse=True)
+    votes = np.zeros((int(piece.max()) + 1, len(kinds)))
+    np.add.at(votes, (piece, number.reshape(-1)), volumes)
     winner = votes.argmax(axis=1)
-    unsure = votes.max(axis=1) < _MIN_VOLUME_FRACTION * votes.sum(axis=1)
-    if unsure.any() or (kinds[winner, 0] < 0).any():
+    is_unsure = votes.max(axis=1) < _MIN_VOLUME_FRACTION * votes.sum(axis=1)
+    if is_unsure.any() or (kinds[winner, 0] < 0).any():
         raise SolveError("volume mesh: a piece of netgen's mesh lies in no body or in two")
-    chosen = kinds[winner[pieces.piece]]
-    return chosen[:, 0], chosen[:, 1].astype(bool), chosen[:, 2]
+    return np.asarray(kinds[winner[piece]])

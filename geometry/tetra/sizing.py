@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.tetra.body_layout import BodyLayout
-from geometry.tetra.stretched_space import MeshSpace
+from geometry.tetra.stretched_space import MeshSpace, choose_mesh_space
+from geometry.tetra.surface_files import Sheet
 
 _KUHN_TETRAHEDRA = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
 _THIN_WALL_FACTOR = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
@@ -20,6 +21,8 @@ _FAR_INCLUSION_POWER = 0.3  # power of that by which those in inclusions do
 _FLAT_SIZE_FRACTION = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
 _MAX_LAYER_ASPECT_RATIO = 5.0  # thicknesses of a layer that tetrahedra cut by its planes are long, however far they are
 _ANGLE_SAMPLES, _RADIUS_SAMPLES = 48, 120  # places on a plane between layers where sizes are asked for
+_LINEAR_RADIUS_FACTOR = 1.7  # far tissue begins at this many times the probe's largest length
+_MAX_GAP_WIDENING = 12  # the gap becomes wider by this factor at most: tetrahedra below it are squeezed as much on the way back
 _OUTSIDE_SIZE_FACTOR = 3.0  # how much larger tetrahedra may be outside
 _OUTSIDE_DISTANCE_FACTOR = 1.1  # times the tissue's size: from where on points count as outside
 
@@ -44,8 +47,6 @@ class TetraFineness:
         Between inclusion and surface or interface, over their distance, and in layers of tissue, over their thickness.
     growth
         With the distance from all these.
-    corners
-        Of the polygons that stand for circles, a multiple of 4.
     """
 
     groove: float
@@ -55,13 +56,27 @@ class TetraFineness:
     sphere: float
     layer: float
     growth: float
-    corners: int
 
 
-ROUGHEST_FINENESS = TetraFineness(groove=1.3, rim=0.19, block=0.6, wall=1.7, sphere=0.6, layer=1.2, growth=0.55, corners=20)
-ROUGH_FINENESS = TetraFineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
-COARSE_FINENESS = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
-FINE_FINENESS = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
+ROUGHEST_FINENESS = TetraFineness(groove=1.3, rim=0.19, block=0.6, wall=1.7, sphere=0.6, layer=1.2, growth=0.55)
+ROUGH_FINENESS = TetraFineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42)
+COARSE_FINENESS = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32)
+FINE_FINENESS = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235)
+
+
+def choose_space(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
+    """Choose the mesher's space: a gap as wide as tetrahedra at its rims, and tissue beyond probe and files drawn near."""
+    height = max(layout.inner_height, layout.outer_height)
+    sheets = [float(np.linalg.norm(body.points, axis=1).max()) for body in layout.inclusions if isinstance(body, Sheet)]
+    return choose_mesh_space(
+        layout.inner,
+        layout.hole,
+        layout.tube,
+        gap=min(fineness.rim * layout.inner, _MAX_GAP_WIDENING * layout.gap),
+        linear_radius=max(_LINEAR_RADIUS_FACTOR * max(layout.tube, height), *(1.05 * size for size in sheets), 0.0),
+        height=height,
+        rise=fineness.growth * height,  # the gap becomes wider upwards as fast as the tetrahedra become larger
+    )
 
 
 def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from geometry.common.arrays import Points
-from geometry.tetra.labels import AIR_LABEL
 from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
+from geometry.tetra.tet_mesh import AIR_LABEL
 
 Indices = NDArray[np.int64]
 _REGULAR_INVERSE = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))

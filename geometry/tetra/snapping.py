@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.tetra.body_layout import BodyLayout, Ellipsoid
-from geometry.tetra.labels import AIR_LABEL, MIRROR_LABEL
 from geometry.tetra.tet_mesh import (
+    AIR_LABEL,
     BEYOND_BODY,
     EDGE_CORNERS,
     FACE_CORNERS,
     FIRST_INCLUSION_BODY,
     GROOVE_BODY,
     INNER_BODY,
+    MIRROR_LABEL,
     OUTER_BODY,
     TISSUE_BODY,
     build_quadratic,

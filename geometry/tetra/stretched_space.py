@@ -5,16 +5,11 @@ Tetrahedra of about equal size there are graded in the scene; a hairline gap cos
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Points
-
-_MAX_RELATIVE_DEVIATION = 0.012  # of the mesher's near distance: how far the middle of an edge may lie beside its image
-_MAX_LENGTH_PER_DISTANCE = 0.5  # of their distance from the probe: edges of triangles
-_MAX_LENGTH_PER_BODY_DISTANCE = 0.5  # of their distance from an inclusion's middle
 
 
 @dataclass(frozen=True)
@@ -77,45 +72,6 @@ class MeshSpace:
         result = points.copy()
         result[:, :2] *= factor[:, None]
         return result
-
-
-@dataclass(frozen=True)
-class Spacing:
-    """The maximum length of triangle edges on the tissue's faces.
-
-    Attributes
-    ----------
-    linear_radius
-        Distance from the probe beyond which lengths shrink in the mesher's space.
-    bodies
-        Middles of inclusions, (b, 3).
-    largest
-        What they are nowhere above.
-    """
-
-    linear_radius: float
-    bodies: Points
-    largest: float = math.inf
-
-    def compute_lengths(self, points: Points) -> Points:
-        """Return allowed lengths at points (n, 3): a plane at a distance r is bent in mesher's space as ln(r / near) over r."""
-        far = np.maximum(np.linalg.norm(points, axis=1), self.linear_radius / 2)
-        share = np.minimum(
-            np.sqrt(8 * _MAX_RELATIVE_DEVIATION / np.maximum(np.log(far / self.linear_radius), 1e-9)), _MAX_LENGTH_PER_DISTANCE
-        )
-        body_distance = np.linalg.norm(points[:, None] - self.bodies, axis=2).min(axis=1, initial=np.inf)
-        return np.asarray(np.minimum(np.minimum(share * far, _MAX_LENGTH_PER_BODY_DISTANCE * body_distance), self.largest))
-
-    def divide_line(self, low: Points, high: Points) -> Points:
-        """Divide the line between two points (3,) by the allowed lengths; return fractions from 0 to 1."""
-        return self.divide_path(low + np.linspace(0, 1, 2000)[:, None] * (high - low))
-
-    def divide_path(self, path: Points) -> Points:
-        """Divide a path of many equal steps (n, 3) by the allowed lengths; return fractions from 0 to 1."""
-        ends, step = np.linspace(0, 1, len(path)), float(np.linalg.norm(path[1] - path[0]))
-        density = step / self.compute_lengths(path)
-        count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
-        return np.asarray(np.interp(np.linspace(0, count[-1], max(1, math.ceil(count[-1])) + 1), count, ends))
 
 
 def choose_mesh_space(

@@ -12,6 +12,7 @@ from geometry.common.arrays import Points
 Indices = NDArray[np.int64]
 
 INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY = range(6)
+AIR_LABEL, MIRROR_LABEL = -1, -2  # outside all bodies; behind the plane of symmetry
 EDGE_CORNERS = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])  # with a node at the middle, in VTK's order
 FACE_CORNERS = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # opposite each corner, their normals pointing out
 
@@ -59,6 +60,13 @@ class TetMesh:
         _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
         result: Indices = faces[np.sort(index[count == 1])]
         return result
+
+
+def find_boundary(cells: Indices) -> Indices:
+    """Return the faces (f, 3) that belong to one of the tetrahedra (t, 4) only, their normals pointing out."""
+    faces = cells[:, FACE_CORNERS].reshape(-1, 3)
+    _, index, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(faces[np.sort(index[count == 1])])
 
 
 def _number_face_middles() -> Indices:

@@ -25,8 +25,7 @@ from geometry.common.errors import SolveError
 from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.layers import find_body_faces
 from geometry.tetra.mesh_check import check_mesh
-from geometry.tetra.mesher import choose_space
-from geometry.tetra.sizing import TetraFineness, compute_sizes
+from geometry.tetra.sizing import TetraFineness, choose_space, compute_sizes
 from geometry.tetra.snapping import build_exact_surfaces, curve_mesh, find_memberships, snap
 from geometry.tetra.tet_mesh import (
     BEYOND_BODY,

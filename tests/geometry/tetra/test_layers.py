@@ -10,7 +10,8 @@ from scipy.spatial import Delaunay
 from geometry.tetra.layers import find_layers, split_at_height
 from geometry.tetra.layout import build_layout
 from geometry.tetra.mesh_check import compute_errors
-from geometry.tetra.mesher import ROUGH_FINENESS, estimate_elements, mesh_layout
+from geometry.tetra.mesher import estimate_elements, mesh_layout
+from geometry.tetra.sizing import ROUGH_FINENESS
 from geometry.tetra.tet_mesh import FACE_CORNERS, FIRST_INCLUSION_BODY, TISSUE_BODY, compute_volumes
 from tests.support.scenes import block_scene as scene
 

@@ -9,8 +9,9 @@ import pytest
 
 from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import MIN_QUALITY, check_mesh, compute_errors
-from geometry.tetra.mesher import ROUGH_FINENESS, choose_space, estimate_elements, mesh_layout
-from geometry.tetra.regular_mesh import build_shapes, is_regular, mesh_regular_layout
+from geometry.tetra.mesher import estimate_elements, is_regular, mesh_layout
+from geometry.tetra.regular_mesh import build_shapes, mesh_regular_layout
+from geometry.tetra.sizing import ROUGH_FINENESS
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
 from tests.support.scenes import block_scene as scene
 
@@ -31,7 +32,7 @@ SCENES = {
 def meshed(request):
     scene_meshed, half = SCENES[request.param]
     layout = build_layout(scene_meshed, half, find_extent(scene_meshed, None), None)
-    return mesh_regular_layout(layout, ROUGH_FINENESS, choose_space(layout, ROUGH_FINENESS), 120.0), layout
+    return mesh_regular_layout(layout, ROUGH_FINENESS), layout
 
 
 def test_a_regular_mesh_passes_all_checks(meshed):
@@ -78,7 +79,7 @@ def test_nodes_lie_on_the_exact_surfaces(meshed):
 
 def test_netgen_makes_the_same_mesh_again(meshed):
     mesh, layout = meshed
-    repeated = mesh_regular_layout(layout, ROUGH_FINENESS, choose_space(layout, ROUGH_FINENESS), 120.0)
+    repeated = mesh_regular_layout(layout, ROUGH_FINENESS)
     assert (mesh.nodes == repeated.nodes).all()
     assert (mesh.elements == repeated.elements).all()
 
@@ -90,7 +91,7 @@ def test_how_many_tetrahedra_there_will_be_is_known(meshed):
 
 def test_sizes_are_told_finely_and_everywhere():
     layout = build_layout(scene(), True, 0.1, None)
-    sizes = build_shapes(layout, ROUGH_FINENESS, choose_space(layout, ROUGH_FINENESS)).sizes
+    sizes = build_shapes(layout, ROUGH_FINENESS).sizes
     rim = np.array([layout.inner, 0.0, 0.0])
     nearest = np.linalg.norm(sizes[:, :3] - rim, axis=1).argmin()
     assert sizes[nearest, 3] < 1.5 * ROUGH_FINENESS.rim * layout.inner

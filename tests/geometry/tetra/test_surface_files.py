@@ -13,7 +13,8 @@ from geometry.tetra import surface_files
 from geometry.tetra.body_layout import compute_distances
 from geometry.tetra.layout import build_layout
 from geometry.tetra.mesh_check import check_mesh, compute_errors, find_max_file_error
-from geometry.tetra.mesher import ROUGH_FINENESS, mesh_layout
+from geometry.tetra.mesher import mesh_layout
+from geometry.tetra.sizing import ROUGH_FINENESS
 from geometry.tetra.surface_files import read_surface
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh, build_quadratic
 from tests.support.meshes import body_volumes
@@ -74,7 +75,7 @@ def test_a_surface_of_very_many_triangles_is_meshed_by_fewer_and_else_as_it_is(t
         given.update(arrays)
         raise Failure("enough")
 
-    monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", noted)
+    monkeypatch.setattr("geometry.tetra.irregular_mesh.tetrahedralize", noted)
     layout = build_layout(scanned, False, 0.02, None)
     with pytest.raises(SolveError, match="enough"):
         mesh_layout(layout, ROUGH_FINENESS)
@@ -91,7 +92,7 @@ def test_where_time_is_over_an_uneven_surface_of_very_many_triangles_is_named(tm
     def late(arrays, patience):
         raise TooLong("it took longer")
 
-    monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", late)
+    monkeypatch.setattr("geometry.tetra.irregular_mesh.tetrahedralize", late)
     layout = build_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
     (sheet,) = layout.inclusions
     uneven = replace(sheet, triangles=np.tile(sheet.triangles, (70, 1)))
