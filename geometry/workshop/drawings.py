@@ -19,7 +19,7 @@ from geometry.workshop.sheet import (
     format_number,
 )
 from geometry.workshop.title_block import BLOCK_HEIGHT_MM, NOTE_SPACING_MM, Title, draw_frame, draw_notes, draw_title_block
-from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, find_tolerance, format_deviation
+from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance, format_deviation
 
 FIRST_LINE_OFFSET_MM = 11.0  # mm of paper from a view to its first dimension line: space for roughness symbols
 ITEM_SPACING_MM = 7.0  # between the numbers of two items
@@ -63,13 +63,15 @@ def format_dimension(measure: Measure, part: str, process: str, budget: Budget) 
 
     An auxiliary dimension, which follows from others, stands in parentheses.
     """
+    text = f"{measure.prefix}{format_number(measure.size)}{'*' if measure.assumed else ''}"
     if measure.auxiliary:
-        return f"({measure.prefix}{format_number(measure.size)})"
+        return f"({text})"
     held = measure.find_tolerance(part, process, budget)
-    star = "*" if measure.assumed else ""
-    return f"{measure.prefix}{format_number(measure.size)}{star}" + (
-        f" \N{PLUS-MINUS SIGN}{format_deviation(held.deviation)}" if held.is_stated else ""
-    )
+    return text + _format_stated(held)
+
+
+def _format_stated(tolerance: Tolerance) -> str:
+    return f" \N{PLUS-MINUS SIGN}{format_deviation(tolerance.deviation)}" if tolerance.is_stated else ""
 
 
 def _list_assumptions(part: PartView) -> Iterator[str]:
@@ -192,5 +194,5 @@ def _draw_dimensions(view: View, part: PartView, texts: dict[Measure, str], proc
     if part.edge is not None:
         radius, centre = part.edge
         held = find_tolerance(radius, radius=True, process=process)
-        text = f"R{format_number(radius)}" + (f" \N{PLUS-MINUS SIGN}{format_deviation(held.deviation)}" if held.is_stated else "")
+        text = f"R{format_number(radius)}{_format_stated(held)}"
         view.draw_radius(centre, radius, -45, text, (high_x + (4 + find_text_width(text) / 2) * unit, low - 7.0 * unit))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from geometry.cad.materials import PartMaterial, find_part_materials
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe
 from geometry.workshop.millimetres import Millimetres, convert_to_mm
-from geometry.workshop.outlines import build_base_section, build_block, build_box, build_disc, build_open_ring
+from geometry.workshop.outlines import build_base_section, build_block, build_box, build_disc, build_open_ring, convert_to_polygon
 from geometry.workshop.sheet import DIAMETER_SIGN, Loop, Point
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance
 
@@ -26,6 +26,7 @@ DRAWING_TITLES = {
     "film-outer": "Outer film",
     "base": "Base",
     "assembly": "Probe, assembly",
+    "overview": "Probe, overview",
 }
 
 
@@ -285,6 +286,20 @@ def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
         measures=(*heights, gap, *widths),
         items=tuple(tips[name] for name in ASSEMBLY_ITEMS if name in alone),
     )
+
+
+def build_overview(probe: Probe, edge_radius: float = 0.0) -> PartView:
+    """Return the view of the whole probe with the dimensions that the sections of its parts show, all as auxiliary ones."""
+    assembly, alone = build_assembly_view(probe, edge_radius), build_part_views(probe, edge_radius)
+    drawn = [measure for view in (assembly, *alone.values()) for measure in view.measures if measure.place != "plan"]
+    measures = {measure.name: replace(measure, auxiliary=True) for measure in drawn}
+    return replace(assembly, name="overview", measures=tuple(measures.values()), edge=alone["outer"].edge)
+
+
+def build_section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[list[Point]]]:
+    """Return the polygons (x, z), mm, in which the plane y = 0 cuts each part; round edges (radius in m) are chords."""
+    views = build_part_views(probe, edge_radius)
+    return {name: [convert_to_polygon(loop) for loop, _ in view.cut] for name, view in views.items()}
 
 
 def list_parts(probe: Probe, materials: Mapping[str, PartMaterial]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from geometry.cad.solids import PART_COLOURS
 from geometry.provenance.texts import build_picture_metadata
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
-from geometry.workshop.overview import build_section_outlines
+from geometry.workshop.parts import build_section_outlines
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_blocks
 from probe_design.built_probe.load_plausibility import SAFE_FRACTION

@@ -13,6 +13,7 @@ from geometry.cad import export as step
 from geometry.cad import parts_record, solids
 from geometry.common.errors import ExportError, InputError
 from geometry.workshop import overview
+from geometry.workshop.parts import build_section_outlines
 from tests.support.parts import make, read
 
 EDGE = 0.1  # mm
@@ -108,7 +109,7 @@ def test_outlines_lose_what_the_arcs_leave_of_their_squares(name):
     def area(polygon: list[tuple[float, float]]) -> float:
         return sum(a * d - b * c for (a, b), (c, d) in zip(polygon, polygon[1:] + polygon[:1], strict=True)) / 2
 
-    sharp, rounded = (overview.build_section_outlines(make(), edge)[name] for edge in (0.0, 1e-4))
+    sharp, rounded = (build_section_outlines(make(), edge)[name] for edge in (0.0, 1e-4))
     for sharp_outline, rounded_outline in zip(sharp, rounded, strict=True):
         lost = 2 * (1 - math.pi / 4) * EDGE**2
         assert area(sharp_outline) - area(rounded_outline) == pytest.approx(lost, rel=2e-3)  # chords for arcs
