@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from geometry.cad.materials import find_part_materials
+from geometry.scenes.probe import Probe
+from geometry.scenes.units import MM_PER_M
 from geometry.workshop.processes import Process, find_process
 
 MACHINING_PROCESS, CASTING_PROCESS = "machining", "casting"
@@ -15,6 +18,13 @@ SMALL_SIZE_FRACTION = 0.1  # deviation over size for machined sizes that are too
 MAX_SIZE_FRACTION = 0.5  # of a size, for any other process: the largest deviation
 DEVIATION_PER_SD = math.sqrt(3)
 """± deviation over standard deviation of a uniform distribution (JCGM 100:2008, 4.3.7)."""
+MIN_LENGTH_SD_M = (
+    20e-6  # m: standard deviation of a length that a careful workshop reaches, and of films and base, which are bought
+)
+BLOCK_LENGTHS = {  # of each length of a block, by its key: the block, and whether it crosses the parting plane of the mould
+    "probe.inner_radius": ("inner", False), "probe.gap": ("outer", False), "probe.outer_radius": ("outer", False),
+    "probe.height": ("inner", True), "probe.inner_height": ("inner", True), "probe.outer_height": ("outer", True),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -135,6 +145,58 @@ def find_tolerance(
     if finest is not None and bound < min(finest, usual):
         return Tolerance(size, min(finest, usual), made.finest_source, is_stated=True)
     return Tolerance(size, bound, "the ratio", is_stated=True)
+
+
+@dataclass(frozen=True)
+class LengthTolerance:
+    """The tolerance of a block's length as it is made: a radius as a diameter, and the gap as that of the hole.
+
+    Attributes
+    ----------
+    process
+        Name of the block's process.
+    usual
+        The deviation that a drawing allows without a tighter requirement.
+    tightest
+        The smallest deviation that can be ordered, mm.
+    measured_as
+        "diameter" or "height".
+    """
+
+    process: str
+    usual: Tolerance
+    tightest: float
+    measured_as: str
+
+    def convert_to_sd(self, deviation: float) -> float:
+        """Return the standard deviation of the length, m, for a deviation of its diameter or height, mm."""
+        return deviation / (DEVIATION_PER_SD * MM_PER_M * (2 if self.measured_as == "diameter" else 1))
+
+
+def find_length_tolerance(probe: Probe, key: str) -> LengthTolerance:
+    """Return the tolerance of one of ``BLOCK_LENGTHS``, by its key in the scene file."""
+    block, closure = BLOCK_LENGTHS[key]
+    process = find_part_materials(probe)[block].process
+    lengths = {
+        "probe.inner_radius": 2 * probe.inner_radius,
+        "probe.gap": 2 * probe.hole_radius,
+        "probe.outer_radius": 2 * probe.tube_radius,
+        "probe.outer_height": probe.tube_height,
+    }
+    usual = find_tolerance(MM_PER_M * lengths.get(key, probe.core_height), process=process, closure=closure)
+    tightest = find_process(process).find_tightest(usual.size)
+    return LengthTolerance(process, usual, usual.deviation if tightest is None else tightest, "height" if closure else "diameter")
+
+
+def find_length_sd(probe: Probe, key: str) -> float:
+    """Return the standard deviation, m, to which a built probe has one of its lengths: of the tightest tolerance of its process.
+
+    It is never below ``MIN_LENGTH_SD_M``, which stands for the lengths of films and base, too.
+    """
+    if key not in BLOCK_LENGTHS:
+        return MIN_LENGTH_SD_M
+    tolerance = find_length_tolerance(probe, key)
+    return max(MIN_LENGTH_SD_M, tolerance.convert_to_sd(tolerance.tightest))
 
 
 def _find_machined(made: Process, size: float, radius: bool) -> tuple[float, str, bool]:

@@ -138,9 +138,13 @@ class Channels(Frozen):
 
 
 class Workshop(Frozen):
-    """Tolerances of manufacture: standard deviations of every length (m), modulus (relative) and Poisson's ratio."""
+    """Tolerances of manufacture: standard deviations of every length (m), modulus (relative) and Poisson's ratio.
 
-    length: Length = 20e-6
+    Without ``length``, each block's lengths have the tightest tolerance of its process, no less than 0.02 mm; see
+    ``geometry.workshop.tolerance.find_length_sd``.
+    """
+
+    length: Length | None = None
     modulus: Fraction = 0.02
     poisson_ratio: Fraction = 0.003
 

@@ -18,6 +18,7 @@ from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
+from geometry.workshop.tolerance import find_length_sd
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.evaluator import Axisymmetric
@@ -94,12 +95,15 @@ class BlockPredictions:
         One prediction for each block.
     unmeasured
         Standard deviations of ln E by variable, for moduli from the catalogue that were not measured.
+    length_sds
+        Standard deviations of lengths by variable, m, where the bench states none.
     """
 
     variables: tuple[str, ...]
     nominal: Floats
     blocks: tuple[BlockPrediction, ...]
     unmeasured: Mapping[str, float] = field(default_factory=dict)
+    length_sds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def log_ratios(self) -> Floats:
@@ -124,9 +128,19 @@ class BlockPredictions:
 
     def compute_tolerances(self, workshop: Workshop) -> Floats:
         """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's."""
-        catalogue_sds = {name: sd * self.nominal[self.variables.index(name)] for name, sd in self.unmeasured.items()}
-        pairs = zip(self.variables, self.nominal, strict=True)
-        return np.array([catalogue_sds.get(name, _get_tolerance(name, value, workshop)) for name, value in pairs])
+        return np.array(
+            [self._find_tolerance(*variable, workshop) for variable in zip(self.variables, self.nominal, strict=True)]
+        )
+
+    def _find_tolerance(self, name: str, value: float, workshop: Workshop) -> float:
+        """Return the standard deviation of a variable, SI."""
+        if name == BLOCK_MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
+            return 0.0
+        if name.endswith("modulus"):
+            return self.unmeasured.get(name, workshop.modulus) * value
+        if name.endswith("poisson_ratio"):
+            return workshop.poisson_ratio
+        return self.length_sds[name] if workshop.length is None else workshop.length
 
 
 def predict_blocks(scene: Scene, references: Sequence[Reference]) -> BlockPredictions:
@@ -152,7 +166,11 @@ def predict_blocks(scene: Scene, references: Sequence[Reference]) -> BlockPredic
     nominal = list_values(by_radius)
     bodies = {"probe.inner.youngs_modulus": scene.probe.inner, "probe.outer.youngs_modulus": scene.probe.outer}
     unmeasured = {name: body.unmeasured_entry.log_sd for name, body in bodies.items() if body.unmeasured_entry is not None}
-    return BlockPredictions((*names, BLOCK_MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks, unmeasured)
+    values = np.array([*(nominal[name] for name in names), 1.0])
+    length_sds = {
+        name: find_length_sd(by_radius.probe, name) for name in names if not name.endswith(("modulus", "poisson_ratio"))
+    }
+    return BlockPredictions((*names, BLOCK_MODULI), values, blocks, unmeasured, length_sds)
 
 
 def predict_log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
@@ -223,12 +241,3 @@ def differentiate_area_ratio(probe: Probe, name: str) -> float:
     hole = 2 * probe.hole_radius / ring
     derivatives = {"probe.inner_radius": 2 / probe.inner_radius + hole, "probe.gap": hole}
     return (derivatives | {"probe.outer_radius": -2 * probe.tube_radius / ring}).get(name, 0.0)
-
-
-def _get_tolerance(name: str, value: float, workshop: Workshop) -> float:
-    """Return the standard deviation of a variable by the workshop's tolerances, SI."""
-    if name == BLOCK_MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
-        return 0.0
-    if name.endswith("modulus"):
-        return workshop.modulus * value
-    return workshop.poisson_ratio if name.endswith("poisson_ratio") else workshop.length

@@ -15,24 +15,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from geometry.cad.materials import find_part_materials
 from geometry.common.errors import InputError, describe_choices
 from geometry.common.json_types import JsonMapping
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import MM_PER_M, read_fraction
+from geometry.scenes.units import read_fraction
 from geometry.scenes.variables import list_values
-from geometry.workshop.tolerance import DEVIATION_PER_SD, find_tolerance, format_deviation
+from geometry.workshop.tolerance import BLOCK_LENGTHS, find_length_sd, find_length_tolerance, format_deviation
 from probe_design.built_probe.bench import Bench, Channels, Workshop
 
 Kind = Literal["length", "modulus", "poisson_ratio", "gain"]
 GAIN_NAMES = ("film.inner.gain", "film.outer.gain")
 RADIUS_KEY, GAP_KEY = "probe.inner_radius", "probe.gap"
-LENGTH_BLOCKS = {  # of each length: its block, and whether it crosses the parting plane of the mould
-    "probe.inner_radius": ("inner", False), "probe.gap": ("outer", False), "probe.outer_radius": ("outer", False),
-    "probe.height": ("inner", True), "probe.inner_height": ("inner", True), "probe.outer_height": ("outer", True),
-}  # fmt: skip
 MAX_LOG_SD = 2.0  # standard deviation of a logarithm, at most
 ALLOWED_RELATIVE_SD = f"a relative standard deviation from 0 to {MAX_LOG_SD:g}, such as 0.02 or 2 %"
 ALLOWED_POISSON_SD = "a standard deviation from 0 to 0.1, such as 0.003"
@@ -99,9 +94,9 @@ def list_uncertain_numbers(
     """
     workshop, channels = (Workshop(), Channels()) if bench is None else (bench.workshop, bench.channels)
     origin = "built-in bench" if bench is None else "bench"
-    numbers = {name: _build_number(name, value, workshop, origin) for name, value in _list_block_values(scene).items()}
+    numbers = {name: _build_number(scene, name, value, workshop, origin) for name, value in _list_block_values(scene).items()}
     if bench is None:
-        numbers |= {name: _apply_process(scene, number) for name, number in numbers.items() if name in LENGTH_BLOCKS}
+        numbers |= {name: _apply_process(scene, number) for name, number in numbers.items() if name in BLOCK_LENGTHS}
     numbers |= {name: UncertainNumber(name, "gain", 1.0, channels.gain, f"{origin}, [channels] gain") for name in GAIN_NAMES}
     # of each block whose modulus comes from the catalogue and is not measured
     catalogue_entries = {"inner": scene.probe.inner.unmeasured_entry, "outer": scene.probe.outer.unmeasured_entry}
@@ -124,24 +119,22 @@ def _list_block_values(scene: Scene) -> dict[str, float]:
     }
 
 
-def _build_number(name: str, value: float, workshop: Workshop, origin: str) -> UncertainNumber:
+def _build_number(scene: Scene, name: str, value: float, workshop: Workshop, origin: str) -> UncertainNumber:
     """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
     kinds: dict[str, Kind] = {"youngs_modulus": "modulus", "poisson_ratio": "poisson_ratio"}
     kind = kinds.get(name.rpartition(".")[2], "length")
-    sd = {"modulus": workshop.modulus * value, "poisson_ratio": workshop.poisson_ratio, "length": workshop.length}[kind]
-    return UncertainNumber(name, kind, value, sd, f"{origin}, [workshop] {kind}")
+    if kind == "length" and workshop.length is None:
+        return UncertainNumber(name, kind, value, find_length_sd(scene.probe, name), f"{origin}: tightest of the block's process")
+    sds = {"modulus": workshop.modulus * value, "poisson_ratio": workshop.poisson_ratio, "length": workshop.length or 0.0}
+    return UncertainNumber(name, kind, value, sds[kind], f"{origin}, [workshop] {kind}")
 
 
 def _apply_process(scene: Scene, number: UncertainNumber) -> UncertainNumber:
-    """Return a length with the tolerance of its block's process; radii are made as diameters."""
-    block, closure = LENGTH_BLOCKS[number.name]
-    process = find_part_materials(scene.probe)[block].process
-    radius = scene.probe.hole_radius if number.name == GAP_KEY else number.value
-    factor = 1 if closure else 2
-    tolerance = find_tolerance(factor * MM_PER_M * radius, process=process, closure=closure)
-    deviation = f"\N{PLUS-MINUS SIGN}{format_deviation(tolerance.deviation)} mm of the {'height' if closure else 'diameter'}"
-    sd = tolerance.deviation / (factor * MM_PER_M * DEVIATION_PER_SD)
-    return replace(number, sd=sd, source=f"{process}, {tolerance.source}: {deviation}")
+    """Return a length with the usual tolerance of its block's process."""
+    tolerance = find_length_tolerance(scene.probe, number.name)
+    deviation = f"\N{PLUS-MINUS SIGN}{format_deviation(tolerance.usual.deviation)} mm of the {tolerance.measured_as}"
+    sd = tolerance.convert_to_sd(tolerance.usual.deviation)
+    return replace(number, sd=sd, source=f"{tolerance.process}, {tolerance.usual.source}: {deviation}")
 
 
 def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material_name: str) -> UncertainNumber:

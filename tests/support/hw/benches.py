@@ -13,14 +13,14 @@ from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from hw.common.samples import Samples
 from probe_design.built_probe import calibration
-from probe_design.built_probe.bench import Bench, read_builtin_bench
+from probe_design.built_probe.bench import Bench, Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import BlockPredictions, express_by_outer_radius, predict_blocks
 from probe_design.built_probe.film_forces import measure_strict_reading
 from probe_design.built_probe.gains import Gains
 from probe_design.probe_check import check as probe_check
 from tests.support.paths import SCENE
 
-BENCH = read_builtin_bench()
+BENCH = read_builtin_bench().model_copy(update={"workshop": Workshop(length=20e-6)})  # moulds that were measured
 LOAD = 0.1  # N, whose finite strain these simulated films do not have
 ROWS, RATE = 2500, 500.0  # 25 cycles of 5 Hz
 
