@@ -125,6 +125,5 @@ def estimate_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
     """
     if is_regular(layout):
         return estimate_tetrahedra(layout, fineness, _NETGEN_TETRAHEDRA_PER_SQUARE)
-    return _TETWILD_SURPLUS_FACTOR * estimate_tetrahedra(
-        layout, fineness, _TETWILD_TETRAHEDRA_PER_SQUARE / _TETWILD_SURPLUS_FACTOR
-    )
+    per_square = _TETWILD_TETRAHEDRA_PER_SQUARE / _TETWILD_SURPLUS_FACTOR
+    return _TETWILD_SURPLUS_FACTOR * estimate_tetrahedra(layout, fineness, per_square)

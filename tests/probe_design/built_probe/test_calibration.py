@@ -13,6 +13,7 @@ import pytest
 from geometry import InputError, Refusal, Scene
 from geometry.common.arrays import Floats
 from geometry.scenes.variables import list_values
+from geometry.workshop.tolerance import find_length_sd
 from hw.common.errors import HardwareError
 from hw.common.samples import Gap, Samples
 from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
@@ -306,8 +307,18 @@ def test_nominal_gains_carry_the_bench_s_tolerances() -> None:
 
 
 def test_workshop_tolerances_by_kind() -> None:
-    tolerances = dict(zip(shares().variables, shares().compute_tolerances(Workshop()), strict=True))
+    tolerances = dict(zip(shares().variables, shares().compute_tolerances(Workshop(length=20e-6)), strict=True))
     assert tolerances["probe.gap"] == 20e-6
     assert tolerances["probe.outer.youngs_modulus"] == pytest.approx(0.02 * 80e3)
     assert tolerances["probe.inner.poisson_ratio"] == 0.003
     assert tolerances[BLOCK_MODULI] == 0.0
+
+
+def test_lengths_without_a_stated_tolerance_have_the_tightest_of_their_block_s_process() -> None:
+    """ISO 3302-1 M2 of cast blocks, as their drawings say: 0.2 mm of a diameter; half of IT7 of turned ones is below 0.02 mm."""
+    cast = dict(zip(shares().variables, shares().compute_tolerances(Workshop()), strict=True))
+    assert cast["probe.gap"] == pytest.approx(0.1e-3 / math.sqrt(3))
+    assert cast["probe.height"] == pytest.approx(0.15e-3 / math.sqrt(3))
+    hard = scene().probe.model_copy(update={"inner": scene().probe.inner.model_copy(update={"youngs_modulus": 70e9})})
+    assert find_length_sd(hard, "probe.inner_radius") == 20e-6
+    assert find_length_sd(hard, "probe.outer_radius") == cast["probe.outer_radius"]
