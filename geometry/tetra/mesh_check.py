@@ -39,9 +39,10 @@ def check_mesh(mesh: TetMesh, layout: BodyLayout) -> None:
         position = 1e3 * mesh.nodes[mesh.elements[worst, :4]].mean(axis=0)
         raise SolveError(f"volume mesh: an element of body {mesh.body[worst]} at {position.round(2)} mm is folded or flat "
                          f"(scaled Jacobian {quality[worst]:.1e})")  # fmt: skip
-    for name, (actual, expected, allowed) in {**_compare_volumes(mesh, layout), **_compare_areas(mesh, layout)}.items():
-        if not abs(actual - expected) <= allowed * expected:
-            raise SolveError(f"volume mesh: {name} is {actual / expected - 1:+.2%} off{_describe_cause(name, layout)}")
+    file_names = {_name_inclusion(index) for index, body in enumerate(layout.inclusions) if isinstance(body, Sheet)}
+    for name, error in compute_errors(mesh, layout).items():
+        if not abs(error) <= (_FILE_RELATIVE_TOLERANCE if name in file_names else _RELATIVE_TOLERANCE):
+            raise SolveError(f"volume mesh: {name} is {error:+.2%} off{_describe_cause(name, layout)}")
     inner, outer = (np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([INNER_BODY], [OUTER_BODY, GROOVE_BODY]))
     if len(np.intersect1d(inner, outer)):
         raise SolveError("volume mesh: the gap is bridged")
@@ -55,21 +56,22 @@ def find_max_error(mesh: TetMesh, layout: BodyLayout) -> float:
 
     The error of an ellipsoid further from the probe than its diameter is reduced in proportion to that distance.
     """
-    weights = {
-        f"inclusion[{k}]'s volume": 2 * layout.tube / float(np.linalg.norm(b.centre)) for k, b in enumerate(layout.inclusions)
-    }
-    relative = {
-        name: actual / exact - 1
-        for name, (actual, exact, allowed) in _compare_volumes(mesh, layout).items()
-        if allowed == _RELATIVE_TOLERANCE
-    }
-    return max(abs(error) * min(1.0, weights.get(name, 1.0)) for name, error in relative.items())
+    errors = compute_volume_errors(mesh, layout)
+    for index, body in enumerate(layout.inclusions):
+        weight = 0.0 if isinstance(body, Sheet) else min(1.0, 2 * layout.tube / float(np.linalg.norm(body.centre)))
+        errors[_name_inclusion(index)] *= weight
+    return max(map(abs, errors.values()))
 
 
 def find_max_file_error(mesh: TetMesh, layout: BodyLayout) -> float:
     """Return the largest absolute relative error of the volumes of bodies from files; 0 without any."""
-    kinds = _compare_volumes(mesh, layout).values()
-    return max((abs(actual / exact - 1) for actual, exact, allowed in kinds if allowed == _FILE_RELATIVE_TOLERANCE), default=0.0)
+    errors = compute_volume_errors(mesh, layout)
+    names = (_name_inclusion(index) for index, body in enumerate(layout.inclusions) if isinstance(body, Sheet))
+    return max((abs(errors[name]) for name in names), default=0.0)
+
+
+def _name_inclusion(index: int) -> str:
+    return f"inclusion[{index}]'s volume"
 
 
 def _describe_cause(name: str, layout: BodyLayout) -> str:
@@ -83,55 +85,42 @@ def _describe_cause(name: str, layout: BodyLayout) -> str:
 
 def compute_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
     """Return the relative errors of all known volumes and areas by name."""
-    return {
-        name: actual / expected - 1
-        for name, (actual, expected, _) in {**_compare_volumes(mesh, layout), **_compare_areas(mesh, layout)}.items()
-    }
+    return {**compute_volume_errors(mesh, layout), **_compute_area_errors(mesh, layout)}
 
 
-def _compare_volumes(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float, float]]:
-    """Return by name a volume in the mesh, its exact value, and the allowed relative error."""
+def compute_volume_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
+    """Return the relative errors of all known volumes by name."""
     volumes = compute_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
-
-    def volume_of(label: int) -> float:
-        return float(volumes[mesh.body == label].sum())
-
-    footprint, is_tissue = _footprint(layout), mesh.body >= TISSUE_BODY
-    cut = 0.0 if layout.groove is None else footprint * layout.groove[1]
-    whole = _tissue_area(layout) * layout.depth
+    is_tissue, tissue_area = mesh.body >= TISSUE_BODY, _tissue_area(layout)
+    cut = 0.0 if layout.groove is None else _footprint(layout) * layout.groove[1]
     tube = math.pi * (layout.tube**2 - layout.hole**2) * layout.outer_height
-    result = {
-        "the inner block's volume": (volume_of(INNER_BODY), math.pi * layout.inner**2 * layout.inner_height, _RELATIVE_TOLERANCE),
-        "the outer block's volume": (volume_of(OUTER_BODY), tube - cut, _RELATIVE_TOLERANCE),
-        "the tissue's volume with its inclusions": (float(volumes[is_tissue].sum()), whole, _RELATIVE_TOLERANCE),
+    selections = {
+        "the inner block's volume": (mesh.body == INNER_BODY, math.pi * layout.inner**2 * layout.inner_height),
+        "the outer block's volume": (mesh.body == OUTER_BODY, tube - cut),
+        "the tissue's volume with its inclusions": (is_tissue, tissue_area * layout.depth),
     }
     if cut:
-        result["the groove's volume"] = (volume_of(GROOVE_BODY), cut, _RELATIVE_TOLERANCE)
+        selections["the groove's volume"] = (mesh.body == GROOVE_BODY, cut)
     for index, (top, bottom) in enumerate(pairwise((0.0, *layout.interfaces))):
-        layer_volume = float(volumes[mesh.layer == index + 1].sum())
-        result[f"tissue.layer[{index}]'s volume"] = (layer_volume, _tissue_area(layout) * (bottom - top), _RELATIVE_TOLERANCE)
+        selections[f"tissue.layer[{index}]'s volume"] = (mesh.layer == index + 1, tissue_area * (bottom - top))
     if layout.wall is not None:
-        inside = float(volumes[is_tissue & ~mesh.beyond].sum())
-        result["the reference cylinder's volume"] = (inside, math.pi * layout.wall**2 * layout.depth, _RELATIVE_TOLERANCE)
+        selections["the reference cylinder's volume"] = (is_tissue & ~mesh.beyond, math.pi * layout.wall**2 * layout.depth)
     for index, body in enumerate(layout.inclusions):
-        allowed = _RELATIVE_TOLERANCE if isinstance(body, Ellipsoid) else _FILE_RELATIVE_TOLERANCE
-        result[f"inclusion[{index}]'s volume"] = (volume_of(FIRST_INCLUSION_BODY + index), body.volume, allowed)
-    return result
+        selections[_name_inclusion(index)] = (mesh.body == FIRST_INCLUSION_BODY + index, body.volume)
+    return {name: float(volumes[rows].sum()) / expected - 1 for name, (rows, expected) in selections.items()}
 
 
-def _compare_areas(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float, float]]:
+def _compute_area_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
     disc, ring = math.pi * layout.inner**2, math.pi * (layout.tube**2 - layout.hole**2)
-    result = {"the inner block's film end": (_area(mesh, [INNER_BODY], layout.inner_height), disc, _RELATIVE_TOLERANCE)}
-    result["the outer block's film end"] = (
-        _area(mesh, [OUTER_BODY, GROOVE_BODY], layout.outer_height),
-        ring,
-        _RELATIVE_TOLERANCE,
-    )
-    result["the inner block's end on the tissue"] = (_area(mesh, [INNER_BODY], 0.0), disc, _RELATIVE_TOLERANCE)
-    result["the outer block's end on the tissue"] = (_area(mesh, [OUTER_BODY], 0.0), ring, _RELATIVE_TOLERANCE)
     tissue_bodies = np.unique(mesh.body[mesh.body >= TISSUE_BODY]).tolist()
-    result["the tissue's top"] = (_area(mesh, tissue_bodies, 0.0), _tissue_area(layout), _RELATIVE_TOLERANCE)
-    return result
+    ends = {
+        "the inner block's film end": ([INNER_BODY], layout.inner_height, disc),
+        "the outer block's film end": ([OUTER_BODY, GROOVE_BODY], layout.outer_height, ring),
+        "the inner block's end on the tissue": ([INNER_BODY], 0.0, disc),
+        "the outer block's end on the tissue": ([OUTER_BODY], 0.0, ring),
+        "the tissue's top": (tissue_bodies, 0.0, _tissue_area(layout)),
+    }
+    return {name: _area(mesh, bodies, height) / expected - 1 for name, (bodies, height, expected) in ends.items()}
 
 
 def _area(mesh: TetMesh, bodies: list[int], height: float) -> float:
