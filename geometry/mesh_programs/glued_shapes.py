@@ -64,6 +64,8 @@ class GluedShapes:
         Netgen's grading, from 0 to 1: how fast edge lengths may grow.
     smoothing
         Number of netgen's optimisation steps.
+    curvature_safety
+        Smallest radius of curvature over edge length.
     """
 
     cylinders: Points
@@ -76,6 +78,7 @@ class GluedShapes:
     sizes: Points
     grading: float
     smoothing: int
+    curvature_safety: float
 
     def mesh(self, patience: float) -> Pieces:
         """Mesh all pieces in a child process that uses one core and ends after ``patience`` s.

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 MM_PER_M = 1e3  # OpenCASCADE's tolerances are absolute and made for lengths in mm; lengths here are in m
 _CUTTING_BOX_FACTOR = 4.0  # edge of the boxes that cut shapes, over the largest length
 _SPHERE_TOLERANCE = 1e-9  # relative: an ellipsoid whose semi-axes differ by less is a sphere
-_CURVATURE_SAFETY = 2.0  # radius of curvature over edge length: with 1.3 some elements stay straight, and volumes err by percents
 _SEGMENTS_PER_EDGE = 0.1  # netgen's segments per edge: so few that the requested sizes decide
 
 
@@ -26,7 +25,7 @@ def run(arguments: dict[str, Any]) -> Arrays:
         maxh=float(MM_PER_M * given["sizes"][:, 3].max()),
         grading=given["grading"],
         optsteps3d=given["smoothing"],
-        curvaturesafety=_CURVATURE_SAFETY,
+        curvaturesafety=given["curvature_safety"],
         segmentsperedge=_SEGMENTS_PER_EDGE,
         parallel_meshing=False,
     )

@@ -52,6 +52,9 @@ _MAX_ITERATIONS = 25  # of pytetwild: where these do not do, more hardly help
 _STOP_ENERGY = 10.0  # of pytetwild: quality at which it stops
 _MAX_RELATIVE_SIZE = 0.1  # of all surfaces' extent: tetrahedra above it cost, as pytetwild fills a box that is larger by as much
 _SIZE_FIELD_MARGIN = 0.15  # of the box's diagonal: by how much the sizes' field is larger than the surfaces
+_CURVATURE_SAFETY = (
+    4.0  # radius of curvature over edge length of netgen's triangles: with 2 spheres lose a hundredth of their volume
+)
 _INSIDE_WINDING = 0.5  # winding number from which a point counts as inside
 _MEND_BELOW_RATIO = 0.2  # straight tetrahedra below this mean ratio are mended
 _MIN_MENDED_RATIO = 0.05  # those that stay below this are put back to where pytetwild had them, off all but the outer planes
@@ -87,7 +90,7 @@ def mesh_irregular_layout(layout: BodyLayout, fineness: TetraFineness, trial: in
 
 def _build_soup(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, envelope: float) -> SurfaceSoup:
     """Join netgen's faces between shapes with the files' triangles; fewer of those, where these stay well within the envelope."""
-    shapes = mesh_shapes(replace(layout, interfaces=()), fineness)
+    shapes = mesh_shapes(replace(layout, interfaces=()), fineness, _CURVATURE_SAFETY)
     images = space.to_mesh(shapes.points)
     faces, _, _ = find_interfaces(shapes.cells, shapes.body)
     used, number = np.unique(faces, return_inverse=True)

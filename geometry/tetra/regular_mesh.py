@@ -37,6 +37,7 @@ Indices = NDArray[np.int64]
 _TETRAHEDRA_PER_CUBE = 6 * 2**0.5  # regular tetrahedra in the cube of their edge
 _GRADING_FACTOR = 1.3  # times our sizes' growth: netgen's own, between the points where they are given
 _SMOOTHING_ROUNDS = 3  # rounds: a fifth fewer tetrahedra than after one, which saves more than they take
+_CURVATURE_SAFETY = 2.0  # radius of curvature over edge length: with 1.3 some elements stay straight, and volumes err by percents
 MIN_RELATIVE_GAP = 1 / 300  # of the solid cylinder's radius: below half of that netgen never ends on the strip under the gap
 _MIN_TIME_S, _MIN_TETRAHEDRA_PER_S = 30.0, 500.0  # netgen's time limit: this, and more for each tetrahedron; it makes some 6000/s
 _MEND_BELOW_RATIO = 0.2  # straight tetrahedra below this mean ratio are mended
@@ -77,7 +78,7 @@ def mesh_regular_layout(layout: BodyLayout, fineness: TetraFineness) -> TetMesh:
     return TetMesh(nodes, elements, straight.body, straight.beyond, straight.layer, layout.half)
 
 
-def mesh_shapes(layout: BodyLayout, fineness: TetraFineness) -> LabelledTetrahedra:
+def mesh_shapes(layout: BodyLayout, fineness: TetraFineness, curvature_safety: float = _CURVATURE_SAFETY) -> LabelledTetrahedra:
     """Mesh all bodies that are shapes by netgen, and label its tetrahedra.
 
     A hairline gap is widened for netgen and narrowed again, which leaves good surfaces, but flat tetrahedra below the gap.
@@ -94,7 +95,7 @@ def mesh_shapes(layout: BodyLayout, fineness: TetraFineness) -> LabelledTetrahed
     )
     wide = replace(layout, inner=layout.inner + widening.moved[1], hole=layout.hole + widening.moved[2])
     patience = _MIN_TIME_S + _count_tetrahedra(_build_cubes(wide, fineness), layout) / _MIN_TETRAHEDRA_PER_S
-    pieces = build_shapes(wide, fineness).mesh(patience)
+    pieces = replace(build_shapes(wide, fineness), curvature_safety=curvature_safety).mesh(patience)
     corners = pieces.points[pieces.tetrahedra]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
     labels = _choose_by_majority(pieces.piece, label_points(wide, corners.mean(axis=1)), volumes)
@@ -129,6 +130,7 @@ def build_shapes(layout: BodyLayout, fineness: TetraFineness) -> GluedShapes:
         sizes=np.column_stack([cubes.middles, cubes.sizes]),
         grading=min(1.0, _GRADING_FACTOR * fineness.growth),
         smoothing=_SMOOTHING_ROUNDS,
+        curvature_safety=_CURVATURE_SAFETY,
     )
 
 
