@@ -38,7 +38,7 @@ def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
         The file cannot be written.
     """
     shapes, stamp = solids.build_parts(probe, edge_radius), build_stamp(probe, edge_radius)
-    notes = (*list_parts(probe, stamp.materials), *_list_notes(probe))
+    notes = (*list_parts(probe, stamp.materials), *_list_notes(probe, edge_radius))
     figure = pdf.draw_figure(drawings.draw_part(build_overview(probe, edge_radius), stamp, NO_BUDGET, notes))
     width, height = figure.get_size_inches()
     figure.set_size_inches(2 * width, height)  # the sheet on the left, the cutaway on the right
@@ -49,8 +49,8 @@ def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
     return Path(path)
 
 
-def _list_notes(probe: Probe) -> list[str]:
-    """Return what the views do not show: missing films, the groove's width, and the areas of the blocks' ends."""
+def _list_notes(probe: Probe, edge_radius: float) -> list[str]:
+    """Return what the views do not show: areas of the blocks' ends, the groove's width, round edges, missing films."""
     cut = probe.groove_footprint
     areas = {"inner end A2": probe.inner_area, "outer end A1": probe.outer_area}
     areas |= {"groove's footprint": cut} if cut else {}
@@ -58,4 +58,6 @@ def _list_notes(probe: Probe) -> list[str]:
     notes = [", ".join([*texts, f"A2/A1 = {probe.inner_area / probe.outer_area:.6g}"])]
     if probe.groove is not None:
         notes.append(f"groove {format_number(probe.groove.width * MM_PER_M)} wide, on the side of +x only")
+    if edge_radius:
+        notes.append(f"lower edges R {format_number(edge_radius * MM_PER_M)}; A1, A2 as if sharp")
     return notes if probe.film is not None else [*notes, "no films: the scene has none"]

@@ -293,7 +293,7 @@ def build_overview(probe: Probe, edge_radius: float = 0.0) -> PartView:
     assembly, alone = build_assembly_view(probe, edge_radius), build_part_views(probe, edge_radius)
     drawn = [measure for view in (assembly, *alone.values()) for measure in view.measures if measure.place != "plan"]
     measures = {measure.name: replace(measure, auxiliary=True) for measure in drawn}
-    return replace(assembly, name="overview", measures=tuple(measures.values()), edge=alone["outer"].edge)
+    return replace(assembly, name="overview", measures=tuple(measures.values()))
 
 
 def build_section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[list[Point]]]:
