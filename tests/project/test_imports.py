@@ -211,6 +211,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.built_probe": {
+        "geometry.workshop.tolerance",  # how exactly each block is made
         "probe_design.inference",
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
