@@ -1,4 +1,7 @@
-"""Write the order in which the parts are cast, bonded and checked, as Markdown."""
+"""Write the order in which the parts are cast, bonded and checked, as Markdown, and the notes on inspection of a cast block.
+
+The mould of a cast block is measured in place of the soft block, and its modulus is tested.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,18 @@ from geometry.cad.stamp import Stamp
 from geometry.provenance.texts import format_markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe, format_mm
-from geometry.workshop.casting_notes import compute_gap_deviation
 from geometry.workshop.csv_lists import combine_scatter
 from geometry.workshop.film_pattern import FilmPattern
 from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, MouldSizes, compute_cavity_volume
-from geometry.workshop.sheet import format_number
-from geometry.workshop.tolerance import Budget, find_tolerance, format_deviation
+from geometry.workshop.sheet import DIAMETER_SIGN, format_number
+from geometry.workshop.tolerance import (
+    CASTING_PROCESS,
+    MACHINING_PROCESS,
+    Budget,
+    find_process,
+    find_tolerance,
+    format_deviation,
+)
 
 MAX_LISTED_PARTS = 4  # contributions to the ratio's scatter that are listed
 GAP_RISK_FRACTION = 0.5  # of the gap: larger deviations are reported
@@ -79,13 +88,13 @@ def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[s
         else "adhesive as thin as it goes (the scene has none, 0 mm)"
     )
     steps = [
-        f"Cut the films by {', '.join(f'`{mould.name}-pattern.dxf`' for mould in patterns)}; test each for a short "
+        f"Cut the films by {', '.join(f'`{pattern.name}-pattern.dxf`' for pattern in patterns)}; test each for a short "
         "between its faces."
     ]
     steps.append(
         f"Bond each film to the base with {layer}; the inner film's centre on the base's axis, an opening of the outer one at +x."
     )
-    steps += [_describe_exit(mould) for mould in patterns]
+    steps += [_describe_exit(pattern) for pattern in patterns]
     return [*steps, _describe_block_bonding("films", probe)]
 
 
@@ -108,19 +117,19 @@ def _describe_block_bonding(onto: str, probe: Probe) -> str:
 
 def _describe_gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) -> str:
     gap = 1e3 * probe.gap
-    held = (
+    instruction = (
         f"Hold the gap while the adhesive cures: three shims of {format_number(gap)} mm, 120\u00b0 apart, from the "
         "tissue end between "
         "the blocks; "
     )
     if moulds:
         return (
-            f"{held}they centre the inner block. The gap itself follows from both blocks' walls: {format_number(gap)} mm, "
+            f"{instruction}they centre the inner block. The gap itself follows from both blocks' walls: {format_number(gap)} mm, "
             f"\u00b1{format_deviation(compute_gap_deviation(probe, moulds))} mm by their tolerances. Draw the shims out "
             "along the axis."
         )
     deviation = format_deviation(find_tolerance(gap, budget.find_bound("gap")).deviation)
-    return f"{held}the gap is {format_number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
+    return f"{instruction}the gap is {format_number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
 
 
 def _list_measuring_steps(moulds: Sequence[MouldSizes]) -> list[str]:
@@ -143,7 +152,7 @@ def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
     """Describe the scatter of probes built to the drawings, and its largest sources; empty where the scatter is unknown."""
     if not budget.sensitivities:
         return ""
-    parts = ", ".join(f"{name} {100 * mould:.2g} %" for name, mould in list(scatter.items())[:MAX_LISTED_PARTS])
+    parts = ", ".join(f"{name} {100 * sd:.2g} %" for name, sd in list(scatter.items())[:MAX_LISTED_PARTS])
     total = combine_scatter(scatter)
     requested = f"asked for: {budget.percent:g} %"
     advice = "" if total <= budget.percent else ": what dominates has to be measured, or calibrated, since no drawing holds it"
@@ -152,26 +161,85 @@ def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
 
 
 def _list_remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, scatter: Mapping[str, float]) -> list[str]:
-    said = [f"{describe_scatter(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
+    remarks = [f"{describe_scatter(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
     deviation = compute_gap_deviation(probe, moulds)
     if moulds and deviation >= GAP_RISK_FRACTION * 1e3 * probe.gap:
-        said.append(
+        remarks.append(
             f"The gap of {format_mm(probe.gap)} is within reach of the castings' tolerances "
             f"(\u00b1{format_deviation(deviation)} mm): measure "
             "both moulds before casting, so that it stays open."
         )
     if budget.remark:
-        said.append(budget.remark)
-    said += [f"Assumed, the scene does not give it: {key} = {format_mm(size)}." for key, size in assumed_sizes(probe).items()]
+        remarks.append(budget.remark)
+    remarks += [f"Assumed, the scene does not give it: {key} = {format_mm(size)}." for key, size in assumed_sizes(probe).items()]
     for mould in moulds:
         if 2 * mould.vent < SMALL_HOLE_MM:
-            said.append(
+            remarks.append(
                 f"The {mould.name} block's lid: holes of {format_number(2 * mould.pour)} and "
                 f"{format_number(2 * mould.vent)} mm are below what "
                 "is drilled; fill the open lower half and close it, or have them made by laser."
             )
         if mould.draft < DEFAULT_DRAFT_RAD:
-            said.append(
+            remarks.append(
                 f"The {mould.name} mould's draft is less than usual, so that the gap keeps its width; use a release agent."
             )
-    return ["Remarks:", "", *(f"- {text}" for text in said)] if said else []
+    return ["Remarks:", "", *(f"- {text}" for text in remarks)] if remarks else []
+
+
+def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:
+    """Return the notes on a cast block's drawing, one line each.
+
+    Parameters
+    ----------
+    mould
+        The block's mould.
+    budget
+        The ratio's budget, with the standard deviation of the block's modulus.
+    """
+    sizes = [
+        f"{name} {format_number(size)} \N{PLUS-MINUS SIGN}{format_deviation(_find_mould_deviation(size))}"
+        for name, size in list_mould_lengths(mould).items()
+    ]
+    general, draft = find_process(CASTING_PROCESS).general, f"{math.degrees(mould.draft):.3g}\N{DEGREE SIGN}"
+    return (
+        f"Cast; deviations are the casting's, {general}. Measure the mould, not the soft block; at half the height:",
+        f"cavity {', '.join(sizes)}; shrinkage {100 * mould.shrinkage:g} %, draft {draft}.",
+        f"Modulus: {_describe_modulus(mould.name, budget)}test a cylinder cast of the same pour in compression (ISO 7743),",
+        "and write what it measures into the scene.",
+    )
+
+
+def list_mould_lengths(mould: MouldSizes) -> dict[str, float]:
+    """Return the dimensions of a mould's cavity that are measured, mm: diameters at half its height, and the height."""
+    inner, outer = mould.compute_radii(mould.height / 2)
+    diameters = {DIAMETER_SIGN: 2 * outer, **({f"pin {DIAMETER_SIGN}": 2 * inner} if inner else {})}
+    return {**diameters, "height": mould.height}
+
+
+def _find_mould_deviation(size: float) -> float:
+    """Return the deviation of a mould's dimension, mm: the smallest that machining reaches, far below that of the casting."""
+    finest = find_process(MACHINING_PROCESS).find_tightest(size)
+    assert finest is not None  # machining has a table of them
+    return finest
+
+
+def _describe_modulus(block: str, budget: Budget) -> str:
+    known = budget.find_modulus(block)
+    return "" if known is None else f"{known.nominal} \N{PLUS-MINUS SIGN}{100 * known.sd:.2g} % (1 sd); "
+
+
+def compute_gap_deviation(probe: Probe, moulds: Sequence[MouldSizes]) -> float:
+    """Return the deviation of the gap, mm: the root of the sum of squares of the deviations of both walls."""
+    cast = {mould.name for mould in moulds}
+    sizes = {"inner": 2e3 * probe.inner_radius, "outer": 2e3 * probe.hole_radius}
+    walls = (
+        find_tolerance(size, process=CASTING_PROCESS if name in cast else MACHINING_PROCESS).deviation
+        for name, size in sizes.items()
+    )
+    return math.hypot(*walls) / 2
+
+
+def describe_gap(probe: Probe, moulds: Sequence[MouldSizes]) -> str:
+    """Return the line on the assembly's drawing that explains why the gap has no deviation of its own."""
+    gap = f"{format_number(1e3 * probe.gap)} \N{PLUS-MINUS SIGN}{format_deviation(compute_gap_deviation(probe, moulds))} mm"
+    return f"The gap follows from the blocks on its sides, {gap}: centre them with shims."

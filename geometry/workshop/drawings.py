@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 from geometry.cad.stamp import Stamp
 from geometry.workshop.parts import DRAWING_TITLES, SEAT_ROUGHNESS, Measure, PartView
-from geometry.workshop.processes import find_process
 from geometry.workshop.sheet import (
     ARROW_LENGTH_MM,
     DIMENSION_SPACING_MM,
@@ -19,7 +18,7 @@ from geometry.workshop.sheet import (
     format_number,
 )
 from geometry.workshop.title_block import BLOCK_HEIGHT_MM, NOTE_SPACING_MM, Title, draw_frame, draw_notes, draw_title_block
-from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance, format_deviation
+from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_process, find_tolerance, format_deviation
 
 FIRST_LINE_OFFSET_MM = 11.0  # mm of paper from a view to its first dimension line: space for roughness symbols
 ITEM_SPACING_MM = 7.0  # between the numbers of two items

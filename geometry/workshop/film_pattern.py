@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING
 
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
-from geometry.workshop.dxf_properties import add_properties
-from geometry.workshop.millimetres import Millimetres, convert_to_mm
-from geometry.workshop.outlines import build_box, build_disc, build_open_ring, compute_area
+from geometry.workshop.outlines import Millimetres, build_box, build_disc, build_open_ring, compute_area, convert_to_mm
 from geometry.workshop.parts import DRAWING_TITLES
-from geometry.workshop.sheet import Loop, find_bounds, format_number
+from geometry.workshop.sheet import Loop, add_properties, find_bounds, format_number
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing

@@ -19,7 +19,7 @@ from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import compute_expected_bodies
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
-from geometry.workshop.millimetres import Millimetres, convert_to_mm
+from geometry.workshop.outlines import Millimetres, convert_to_mm
 
 DEFAULT_SHRINKAGE = 0.001
 """Linear shrinkage; assumed: makers state negligible shrinkage for platinum-cure silicones cast at room temperature."""

@@ -13,10 +13,9 @@ from geometry.cad.stamp import Stamp, build_stamp
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
 from geometry.workshop import assembly_order, csv_lists, drawings, film_pattern, mould_sizes, moulds, pdf
-from geometry.workshop.casting_notes import describe_gap, list_casting_notes
-from geometry.workshop.dxf_properties import add_properties
+from geometry.workshop.assembly_order import describe_gap, list_casting_notes
 from geometry.workshop.parts import DRAWING_TITLES, PartView, build_assembly_view, build_part_views, list_parts
-from geometry.workshop.sheet import DrawingSheet
+from geometry.workshop.sheet import DrawingSheet, add_properties
 from geometry.workshop.tolerance import CASTING_PROCESS, NO_BUDGET, Budget
 
 

@@ -10,8 +10,16 @@ from typing import Literal
 from geometry.cad.materials import PartMaterial, find_part_materials
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe
-from geometry.workshop.millimetres import Millimetres, convert_to_mm
-from geometry.workshop.outlines import build_base_section, build_block, build_box, build_disc, build_open_ring, convert_to_polygon
+from geometry.workshop.outlines import (
+    Millimetres,
+    build_base_section,
+    build_block,
+    build_box,
+    build_disc,
+    build_open_ring,
+    convert_to_mm,
+    convert_to_polygon,
+)
 from geometry.workshop.sheet import DIAMETER_SIGN, Loop, Point
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance
 

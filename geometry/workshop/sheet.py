@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from geometry.cad.stamp import Stamp
+from geometry.provenance.texts import split_block
+
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
     from ezdxf.layouts.layout import Modelspace
@@ -39,6 +42,7 @@ LINE_STYLES = {  # layer: colour index, line width in 1/100 mm, line type; ISO 1
     "FRAME": (7, 50, "CONTINUOUS"),
 }
 DIMENSION_STYLE = "WORKSHOP"
+MAX_PROPERTY_CHARACTERS = 2000  # characters: a string of a DXF file holds 2049
 DIAMETER_SIGN = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 
 
@@ -232,3 +236,13 @@ def find_bounds(loops: Iterable[Loop]) -> tuple[float, float, float, float]:
 def format_number(length: float) -> str:
     """Format a length in mm to 0.1 um; finer only where it would be rounded to zero."""
     return f"{length:.4f}".rstrip("0").rstrip(".") if length >= 5e-4 else f"{length:.3g}"
+
+
+def add_properties(document: Drawing, stamp: Stamp) -> Drawing:
+    """Return a DXF document with custom properties: design, program, and the provenance block as JSON, split if too long."""
+    entries = {"design": stamp.design, "program": stamp.program}
+    parts = split_block(stamp.provenance, MAX_PROPERTY_CHARACTERS)
+    names = ["provenance"] if len(parts) == 1 else [f"provenance {number}" for number in range(1, len(parts) + 1)]
+    for name, text in {**entries, **dict(zip(names, parts, strict=True))}.items():
+        document.header.custom_vars.append(name, text)
+    return document

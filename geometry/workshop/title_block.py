@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geometry.cad.stamp import Stamp
-from geometry.workshop.processes import Process
 from geometry.workshop.sheet import WIDTH_PER_LETTER, DrawingSheet, View, find_text_width
+from geometry.workshop.tolerance import Process
 
 BLOCK_WIDTH_MM, ROW_HEIGHT_MM, ROW_COUNT = 180.0, 6.5, 6  # mm of paper
 BLOCK_HEIGHT_MM = ROW_HEIGHT_MM * ROW_COUNT + 3.5  # the first row is higher

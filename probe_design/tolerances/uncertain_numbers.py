@@ -72,7 +72,7 @@ def list_uncertain_numbers(
 ) -> tuple[UncertainNumber, ...]:
     """Return the uncertain numbers of a scene's probe, which is given by its outer radius.
 
-    Lengths vary by the tolerance of the process of their block (``geometry.workshop.processes``), the gap by that of the hole's
+    Lengths vary by the tolerance of their block's process (``geometry/workshop/processes.toml``), the gap by that of the hole's
     radius. A modulus from the catalogue varies as the catalogue states, any other as a measured one.
 
     Parameters

@@ -12,8 +12,7 @@ from pypdf import PdfReader
 from geometry.scenes.catalogue import find_material, list_materials
 from geometry.scenes.probe import Base, Film, Material
 from geometry.workshop.package import Casting, build_writers
-from geometry.workshop.processes import find_process
-from geometry.workshop.tolerance import find_tolerance, format_deviation
+from geometry.workshop.tolerance import find_process, find_tolerance, format_deviation
 from tests.support.parts import make
 from tests.support.workshop import BUDGET, EDGE, probe
 
