@@ -193,17 +193,16 @@ class _GainProblem:
         matrix, loads, log_ratios, leaks, log_scale = self._split(unknowns)
         fractions = compute_inner_fractions(log_ratios, self.references) + self._leak_effects @ leaks
         films = np.stack([fractions, 1 - fractions], axis=1) * loads[:, None] @ matrix.T
-        read = np.array([observation.films for observation in self.observations])
         parts = [
-            (self._whitening @ (read - films)[..., None]).ravel(),
+            (self._whitening @ (self._films - films)[..., None]).ravel(),
             np.linalg.solve(self._prediction_root, log_ratios - self.predictions.log_ratios),
             leaks,
             matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9),
             self.compute_mean_gain_residual(unknowns),
         ]
-        known = [(k, reference) for k, reference in enumerate(self.references) if reference.known_force is not None]
-        log_errors = [np.log(loads[k] / (reference.known_force or 1.0)) - log_scale for k, reference in known]
-        parts.append(np.array(log_errors) / [reference.known_force_tolerance for _, reference in known])
+        if self.has_known_load:
+            known, forces, tolerances = self._known_loads
+            parts.append((np.log(loads[known] / forces) - log_scale) / tolerances)
         if self.has_force:
             forces, force_sds = self._forces
             parts += [(forces - loads) / force_sds, unknowns[-1:]]
@@ -238,6 +237,19 @@ class _GainProblem:
         """Change of the inner film's fraction of the load for a leak of one sd, shape (readings, pins and rings)."""
         effects = [(-1.0 if reference.on == "inner" else 1.0) * reference.leak_sd for reference in self.references]
         return np.diag(effects)[:, [reference.on != "tissue" for reference in self.references]]
+
+    @cached_property
+    def _films(self) -> Floats:
+        """Readings of both films, N, shape (readings, 2)."""
+        return np.array([observation.films for observation in self.observations])
+
+    @cached_property
+    def _known_loads(self) -> tuple[list[int], Floats, Floats]:
+        """Readings of known load: their indices, loads, N, and the loads' relative standard deviations."""
+        known = [k for k, reference in enumerate(self.references) if reference.known_force is not None]
+        loads = [(self.references[k].known_force, self.references[k].known_force_tolerance) for k in known]
+        forces, tolerances = np.array(loads, dtype=float).T
+        return known, forces, tolerances
 
     @cached_property
     def _forces(self) -> tuple[Floats, Floats]:
