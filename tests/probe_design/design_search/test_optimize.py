@@ -135,7 +135,7 @@ def _check(output: dict[str, object], design_path: Path, folder: Path) -> None:
     pressing, warnings = output["pressing"], output["warnings"]
     assert isinstance(pressing, dict)
     assert isinstance(warnings, list)
-    unused = [limit for limit in warnings if "limits.force of 0.05 N is more than linear elasticity answers for" in limit]
+    unused = [limit for limit in warnings if "limits.force of 0.05 N is more than linear elasticity allows" in limit]
     assert len(unused) == (pressing["optimum"]["limited_by"] in ("linearity", "gap_closure"))
     files = output["files"]
     assert isinstance(files, list)
