@@ -67,9 +67,14 @@ class ReadingRecorder:
             raise
 
     def write_samples(self, samples: Samples) -> None:
-        """Add samples to the HDF5 file, if there is one."""
-        if self._hdf5 is not None:
+        """Add samples to the HDF5 file, if there is one and its disk has not failed."""
+        if self._hdf5 is None or self._fault is not None:
+            return
+        try:
             self._hdf5.write_samples(samples)
+        except OSError as fault:  # the raw bytes go on
+            self._fault = fault
+            self._hdf5.discard()
 
     def close(self) -> None:
         """Complete the recording.

@@ -10,22 +10,51 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from io import BytesIO
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
-from hw.common.samples import Samples, join_samples
+from hw.common.samples import Gap, Samples
 from hw.common.transport import Header
 
 FILE_FORMAT, FORMAT_VERSION = "probe-design samples", 1
 CHUNK_ROWS = 1 << 15  # rows of a chunk, which has a checksum
 
 
+class UnfailingFile(FileIO):
+    """A new file for h5py whose writes never fail; after an error of the disk ``fault`` holds it, and the file is invalid.
+
+    HDF5 cannot close a file after a failed write. It tries again when the program ends, and crashes it.
+    """
+
+    fault: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all bytes; after a fault, write nothing and report success."""
+        left = memoryview(data).cast("B")
+        size = len(left)
+        try:
+            while left and self.fault is None:
+                left = left[super().write(left) :]
+        except OSError as fault:
+            self.fault = fault
+        self.seek(len(left), os.SEEK_CUR)
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the file's length; after a fault, do nothing."""
+        try:
+            return super().truncate(size) if self.fault is None else self.tell()
+        except OSError as fault:
+            self.fault = fault
+            return self.tell()
+
+
 class Hdf5Recorder:
-    """Collect samples, and write them to a new file when it is closed; an existing file is never overwritten.
+    """Write samples to a draft file that gets its name when it is closed; an existing file is never overwritten.
 
     Parameters
     ----------
@@ -43,68 +72,102 @@ class Hdf5Recorder:
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
+        import h5py
+
         self.path, self._header = Path(path), header
         if self.path.exists():
             raise FileExistsError(17, os.strerror(17), str(path))
-        self._draft_path = self.path.with_name(f".{self.path.name[:50]}.{secrets.token_hex(4)}")
-        self._draft = self._draft_path.open("xb")  # default file permissions, unlike those of tempfile
-        self._parts: list[Samples] = []
+        name = f".{self.path.name[:50]}.{secrets.token_hex(4)}"
+        self._draft, self._gaps, self._overruns = self.path.with_name(name), list[Gap](), 0
+        self._disk = UnfailingFile(self._draft, "x+")  # default file permissions, unlike those of tempfile
+        try:
+            self._file = h5py.File(self._disk, "w")
+            self._create_datasets()
+        except BaseException:
+            self._disk.close()
+            self._draft.unlink()
+            raise
+
+    def _create_datasets(self) -> None:
+        """Create the module's datasets, empty and growable, with units and checksums; ``time`` is the scale of each channel."""
+        channels = self._header.channels
+        for name, kind, unit in (("time", "f8", "s"), ("index", "i8", "1"), *((name, "f8", "V") for name in channels)):
+            shape: dict[str, object] = {"shape": (0,), "maxshape": (None,), "chunks": (CHUNK_ROWS,)}
+            self._file.create_dataset(name, dtype=f"<{kind}", fletcher32=True, **shape).attrs["units"] = unit
+        shape = {"shape": (0, len(channels)), "maxshape": (None, len(channels)), "chunks": (CHUNK_ROWS, len(channels))}
+        saturated = self._file.create_dataset("saturated", dtype="u1", fletcher32=True, **shape)
+        saturated.attrs["channels"] = list(channels)
+        self._file["time"].make_scale("time")
+        for name in channels:
+            self._file[name].dims[0].attach_scale(self._file["time"])
 
     def write_samples(self, samples: Samples) -> None:
-        """Add samples."""
-        self._parts.append(samples)
+        """Append samples.
+
+        Raises
+        ------
+        OSError
+            The disk is full, or another fault; nothing is left of the file.
+        """
+        self._check_disk()
+        end = self._file["index"].shape[0] + len(samples)
+        columns = dict(zip(samples.channels, samples.volts.T, strict=True))
+        for name, values in ({"time": samples.times, "index": samples.index} | columns).items():
+            self._file[name].resize(end, axis=0)
+            self._file[name][end - len(samples) :] = values
+        self._file["saturated"].resize(end, axis=0)
+        self._file["saturated"][end - len(samples) :] = samples.saturated
+        self._gaps.extend(samples.gaps)
+        self._overruns += samples.overruns
 
     def close(self) -> None:
-        """Write the samples and the source's properties; without samples no file remains.
+        """Write the source's properties, and give the file its name; without samples no file remains.
 
         Raises
         ------
         OSError
             The disk is full, the name was taken meanwhile, or another fault; nothing is left of the file.
         """
-        if self._draft.closed:
+        if self._disk.closed:
             return
         try:
-            if any(map(len, self._parts)):
-                self._draft.write(build_file(join_samples(self._parts), self._header))
-                self._draft.flush()
-                os.fsync(self._draft.fileno())
+            samples = int(self._file["index"].shape[0])
+            self._write_attributes()
+            self._file.close()
+            self._check_disk()
+            if samples:
+                os.fsync(self._disk.fileno())
                 self.path.touch(exist_ok=False)  # fails if the name was taken: a move would overwrite that file
-                self._draft_path.replace(self.path)
+                self._draft.replace(self.path)
         finally:
             self.discard()
 
     def discard(self) -> None:
         """Delete the draft; a file that was completed stays."""
-        self._draft.close()
-        self._draft_path.unlink(missing_ok=True)
+        self._file.close()  # before the disk: HDF5 writes until its file is closed
+        self._disk.close()
+        self._draft.unlink(missing_ok=True)
+
+    def _check_disk(self) -> None:
+        """Raise the error of an earlier write."""
+        if self._disk.fault is not None:
+            raise self._disk.fault
+
+    def _write_attributes(self) -> None:
+        """Write the gaps and the properties of the source."""
+        import h5py
+
+        kinds = np.dtype([("first", "<i8"), ("count", "<i8"), ("reason", h5py.string_dtype())])
+        gaps = [(gap.first, gap.count, gap.reason) for gap in self._gaps]
+        self._file.create_dataset("gaps", data=np.array(gaps, kinds))
+        source = self._header.source.items()
+        known = {key: value if isinstance(value, str | int | float) else json.dumps(value) for key, value in source}
+        properties = {"format": FILE_FORMAT, "version": FORMAT_VERSION, "rate": self._header.rate, "overruns": self._overruns}
+        for key, value in (known | properties).items():
+            self._file.attrs[key] = value
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
-
-
-def build_file(samples: Samples, header: Header) -> memoryview:
-    """Return the bytes of an HDF5 file; in memory, since HDF5 crashes the program where a disk is full."""
-    import h5py
-
-    content = BytesIO()
-    with h5py.File(content, "w") as file:
-        columns = {"time": (samples.times, "s"), "index": (samples.index, "1")}
-        columns |= {name: (volts, "V") for name, volts in zip(samples.channels, samples.volts.T, strict=True)}
-        for name, (values, unit) in columns.items():
-            file.create_dataset(name, data=values, chunks=(CHUNK_ROWS,), maxshape=(None,), fletcher32=True).attrs["units"] = unit
-        shape = {"chunks": (CHUNK_ROWS, len(samples.channels)), "maxshape": (None, len(samples.channels))}
-        saturated = file.create_dataset("saturated", data=samples.saturated.astype("u1"), fletcher32=True, **shape)
-        saturated.attrs["channels"] = list(samples.channels)
-        file["time"].make_scale("time")
-        for name in samples.channels:
-            file[name].dims[0].attach_scale(file["time"])
-        kinds = np.dtype([("first", "<i8"), ("count", "<i8"), ("reason", h5py.string_dtype())])
-        file.create_dataset("gaps", data=np.array([(gap.first, gap.count, gap.reason) for gap in samples.gaps], kinds))
-        for key, value in header.source.items():
-            file.attrs[key] = value if isinstance(value, str | int | float) else json.dumps(value)
-        file.attrs.update({"format": FILE_FORMAT, "version": FORMAT_VERSION, "rate": header.rate, "overruns": samples.overruns})
-    return content.getbuffer()
