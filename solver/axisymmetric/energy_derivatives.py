@@ -36,7 +36,7 @@ from solver.elements.shape_functions import Shapes
 from solver.materials.linear import Isotropic
 
 MAX_TENSOR_BYTES = 2e7  # tensors in memory at once
-NEGLIGIBLE_RELATIVE = 1e-9  # remainder of a pair's products, of the largest: changes derivatives by 3e-8 on two examples (1e-8: 2e-6)
+NEGLIGIBLE_RELATIVE = 1e-13  # remainder of a pair's products, of the largest: smaller ones change no derivative noticeably
 COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
 
 
