@@ -26,17 +26,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import MeridianModel
+from solver.axisymmetric.state_forms import StateForms
 from solver.elements.shape_functions import Shapes
 from solver.materials.linear import Isotropic
 
 MAX_TENSOR_BYTES = 2e7  # tensors in memory at once
-NEGLIGIBLE_RELATIVE = 1e-13  # remainder of a pair's products, of the largest: smaller ones change no derivative noticeably
 COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
 
 
@@ -73,8 +72,6 @@ def differentiate_totals(
 ) -> tuple[TotalDerivatives, TotalDerivatives]:
     """Return the derivatives of films' totals: the part of all bodies except ``inside``, and the part of ``inside``.
 
-    A total is quadratic in the states, so that its change is exactly a difference: [total(u + w) - total(u - w)] / 2.
-
     Parameters
     ----------
     model
@@ -88,51 +85,17 @@ def differentiate_totals(
     inside
         A body.
     """
-    size = np.linalg.norm(basis, axis=(0, 1))[:, None]
-    state_sizes, change_sizes = (np.linalg.norm(size * u, axis=(1, 2), keepdims=True) for u in (states, changes))
-    # changes as large as the states lose least to rounding
-    step = np.divide(state_sizes, change_sizes, out=np.ones_like(change_sizes), where=change_sizes > 0)
-    pairs = np.concatenate([states, states + step * changes, states - step * changes])
-    chosen, weights = _choose_pairs(size * pairs)
-    values = basis @ pairs[chosen].transpose(1, 2, 0).reshape(basis.shape[-1], -1)
-    values = values.reshape(*basis.shape[:2], 2, len(chosen))
-    velocities, mask, k, j = compute_velocities(model), model.mesh.body == inside, len(states), len(changes)
+    forms = StateForms.choose_pairs(np.resize(states, changes.shape), changes, np.linalg.norm(basis, axis=(0, 1)))
+    values = basis @ forms.states.reshape(basis.shape[-1], -1)
+    values = values.reshape(*basis.shape[:2], *forms.states.shape[1:])
+    velocities, mask = compute_velocities(model), model.mesh.body == inside
 
     def differentiate(part: Bools) -> TotalDerivatives:
         """Return the derivatives of the elements of one part."""
-        chosen_derivatives = _differentiate_elements(model, values, np.flatnonzero(part), velocities)
-        derivatives = np.moveaxis(chosen_derivatives @ weights, -1, 0)
-        return TotalDerivatives(derivatives[:k], (derivatives[k : k + j] - derivatives[k + j :]) / (2 * step))
+        totals, changed = forms.sum_forms(_differentiate_elements(model, values, np.flatnonzero(part), velocities))
+        return TotalDerivatives(totals[: len(states)], changed)
 
     return differentiate(~mask), differentiate(mask)
-
-
-def _choose_pairs(pairs: Floats) -> tuple[Ints, Floats]:
-    """Choose a few pairs of states whose totals give, whatever A is, those of all pairs; return their numbers and weights.
-
-    The totals' sum and difference are linear in the products of S = u_1 + u_2 with itself and with u_1 - u_2. States at
-    all moduli lie on one smooth curve, so that products of 150 pairs are to 1e-9 sums of those of some 20 (empirical
-    interpolation: Barrault et al., C. R. Acad. Sci. Paris I 339, 2004, 667-672).
-
-    Parameters
-    ----------
-    pairs
-        Coefficients on a basis of vectors of one size, shape (k, m, 2).
-
-    Returns
-    -------
-    tuple of arrays
-        Numbers of the chosen pairs, shape (c,), and the weights of their totals in those of every pair, shape (c, k).
-    """
-    sums, differences = pairs.sum(axis=2), pairs[..., 0] - pairs[..., 1]
-    products = np.stack([sums[:, :, None] * sums[:, None], differences[:, :, None] * sums[:, None]], axis=1)
-    symmetric = (products + products.swapaxes(2, 3)).reshape(len(pairs), -1)
-    triangle, order = qr(symmetric.T, mode="r", pivoting=True)
-    sizes = np.abs(np.diag(triangle))
-    count = int(np.count_nonzero(sizes > NEGLIGIBLE_RELATIVE * sizes[0]))
-    weights = np.empty((count, len(pairs)))
-    weights[:, order] = solve_triangular(triangle[:count, :count], triangle[:count])
-    return order[:count], weights
 
 
 def compute_velocities(model: MeridianModel) -> tuple[Floats, Floats]:
