@@ -124,14 +124,16 @@ def compare_with_reference(reference: Known, readings: Readings) -> AnswerErrors
     """Compare with what is known."""
     if not readings.resolved[0]:
         return AnswerErrors(None, None, None, None)
-    slope = excess = None
+    derivative = excess = None
     if reference.log_sensitivity and readings.derivatives:
         difference = abs(float(readings.log_sensitivity[0]) - reference.log_sensitivity)
-        slope, excess = (
+        derivative, excess = (
             difference / abs(reference.log_sensitivity),
             max(0.0, difference - reference.doubt) / float(readings.sensitivity_error[0]),
         )
-    return AnswerErrors(abs(float(readings.ratio[0]) / reference.ratio - 1), float(readings.error_estimate[0]), slope, excess)
+    return AnswerErrors(
+        abs(float(readings.ratio[0]) / reference.ratio - 1), float(readings.error_estimate[0]), derivative, excess
+    )
 
 
 def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
@@ -185,9 +187,9 @@ def _summarise(table: MeasuredTable, folder: str, accuracy: float, rows: Sequenc
         wrong = sum(not errors.is_right(reference) for reference, errors in pairs)
         doubtful = sum((errors.excess or 0) > 1 for errors in right)
         worst = (max((v for t in right if (v := getattr(t, key)) is not None), default=None) for key in ("true", "stated"))
-        slopes = [errors.sensitivity for errors in right if errors.sensitivity is not None]
+        derivatives = [errors.sensitivity for errors in right if errors.sensitivity is not None]
         seconds = (float(np.median([getattr(reply, key) for _, reply in rows])) for key in ("cold", "warm"))
         times = tuple(seconds) if tier == "reflections" else (None, None)
         table.add(
-            folder, f"{accuracy:g}", tier, len(rows), len(right), wrong, doubtful, *worst, max(slopes, default=None), *times
+            folder, f"{accuracy:g}", tier, len(rows), len(right), wrong, doubtful, *worst, max(derivatives, default=None), *times
         )

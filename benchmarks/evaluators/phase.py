@@ -45,10 +45,10 @@ def spreads(scene: Scene) -> tuple[float, float, float, float]:
     assert result.ratio_phase_error is not None
     names = [name for name in LOSSES if f"{name}.loss_factor" in losses]
     modulus = [_modulus(scene, name) for name in names]
-    slopes = [derivatives[f"{name}.loss_factor"] * (1 + losses[f"{name}.loss_factor"] ** 2) for name in names]
+    loss_derivatives = [derivatives[f"{name}.loss_factor"] * (1 + losses[f"{name}.loss_factor"] ** 2) for name in names]
     turns = [derivatives[f"{name}.youngs_modulus"] * change for name, change in zip(names, modulus, strict=True)]
     by_losses = [derivatives[f"{name}.loss_factor"] * losses[f"{name}.loss_factor"] for name in names]
-    jacobian = np.array([[*slopes, *(0.0 for _ in names)], [*turns, *by_losses]])
+    jacobian = np.array([[*loss_derivatives, *(0.0 for _ in names)], [*turns, *by_losses]])
     prior = [WIDE_PRIOR_SD if name == "inclusion" else MODULUS_PRIOR_SD for name in names] + [LOSS_PRIOR_SD for _ in names]
     phase_noise = math.hypot(math.radians(DEGREES), result.ratio_phase_error / math.sqrt(3))
     noise, which = np.array([NOISE, phase_noise]), names.index("inclusion")

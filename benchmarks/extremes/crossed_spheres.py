@@ -189,11 +189,11 @@ def compare(scene: Scene, true: CrossedTruth, accuracy: float) -> BoundCheck:
     get_workspace().begin()  # what earlier scenes needed may go
     solution = Axisymmetric().compute_converged(scene, accuracy)
     (films,), (inner, outer) = solution.films, solution.sample.totals[0]
-    bound, slope = films.compute_max_error(scene), films.log_sensitivity or 0.0
+    bound, derivative = films.compute_max_error(scene), films.log_sensitivity or 0.0
     wide = any(note.kind == "sensitivity" for note in solution.notes)
-    promised = films.sensitivity_error if wide else max(5 * accuracy * abs(slope), 1e-5)
+    promised = films.sensitivity_error if wide else max(5 * accuracy * abs(derivative), 1e-5)
     error = abs(float(inner / outer) * _areas(scene) / true.ratio - 1)
-    return BoundCheck(error, bound, abs(slope - true.log_sensitivity), promised, bound <= accuracy)
+    return BoundCheck(error, bound, abs(derivative - true.log_sensitivity), promised, bound <= accuracy)
 
 
 def solve_by_ngsolve(scene: Scene) -> tuple[float, float, float]:
@@ -220,10 +220,17 @@ def table(checks: dict[float, list[BoundCheck]]) -> MeasuredTable:
     for accuracy, rows in checks.items():
         shares = np.array([row.error / row.bound for row in rows])
         wide = sum(row.reached and row.bound > max(USEFUL_BOUND_FACTOR * row.error, accuracy) for row in rows)
-        slopes = max(row.sensitivity_error / row.sensitivity_bound for row in rows)
+        derivatives = max(row.sensitivity_error / row.sensitivity_bound for row in rows)
         reached, broken = sum(row.reached for row in rows), int((shares > 1).sum())
         printed.add(
-            f"{accuracy:g}", str(len(rows)), str(reached), str(broken), shares.max(), float(np.median(shares)), str(wide), slopes
+            f"{accuracy:g}",
+            str(len(rows)),
+            str(reached),
+            str(broken),
+            shares.max(),
+            float(np.median(shares)),
+            str(wide),
+            derivatives,
         )
     return printed
 
@@ -261,10 +268,10 @@ def main() -> None:
                             kept.write(json.dumps([name, vars(known[name])]) + "\n")
                 true = known[name]
                 if options.ngsolve:
-                    ratio, slope, uncertain = solve_by_ngsolve(scene)
+                    ratio, derivative, uncertain = solve_by_ngsolve(scene)
                     print(
                         f"{name}: ratio {true.ratio / ratio - 1:+.1e}, "
-                        f"log_sensitivity {true.log_sensitivity - slope:+.1e}, NGSolve's own {uncertain:.1e}",
+                        f"log_sensitivity {true.log_sensitivity - derivative:+.1e}, NGSolve's own {uncertain:.1e}",
                         flush=True,
                     )
                     continue

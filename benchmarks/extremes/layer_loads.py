@@ -159,17 +159,17 @@ def _changes(loaded_scene: LoadedScene, path: Path, places: Floats) -> Floats:
     films = CubicHermiteSpline(depth, [point.films for point in points], [point.tangent for point in points])(places).T
     secants = np.tile(start.tangent[:, None], len(places))
     secants[:, 1:] = films[:, 1:] / places[1:]
-    slopes = PchipInterpolator(depth, [loaded_scene.compute_sensitivity(path, point) for point in points])(places)
+    derivatives = PchipInterpolator(depth, [loaded_scene.compute_sensitivity(path, point) for point in points])(places)
     inner, outer = secants / start.tangent[:, None]
     stiffness = secants.sum(axis=0) / start.tangent.sum()
-    return np.array([inner / outer - 1, inner - 1, outer - 1, stiffness - 1, slopes - slopes[0]])
+    return np.array([inner / outer - 1, inner - 1, outer - 1, stiffness - 1, derivatives - derivatives[0]])
 
 
 def _is_promise_broken(loaded_scene: LoadedScene, path: Path) -> bool:
     """Whether a path is well beyond a promise, whatever two meshes differ by."""
     changes = np.abs(_changes(loaded_scene, path, np.array([0.0, path.last.indentation]))[:, 1])
-    slope = max(5 * ACCURACY * abs(loaded_scene.linear.films[0].log_sensitivity or 0.0), MIN_SLOPE_DIFFERENCE)
-    return bool(max(changes[:4].max() / ACCURACY, changes[4] / slope) > BROKEN_PROMISE_FACTOR)
+    derivative = max(5 * ACCURACY * abs(loaded_scene.linear.films[0].log_sensitivity or 0.0), MIN_SLOPE_DIFFERENCE)
+    return bool(max(changes[:4].max() / ACCURACY, changes[4] / derivative) > BROKEN_PROMISE_FACTOR)
 
 
 @dataclass(frozen=True)

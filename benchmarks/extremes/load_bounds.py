@@ -165,9 +165,9 @@ def _compute_used_shares(loaded_scene: LoadedScene, rule: LoadRule, force: float
     odds = abs(_ratio(point.films) / _ratio(start.tangent) - 1) - difference.log_ratio
     first, then = loaded_scene.compute_sensitivity(path, start), loaded_scene.compute_sensitivity(path, point)
     size = compute_sensitivity_size(loaded_scene.linear.films[0].film_log_sensitivities or (0.0, 0.0))
-    slope = max(0.0, abs(then - first) - MIN_SLOPE_DIFFERENCE - difference.sensitivity * max(abs(first), abs(then))) / size
+    derivative = max(0.0, abs(then - first) - MIN_SLOPE_DIFFERENCE - difference.sensitivity * max(abs(first), abs(then))) / size
     strained = (odds / bound, films.max() / bound, stiffness / bound)
-    return np.array([*strained, slope / bound_log_sensitivity_change(rule.compute_x(force))])
+    return np.array([*strained, derivative / bound_log_sensitivity_change(rule.compute_x(force))])
 
 
 def _ratio(films: Any) -> float:

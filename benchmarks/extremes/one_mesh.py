@@ -133,9 +133,9 @@ def _moduli(scene: Scene) -> Floats:
 
 def _share(sample: MeshSample, bounds: SampleErrors, true: TrueForces) -> tuple[float, float, float, float]:
     differences = np.abs(sample.totals - true.totals) / (bounds.totals + true.rounding)
-    slope = np.abs(sample.log_sensitivity - true.log_sensitivity) / np.maximum(bounds.sensitivity, SENSITIVITY_ACCURACY)
+    derivative = np.abs(sample.log_sensitivity - true.log_sensitivity) / np.maximum(bounds.sensitivity, SENSITIVITY_ACCURACY)
     relative = bounds.totals / np.abs(sample.totals)
-    return float(differences.max()), float(slope.max()), float(relative.sum(axis=1).max()), float(relative.max())
+    return float(differences.max()), float(derivative.max()), float(relative.sum(axis=1).max()), float(relative.max())
 
 
 def read(path: Path | None) -> dict[str, Truths]:
@@ -157,8 +157,8 @@ def table(all_shares: list[Shares]) -> MeasuredTable:
     printed = MeasuredTable("errors over their bounds from one mesh", (*columns, "median bound on the ratio, error"))
     for name in sorted({name for scene_shares in all_shares for name in scene_shares}):
         rows = [scene_shares[name] for scene_shares in all_shares if name in scene_shares]
-        totals, slopes, sizes, _ = (np.array(column) for column in zip(*rows, strict=True))
-        spread = (totals.max(), np.quantile(totals, 0.99), np.median(totals), slopes.max())
+        totals, derivatives, sizes, _ = (np.array(column) for column in zip(*rows, strict=True))
+        spread = (totals.max(), np.quantile(totals, 0.99), np.median(totals), derivatives.max())
         printed.add(name, str(len(rows)), *map(float, spread), float(np.median(sizes)))
     return printed
 
@@ -199,9 +199,12 @@ def main() -> None:
                 print(f"{name}: {fault}")
                 continue
             all_shares.append(entry)
-            for mesh, (totals, slopes, *_) in entry.items():
-                if max(totals, slopes) > 1:
-                    print(f"{name}: order {mesh}, totals {totals:.2f}, log_sensitivity {slopes:.2f} times the bound", flush=True)
+            for mesh, (totals, derivatives, *_) in entry.items():
+                if max(totals, derivatives) > 1:
+                    print(
+                        f"{name}: order {mesh}, totals {totals:.2f}, log_sensitivity {derivatives:.2f} times the bound",
+                        flush=True,
+                    )
     if all_shares:
         table(all_shares).print(Console(width=150))
 

@@ -34,8 +34,8 @@ class Ellipsoid:
     def estimate_distance(self, points: Points) -> Points:
         """Estimate the distance from points (n, 3) to the surface, negative inside; exact for a sphere."""
         inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
-        slope = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
-        return np.asarray((level - 1) / np.maximum(slope, 1e-9 / self.min_semi_axis))
+        derivative = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
+        return np.asarray((level - 1) / np.maximum(derivative, 1e-9 / self.min_semi_axis))
 
     @property
     def min_semi_axis(self) -> float:

@@ -79,9 +79,9 @@ def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surf
     def compute_energy(flat: Points) -> tuple[float, Points]:
         moved = points.copy()
         moved[rows] += scale * np.einsum("nij,nj->ni", tangent, flat.reshape(-1, 3))
-        value, slope = _compute_energies(moved[patch])
+        value, derivative = _compute_energies(moved[patch])
         total = np.zeros_like(points)
-        np.add.at(total, patch.ravel(), slope.reshape(-1, 3))
+        np.add.at(total, patch.ravel(), derivative.reshape(-1, 3))
         return float(value.sum()), scale * np.einsum("nij,nj->ni", tangent, total[rows]).ravel()
 
     best = minimize(
@@ -100,12 +100,12 @@ def _compute_tangents(points: Points, surfaces: list[Surface], member: NDArray[n
     """Return the projections (n, 3, 3) onto the tangents of the surfaces that points lie on."""
     result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     rows = np.flatnonzero(member.any(axis=1))
-    slopes = np.zeros((len(rows), len(surfaces), 3))
+    derivatives = np.zeros((len(rows), len(surfaces), 3))
     for index, surface in enumerate(surfaces):
         is_member = np.flatnonzero(member[rows, index])
         if len(is_member):
-            slopes[is_member, index] = surface.level(points[rows[is_member]])[1]
-    result[rows] -= np.linalg.pinv(slopes, rcond=1e-3) @ slopes
+            derivatives[is_member, index] = surface.level(points[rows[is_member]])[1]
+    result[rows] -= np.linalg.pinv(derivatives, rcond=1e-3) @ derivatives
     return result
 
 
@@ -127,12 +127,12 @@ def _compute_energies(corners: Points) -> tuple[Points, Points]:
     volume = (det + root) / 2
     square = (t**2).sum(axis=(1, 2)) / 3
     value = (square**1.5 / volume) ** _ENERGY_POWER
-    cofactor = np.cross(t[:, [1, 2, 0]], t[:, [2, 0, 1]])  # the determinant's slope
+    cofactor = np.cross(t[:, [1, 2, 0]], t[:, [2, 0, 1]])  # the determinant's derivative
     by_shape = (
         value[:, None, None] * _ENERGY_POWER * (t / square[:, None, None] - (volume / root / volume)[:, None, None] * cofactor)
     )
-    slope = np.swapaxes(by_shape @ _REGULAR_INVERSE.T, 1, 2)
-    return value, np.concatenate([-slope.sum(axis=1, keepdims=True), slope], axis=1)
+    derivative = np.swapaxes(by_shape @ _REGULAR_INVERSE.T, 1, 2)
+    return value, np.concatenate([-derivative.sum(axis=1, keepdims=True), derivative], axis=1)
 
 
 def remove_slivers(

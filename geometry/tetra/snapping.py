@@ -105,8 +105,8 @@ def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first
         if len(rows) == 0:
             continue
         distance = np.abs(np.stack([surface.level(corners[rows, k])[0] for k in range(3)])).max(axis=0)
-        slope = surface.level(corners[rows].mean(axis=1))[1]
-        misalignment = 1 - np.abs(np.einsum("ij,ij->i", slope, normal[rows]))
+        derivative = surface.level(corners[rows].mean(axis=1))[1]
+        misalignment = 1 - np.abs(np.einsum("ij,ij->i", derivative, normal[rows]))
         cost = distance + 0.5 * misalignment * size[rows]
         better = cost < best[rows]
         best[rows[better]], chosen[rows[better]] = cost[better], index
@@ -129,8 +129,8 @@ def snap(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> 
         for index, surface in enumerate(surfaces):
             rows = np.flatnonzero(member[:, index] & (single == 1))
             if len(rows):
-                level, slope = surface.level(result[rows])
-                result[rows] -= level[:, None] * slope
+                level, derivative = surface.level(result[rows])
+                result[rows] -= level[:, None] * derivative
         _step_to_edges(surfaces, result, member, np.flatnonzero(single > 1))
     return result
 
@@ -196,11 +196,11 @@ def _step_to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.b
     if len(rows) == 0:
         return
     used = np.flatnonzero(member[rows].any(axis=0))
-    levels, slopes = np.zeros((len(rows), len(used))), np.zeros((len(rows), len(used), 3))
+    levels, derivatives = np.zeros((len(rows), len(used))), np.zeros((len(rows), len(used), 3))
     for k, index in enumerate(used):
         is_member = member[rows, index]
-        levels[is_member, k], slopes[is_member, k] = surfaces[index].level(points[rows[is_member]])
-    points[rows] -= np.einsum("nak,nk->na", np.linalg.pinv(slopes, rcond=1e-3), levels)
+        levels[is_member, k], derivatives[is_member, k] = surfaces[index].level(points[rows[is_member]])
+    points[rows] -= np.einsum("nak,nk->na", np.linalg.pinv(derivatives, rcond=1e-3), levels)
 
 
 def _separates_sets(first: list[int], second: list[int]) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
@@ -255,9 +255,9 @@ def _build_closed(body: object) -> Level:
         def compute_level(points: Points) -> tuple[Points, Points]:
             offset = points - body.centre
             size = body.level(points)
-            slope = offset @ form / np.maximum(size, 1e-9)[:, None]
-            steep = np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
-            return (size - 1) / steep, slope / steep[:, None]
+            derivative = offset @ form / np.maximum(size, 1e-9)[:, None]
+            steep = np.maximum(np.linalg.norm(derivative, axis=1), 1e-300)
+            return (size - 1) / steep, derivative / steep[:, None]
 
         return compute_level
     return lambda points: _compute_sheet_level(points, body.find_nearest(points))  # type: ignore[attr-defined]

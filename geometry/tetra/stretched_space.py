@@ -83,11 +83,15 @@ def choose_mesh_space(
     """
     lower_shares = _share_growth(max(gap - (hole - inner), 0.0), inner, tube - hole)
     upper_shares = _share_growth(sum(lower_shares) + rise, inner, tube - hole)
-    slopes = [(high - low) / height if height > 0 else 0.0 for low, high in zip(lower_shares, upper_shares, strict=True)]
+    derivatives = [(high - low) / height if height > 0 else 0.0 for low, high in zip(lower_shares, upper_shares, strict=True)]
     fade = max(3 * sum(lower_shares), 1e-3 * inner)
     radii = (0.0, inner, hole, tube, 1e6 * tube)
     return MeshSpace(
-        radii, (0.0, -lower_shares[0], lower_shares[1], 0.0, 0.0), (0.0, -slopes[0], slopes[1], 0.0, 0.0), fade, linear_radius
+        radii,
+        (0.0, -lower_shares[0], lower_shares[1], 0.0, 0.0),
+        (0.0, -derivatives[0], derivatives[1], 0.0, 0.0),
+        fade,
+        linear_radius,
     )
 
 

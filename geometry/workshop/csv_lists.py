@@ -112,9 +112,9 @@ def list_held_dimensions(views: Iterable[PartView], materials: Mapping[str, Part
             known = view.name in RATIO_DRAWINGS
             bound = budget.find_bound(measure.name) if known else None
             wanted = None if bound is None else (2 if measure.prefix else 1) * bound
-            slope = budget.sensitivities.get(measure.name) if known else None
+            derivative = budget.sensitivities.get(measure.name) if known else None
             dimensions.append(
-                HeldDimension(measure, view.name, measure.find_tolerance(view.name, process, budget), slope, wanted)
+                HeldDimension(measure, view.name, measure.find_tolerance(view.name, process, budget), derivative, wanted)
             )
     return dimensions
 
@@ -144,7 +144,7 @@ def write_tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str
 
 def _build_row(dimension: HeldDimension) -> tuple[str, ...]:
     name, kind = dimension.measure.name.replace("_radius", "_diameter"), "diameter" if dimension.measure.prefix else "length"
-    slope, ratio = (
+    derivative, ratio = (
         ("" if dimension.log_sensitivity is None else f"{dimension.log_sensitivity:.4g}"),
         ("" if dimension.ratio_sd is None else f"{100 * dimension.ratio_sd:.3g}"),
     )
@@ -157,7 +157,7 @@ def _build_row(dimension: HeldDimension) -> tuple[str, ...]:
         format_deviation(dimension.held.deviation),
         dimension.held.source,
         wanted,
-        slope,
+        derivative,
         ratio,
     )
 

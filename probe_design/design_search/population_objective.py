@@ -196,9 +196,9 @@ class PopulationObjective(SearchObjective):
         """Return the signature's derivatives by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
         totals = films.without[:, :, None] + films.change
         inner, outer = np.moveaxis(films.by_log / totals, 3, 0)
-        slopes = [self._stack_channels(inner - outer, films.by_log.sum(axis=3) / totals.sum(axis=3))]
-        slopes += [self._difference(name, probes, self._compute_signature) for name in ("diameter", "depth")]
-        return np.stack(slopes, axis=3)
+        derivatives = [self._stack_channels(inner - outer, films.by_log.sum(axis=3) / totals.sum(axis=3))]
+        derivatives += [self._difference(name, probes, self._compute_signature) for name in ("diameter", "depth")]
+        return np.stack(derivatives, axis=3)
 
     def _difference(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
         """Return the derivative of readings by the logarithm of a parameter."""

@@ -43,13 +43,15 @@ class CorrectedObjective:
 
     objective: PopulationObjective
     start: Floats
-    slopes: Floats
+    derivatives: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
         """Return both values and their derivatives, see ``ExactGradients.gradient``."""
-        closed_values, slopes = self.objective.gradient(x, poisson, which)
+        closed_values, derivatives = self.objective.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
-        return closed_values + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])
+        return closed_values + np.array([float(self.derivatives @ moved), 0.0]), derivatives + np.stack(
+            [self.derivatives, 0 * self.derivatives]
+        )
 
 
 @dataclass(frozen=True)
@@ -137,16 +139,18 @@ def refine_design(objective: PopulationObjective, search_space: SearchSpace, sta
     free, start_value = space.free, evaluate(start.design)
     if not free or not np.isfinite(start_value):
         return None
-    slopes = np.zeros(len(free))
+    derivatives = np.zeros(len(free))
     closed_gradient = objective.gradient(start.design, poisson, free)[1][0]
     for position, k in enumerate(free):
         progress(position, len(free) + 1)
         moved, step = _move_variable(start.design, k, space.low, space.high)
         moved_value = evaluate(moved)
-        slopes[position] = (moved_value - start_value) / step - closed_gradient[position] if np.isfinite(moved_value) else 0.0
+        derivatives[position] = (
+            (moved_value - start_value) / step - closed_gradient[position] if np.isfinite(moved_value) else 0.0
+        )
     low = np.maximum(space.low, start.design * np.exp(-MAX_LOG_CHANGE))
     high = np.minimum(space.high, start.design * np.exp(MAX_LOG_CHANGE))
-    corrected, nearby_space = CorrectedObjective(objective, start.design, slopes), replace(space, low=low, high=high)
+    corrected, nearby_space = CorrectedObjective(objective, start.design, derivatives), replace(space, low=low, high=high)
     refined = refine_by_ipopt(corrected, nearby_space, start.design, poisson=poisson, steps=MAX_IPOPT_STEPS)
     progress(len(free) + 1, len(free) + 1)
     if not evaluate(refined) > start_value:

@@ -137,8 +137,8 @@ class TumourObjective(SearchObjective):
         sizes = ProbeSizes.from_vector(x)
         columns = np.repeat(self.parameters[:, None], x.shape[1], axis=1).astype(x.dtype)
         columns[: len(PROBE_PARAMETERS)] = sizes.build_parameters(poisson)
-        totals, slopes = (part.sum(axis=2).T for part in compute_forces(self.shape, columns))
-        values = self.compute_log_precision(sizes, totals, slopes[0] / totals[0] - slopes[1] / totals[1])
+        totals, derivatives = (part.sum(axis=2).T for part in compute_forces(self.shape, columns))
+        values = self.compute_log_precision(sizes, totals, derivatives[0] / totals[0] - derivatives[1] / totals[1])
         return values, 0 * values
 
     def compute_log_precision(self, sizes: ProbeSizes, totals: Array, sensitivity: Array) -> Array:

@@ -183,8 +183,8 @@ class Examination:
     ) -> tuple[float, float, dict[str, float]]:
         """Return the errors of the mean P by threshold and draws, and by the evaluator, and the latter's fractions by cause."""
         readings, reflected = self.readings, self.reflected
-        slopes, errors = detector.compute_derivatives(readings.signal), _bound_signal_errors(readings, blank)
-        signal_errors = errors * np.sign(slopes)  # eq. PO.11
+        derivatives, errors = detector.compute_derivatives(readings.signal), _bound_signal_errors(readings, blank)
+        signal_errors = errors * np.sign(derivatives)  # eq. PO.11
         lower, upper = (
             detector.compute_probabilities(readings.signal + item) if signal_errors.any() else probabilities
             for item in (-signal_errors, signal_errors)
@@ -194,7 +194,7 @@ class Examination:
         # the scatter of several tumours contains that of the draws, and a single template needs no draws
         known = len(probabilities) > 1 or len(detector.templates) == 1
         draws = 0.0 if known else math.sqrt(float(probabilities[0] * (1 - probabilities[0])) / SCANS_PER_TUMOUR)
-        parts = {cause: float(np.sum(np.abs(slopes * item)[reflected])) for cause, item in readings.errors.items()}
+        parts = {cause: float(np.sum(np.abs(derivatives * item)[reflected])) for cause, item in readings.errors.items()}
         total = sum(parts.values())
         causes = {cause: part / total for cause, part in parts.items()} if total > 0 else {}
         return math.hypot(threshold, draws), float(np.abs(upper - lower)[reflected].mean() / 2), causes

@@ -126,8 +126,8 @@ class InclusionScan:
         for field in fields(best):
             if field.name not in ("areas", "derivatives"):
                 getattr(best, field.name)[chosen] = getattr(better, field.name)
-        for key, slopes in best.derivatives.items():
-            slopes[chosen] = better.derivatives[key]
+        for key, derivatives in best.derivatives.items():
+            derivatives[chosen] = better.derivatives[key]
         return first, best
 
     def compute_tumour_derivatives(self, readings: Readings, indices: Ints, name: str) -> Floats:
@@ -155,8 +155,8 @@ class InclusionScan:
             base = solve_other_tissue(self.base, ScenePopulation.replace_tissue_numbers(scene, {name: size * math.exp(step)}))
             totals = compute_readings(base, tumours, 0, reflect=False).totals
             sides.append((self._take_logarithms(totals[indices]), self._take_logarithms(base.films.totals[None])))
-        slopes, blank_slopes = ((upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*sides, strict=True))
-        return slopes - np.repeat(blank_slopes, len(self.protocol.positions)), blank_slopes
+        derivatives, blank_slopes = ((upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*sides, strict=True))
+        return derivatives - np.repeat(blank_slopes, len(self.protocol.positions)), blank_slopes
 
     def _take_logarithms(self, totals: Floats) -> Floats:
         return np.asarray(compute_logarithms(totals, self.protocol.stiffness))
@@ -253,9 +253,9 @@ def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, n
     for target, readings in ((first, first_and_best[0]), (best, first_and_best[1])):
         check_films_compressed(readings.totals, scene)
         _write_signals(target, scan, readings, indices, scene)
-        for name, (slopes, blank) in by_tissue.items():
+        for name, (derivatives, blank) in by_tissue.items():
             hosted = np.array([name_host_modulus(scan.draw, member) == name for member in scan.members.tolist()])
-            target.derivatives[name][scan.members] = slopes - (hosted[:, None] * added if target is best else 0.0)
+            target.derivatives[name][scan.members] = derivatives - (hosted[:, None] * added if target is best else 0.0)
             target.blank_derivatives[name][number] = blank
 
 

@@ -105,8 +105,10 @@ class ScanReadings:
             errors={cause: error[:, columns] for cause, error in self.errors.items()},
             mean_forces=self.mean_forces[positions],
             blank_error=self.blank_error[:, chosen],
-            derivatives={name: slopes[:, columns] for name, slopes in self.derivatives.items()},
-            blank_derivatives={name: slopes[:, chosen] for name, slopes in self.blank_derivatives.items()},
+            derivatives={name: reading_derivatives[:, columns] for name, reading_derivatives in self.derivatives.items()},
+            blank_derivatives={
+                name: reading_derivatives[:, chosen] for name, reading_derivatives in self.blank_derivatives.items()
+            },
         )
 
     def repeat_over_positions(self, values: Floats) -> Floats:
@@ -187,14 +189,14 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
         raise Refusal("evaluator", "closed-form", "equivalent-inclusion, as the formulas break down for this probe")
     derivatives, blank_derivatives = {}, {}
     for name in names:
-        slopes = compute_logarithms(tumours.compute_totals(name), protocol.stiffness).imag / COMPLEX_STEP_RELATIVE
+        reading_derivatives = compute_logarithms(tumours.compute_totals(name), protocol.stiffness).imag / COMPLEX_STEP_RELATIVE
         if name == "x":  # the complex step is one of the offset
-            slopes = slopes * np.tile(x_distance / np.maximum(offset, 1e-300), (1, protocol.channels))
+            reading_derivatives = reading_derivatives * np.tile(x_distance / np.maximum(offset, 1e-300), (1, protocol.channels))
         elif not is_of_tumour(name):
             blank_slopes = compute_logarithms(tissues.compute_totals(name)[:, None], protocol.stiffness).imag
             blank_derivatives[name] = blank_slopes / COMPLEX_STEP_RELATIVE
-            slopes = slopes - repeat_over_positions(blank_derivatives[name])
-        derivatives[name] = slopes
+            reading_derivatives = reading_derivatives - repeat_over_positions(blank_derivatives[name])
+        derivatives[name] = reading_derivatives
     mean_forces, no_error = np.exp(np.log(totals).mean(axis=0)), np.zeros((len(blank), protocol.channels))
     return ScanReadings(signal, {}, draw.tissue, blank, mean_forces, no_error, derivatives, blank_derivatives)
 

@@ -71,14 +71,14 @@ def build_budget(probe: Probe, lines: tuple[BudgetLine, ...], tolerance: float, 
     drawing_lines = {name: line for line in lines for name in DRAWING_DIMENSIONS.get(line.name, ())}
     sizes = {"hole_radius": probe.hole_radius, "gap": probe.gap}
     deviations = {name: DEVIATION_PER_SD * line.held * MM_PER_M for name, line in drawing_lines.items() if line.held is not None}
-    slopes = {
+    derivatives = {
         name: line.outputs["ln_ratio"].derivative
         * sizes.get(name, line.value)
         / (math.sqrt(2) if line.name == "probe.height" else 1)
         for name, line in drawing_lines.items()
     }
     scatters = tuple(_build_scatter(line) for line in lines if line.name not in DRAWING_DIMENSIONS)
-    return Budget(100 * tolerance, deviations, slopes, scatters, remark)
+    return Budget(100 * tolerance, deviations, derivatives, scatters, remark)
 
 
 def _describe_number(name: str) -> str:

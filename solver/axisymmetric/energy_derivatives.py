@@ -177,7 +177,7 @@ class EnergyPoints:
     ----------
     shapes
         The elements' functions.
-    slopes
+    derivatives
         d(x, y) / d(r, z) in the order x by r, x by z, y by r, y by z; x and y are the unit square's.
     curvature
         1 / r.
@@ -190,7 +190,7 @@ class EnergyPoints:
     """
 
     shapes: Shapes
-    slopes: tuple[Floats, ...]
+    derivatives: tuple[Floats, ...]
     curvature: Floats
     weight: Floats
     two_mu: Floats
@@ -231,10 +231,10 @@ class EnergyPoints:
 
     def _compute_fields(self, values: Floats) -> Floats:
         """Return u_r,r, u_r,z, u_z,r, u_z,z, u_r / r, D - P and P of states (k, 2, n, s), shape (7, k, n, q)."""
-        slopes, value = self.shapes.slope, self.shapes.value
+        derivatives, value = self.shapes.derivative, self.shapes.value
         out = np.empty((7, len(values), *self.weight.shape))
         for k in (0, 1):
-            self._transform_slopes([values[:, k] @ slope.T for slope in slopes], (out[2 * k], out[2 * k + 1]))
+            self._transform_derivatives([values[:, k] @ derivative.T for derivative in derivatives], (out[2 * k], out[2 * k + 1]))
         np.multiply(values[:, 0] @ value.T, self.curvature, out=out[4])
         np.add(out[0], out[3], out=out[5])
         out[5] += out[4]
@@ -258,8 +258,8 @@ class EnergyPoints:
         tangents, (along_r, along_z) = self.shapes.tangents, np.ascontiguousarray(np.moveaxis(velocity, -1, 0))
         out = np.empty((len(velocity), 6, *self.weight.shape))
         rr, zz, turn, rz, zr, tau = out.swapaxes(0, 1)
-        self._transform_slopes([along_r @ slope.T for slope in tangents], (rr, rz))
-        self._transform_slopes([along_z @ slope.T for slope in tangents], (zr, zz))
+        self._transform_derivatives([along_r @ derivative.T for derivative in tangents], (rr, rz))
+        self._transform_derivatives([along_z @ derivative.T for derivative in tangents], (zr, zz))
         np.multiply(along_r @ self.shapes.geometry.T, self.curvature, out=turn)
         np.add(rr, zz, out=tau)
         tau += turn
@@ -267,12 +267,12 @@ class EnergyPoints:
         out[:, :3] += tau[:, None]
         return out
 
-    def _transform_slopes(self, slopes: Sequence[Floats], out: Sequence[Floats]) -> None:
+    def _transform_derivatives(self, derivatives: Sequence[Floats], out: Sequence[Floats]) -> None:
         """Convert derivatives by x and y to derivatives by r and z, into ``out``."""
-        by_x, by_y = slopes
-        for x_slope, y_slope, target in zip(self.slopes[:2], self.slopes[2:], out, strict=True):
-            np.multiply(x_slope, by_x, out=target)
-            target += y_slope * by_y
+        by_x, by_y = derivatives
+        for x_derivative, y_derivative, target in zip(self.derivatives[:2], self.derivatives[2:], out, strict=True):
+            np.multiply(x_derivative, by_x, out=target)
+            target += y_derivative * by_y
 
     def _project(self, dilation: Floats) -> Floats:
         """Project dilations, (k, n, q), onto the pressures."""

@@ -86,8 +86,8 @@ class TissueField:
         value, (by_u, by_v) = evaluate_functions(places, model.shapes.degrees, legendre)
         (ru, rv), (zu, zv) = jacobian.transpose(1, 2, 0)[..., None]
         determinant = ru * zv - rv * zu
-        slopes = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
-        u, by_r, by_z = (slopes @ self._values[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
+        derivatives = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
+        u, by_r, by_z = (derivatives @ self._values[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
         radius = points[:, :1]
         hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
         strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)

@@ -66,13 +66,13 @@ def _fit_cubics(kind: int, order: int) -> Floats:
     """
     value, next_order = _get_table_values(kind, order), _get_table_values(kind, order + 1)
     if order == 0:
-        slope = -next_order
+        derivative = -next_order
     else:
         weight = (0.5, 0.5) if kind == 0 else (order / (2 * order + 1), (order + 1) / (2 * order + 1))
-        slope = weight[0] * _get_table_values(kind, order - 1) - weight[1] * next_order
-    rise, slope = np.diff(value), slope / STEPS_PER_UNIT
-    bend = slope[:-1] + slope[1:] - 2 * rise
-    return np.stack([bend, rise - slope[:-1] - bend, slope[:-1], value[:-1]])
+        derivative = weight[0] * _get_table_values(kind, order - 1) - weight[1] * next_order
+    rise, derivative = np.diff(value), derivative / STEPS_PER_UNIT
+    bend = derivative[:-1] + derivative[1:] - 2 * rise
+    return np.stack([bend, rise - derivative[:-1] - bend, derivative[:-1], value[:-1]])
 
 
 def _get_table_values(kind: int, order: int) -> Any:

@@ -15,9 +15,9 @@ nu nears 1/2. With v = 1 - zeta/h and a decay b of the block's width,
 which are v, v^2, v^3 in a flat block and, in a tall one, a column clamped at the base with what decays from its loaded end.
 The stiffness K of these functions and the work B of tractions on them give the compliance B K^-1 B^T of the end.
 
-Of w, modes are taken that diagonalise the integrals: with k = 2 nu / (1-2nu), slopes' integrals a_m along the height and b_m
+Of w, modes are taken that diagonalise the integrals: with k = 2 nu / (1-2nu), derivatives' integrals a_m along the height and b_m
 across, D = (k+2) a / h + b h is diagonal. With V the integrals of d(r u)/dr / r and df/dzeta with the modes, T those of u and dg
-with their slopes and themselves, what is left to solve for are the amounts a of the u alone,
+with their derivatives and themselves, what is left to solve for are the amounts a of the u alone,
 
     B K^-1 B^T = E S^-1 E^T + C D^-1 C^T,     E = A + C D^-1 (kV + T)^T                           (CF.23)
     S = U + V (k/D) [(2 + b h^2/a) V - T]^T - T D^-1 (kV + T)^T
@@ -70,7 +70,7 @@ def compute_end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
     pressures, shears = len(transverse.pressed), len(transverse.sheared)
     on_u = np.zeros((pressures + shears, len(transverse.strain), len(axial.gg), len(slender)), dtype=slender.dtype)
     on_u[pressures:] = transverse.sheared[:, :, None]
-    on_modes = np.zeros((pressures + shears, len(transverse.slope), len(axial.end), len(slender)), dtype=slender.dtype)
+    on_modes = np.zeros((pressures + shears, len(transverse.derivative), len(axial.end), len(slender)), dtype=slender.dtype)
     on_modes[:pressures] = transverse.pressed[:, :, None] * axial.end
     system = build_ritz_system(block.nu, slender, (transverse, axial), (on_u, on_modes))
     mu = _correct_modulus(block, bonded) / (2 * (1 + block.nu))
@@ -81,8 +81,8 @@ def evaluate_radial_functions(radius: Array, r: Array) -> tuple[Array, Array, Ar
     """Return P_i, dP_i/dr and U_i / r (eq. CF.8) of discs at distances r (n, k) > 0 from the axis, shapes (n, functions, k)."""
     s = (r / radius[:, None]) ** 2
     powers = np.stack([1 + 0 * s, *accumulate([s] * (RADIAL_FUNCTIONS - 1), np.multiply)], axis=1)
-    P, slope, U = np.split(_POLYNOMIAL_COEFFICIENTS @ powers, 3, axis=1)
-    return P, slope * (2 * s / r)[:, None], U * (r / 2)[:, None]
+    P, derivative, U = np.split(_POLYNOMIAL_COEFFICIENTS @ powers, 3, axis=1)
+    return P, derivative * (2 * s / r)[:, None], U * (r / 2)[:, None]
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ def build_ritz_system(
         Work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
     """
     transverse, axial = integrals
-    one_minus_2nu, across = 1 - 2 * nu, (transverse.slope * (slender * slender))[:, None]
-    D_inverse = slender / ((2 - 2 * nu) * axial.slope + one_minus_2nu * across)  # D^-1 of eq. CF.23 over 1 - 2 nu
+    one_minus_2nu, across = 1 - 2 * nu, (transverse.derivative * (slender * slender))[:, None]
+    D_inverse = slender / ((2 - 2 * nu) * axial.derivative + one_minus_2nu * across)  # D^-1 of eq. CF.23 over 1 - 2 nu
     V = transverse.widened[:, None, :, None] * axial.g_dmode[None, :, None]
     T = -transverse.turned[:, None, :, None] * axial.dg_mode[None, :, None]
-    raised = (2 + across / axial.slope) * V + T
+    raised = (2 + across / axial.derivative) * V + T
     raised *= 2 * nu * D_inverse
     coupling = 2 * nu * V - one_minus_2nu * T
     coupling *= D_inverse

@@ -5,7 +5,7 @@ of the wall over the outer radius, times powers of the wall; a disc's are number
 interpolated by polynomials with relative errors below 1e-10 (``tests/solver/closed_form/test_blocks.py``).
 
 Of displacements w alone, products of modes are taken, sums of the P_i and of the f_j of which both the integrals of squares and
-those of squares of slopes are diagonal.
+those of squares of derivatives are diagonal.
 """
 
 from __future__ import annotations
@@ -126,9 +126,9 @@ class AxialIntegrals:
     gg, dg_dg
         Of two functions.
     g_dmode, dg_mode
-        Of g with the modes' slopes, and of dg with the modes.
-    slope
-        Of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
+        Of g with the modes' derivatives, and of dg with the modes.
+    derivative
+        Of the squares of the modes' derivatives; of the modes' own they are one, shape (modes, n).
     end
         Modes at the tissue's end, shape (modes, n).
     modes
@@ -139,7 +139,7 @@ class AxialIntegrals:
     dg_dg: Array
     g_dmode: Array
     dg_mode: Array
-    slope: Array
+    derivative: Array
     end: Array
     modes: Array
 
@@ -169,17 +169,17 @@ def compute_axial_integrals(steepness: Any) -> list[Any]:
         return np.einsum("iqn,jqn,qn->nij", left, right, functions.weight)
 
     f_end = -(functions.weight * df).sum(axis=1).T
-    slope, modes = _find_modes(integrate_products(f, f), integrate_products(df, df), f_end)
+    derivative, modes = _find_modes(integrate_products(f, f), integrate_products(df, df), f_end)
     of_modes = [integrate_products(left, right) @ modes for left, right in ((g, df), (dg, f))]
-    return [integrate_products(g, g), integrate_products(dg, dg), *of_modes, slope, (f_end[:, None] @ modes)[:, 0], modes]
+    return [integrate_products(g, g), integrate_products(dg, dg), *of_modes, derivative, (f_end[:, None] @ modes)[:, 0], modes]
 
 
-def _find_modes(squares: Floats, slopes: Floats, end: Floats) -> tuple[Any, Any]:
-    """Find modes (columns) with unit integrals of squares, positive at ``end``; return their slopes' integrals and the modes."""
+def _find_modes(squares: Floats, derivatives: Floats, end: Floats) -> tuple[Any, Any]:
+    """Find modes (columns) with unit integrals of squares, positive at ``end``; return their derivatives' integrals and them."""
     low = np.linalg.inv(np.linalg.cholesky(squares))
-    slope, turn = np.linalg.eigh(low @ slopes @ low.swapaxes(1, 2))
+    derivative, turn = np.linalg.eigh(low @ derivatives @ low.swapaxes(1, 2))
     modes = low.swapaxes(1, 2) @ turn
-    return slope, modes * np.sign(end[:, None] @ modes)
+    return derivative, modes * np.sign(end[:, None] @ modes)
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ class RadialIntegrals:
     slide
         u u, shape (U_i, U_i, n).
     widened, turned
-        d(r u)/dr / r with the modes, and u with their slopes, shapes (U_i, modes, n).
-    slope
-        Of the squares of the modes' slopes; of the modes' own they are one, shape (modes, n).
+        d(r u)/dr / r with the modes, and u with their derivatives, shapes (U_i, modes, n).
+    derivative
+        Of the squares of the modes' derivatives; of the modes' own they are one, shape (modes, n).
     pressed, sheared
         Loads on the modes and on the u, the shears' functions meant times r / radius, shapes (loads, ., n).
     modes
@@ -208,7 +208,7 @@ class RadialIntegrals:
     slide: Array
     widened: Array
     turned: Array
-    slope: Array
+    derivative: Array
     pressed: Array
     sheared: Array
     modes: Array
@@ -240,7 +240,7 @@ def compute_radial_integrals(wall: Any, solid: bool) -> list[Any]:
     """Compute the fields of ``RadialIntegrals`` by quadrature, blocks along the first axis."""
     hole = 1 / wall - 1
     y, weight = _build_gauss_rule((0.0, 1.0), WALL_NODES)
-    P, slope, r, u = _evaluate_functions(y, hole, solid)
+    P, derivative, r, u = _evaluate_functions(y, hole, solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
     hoop = u / r[:, None]
     volume = np.concatenate([P[:, :0] if solid else 0 * P[:, :1], P], axis=1)  # d(r u)/dr / r
@@ -248,12 +248,12 @@ def compute_radial_integrals(wall: Any, solid: bool) -> list[Any]:
     def integrate_products(left: Any, right: Any) -> Any:
         return (left * ring[:, None]) @ right.swapaxes(1, 2)
 
-    squares, slopes = integrate_products(P, P), integrate_products(slope, slope)
-    slope_integrals, modes = _find_modes(squares, slopes, np.ones((1, RADIAL_FUNCTIONS)))
+    squares, derivatives = integrate_products(P, P), integrate_products(derivative, derivative)
+    slope_integrals, modes = _find_modes(squares, derivatives, np.ones((1, RADIAL_FUNCTIONS)))
     rr = volume - hoop
     strain = 2 * (integrate_products(rr, rr) + integrate_products(hoop, hoop))
     pressed, sheared = _integrate_loads(hole, wall, LOADS.loads[0 if solid else 1])
-    of_modes = [integrate_products(left, right) @ modes for left, right in ((volume, P), (u, slope))]
+    of_modes = [integrate_products(left, right) @ modes for left, right in ((volume, P), (u, derivative))]
     return [strain, integrate_products(u, u), *of_modes, slope_integrals, pressed @ modes, sheared, modes]
 
 
@@ -281,10 +281,10 @@ def _evaluate_functions(y: Floats, hole: Floats, solid: bool) -> tuple[Any, Any,
     inside = np.multiply.outer(y, x)
     values = np.array([p(inside**2 if solid else inside) for p in polynomials]) * weight
     argument, scale = (y**2, 2 * y) if solid else (y, 1 + 0 * y)
-    P, slope = np.array([p(argument) for p in polynomials]), np.array([p.deriv()(argument) * scale for p in polynomials])
+    P, derivative = np.array([p(argument) for p in polynomials]), np.array([p.deriv()(argument) * scale for p in polynomials])
     r, hole = hole[:, None] + y, hole[:, None, None]
     u = y * (hole * values.sum(axis=2) + (values * inside).sum(axis=2)) / r[:, None]  # Int_0^y P r dy
     if not solid:
         u = np.concatenate([(hole + 1) / r[:, None], u], axis=1)
-    repeated = np.broadcast_to(P, (len(r), *P.shape)), np.broadcast_to(slope, (len(r), *slope.shape))
+    repeated = np.broadcast_to(P, (len(r), *P.shape)), np.broadcast_to(derivative, (len(r), *derivative.shape))
     return *repeated, r, u

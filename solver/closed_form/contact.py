@@ -96,14 +96,14 @@ class ContactSolution:
     ----------
     forces
         F_ij, N/m, shape (n, 2, 2).
-    slope
+    derivative
         Their derivatives by ln of the target's modulus, zero without one.
     works, areas, tractions
         C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
     """
 
     forces: Array
-    slope: Array
+    derivative: Array
     works: Array
     areas: Array
     tractions: Array
@@ -138,7 +138,7 @@ def solve_contact(
     spheres
         Any number.
     target
-        Which sphere the slope is of.
+        Which sphere the derivative is of.
     bonded
         Whether shear is carried; frictionless otherwise.
     nodes
@@ -156,7 +156,13 @@ def solve_contact(
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
             C = C + _compute_floor_works(k, TissueLayer(tissue.depth, stiffest.E, stiffest.nu), loads, weights)
-    bare_tractions, higher_moments, slope, softened, target_body = np.linalg.solve(C, A), 0.0, np.zeros_like(A[:, :2]), C, None
+    bare_tractions, higher_moments, derivative, softened, target_body = (
+        np.linalg.solve(C, A),
+        0.0,
+        np.zeros_like(A[:, :2]),
+        C,
+        None,
+    )
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
         layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _build_disc(blocks, tissue, layer_nodes)
@@ -165,11 +171,11 @@ def solve_contact(
         forces, by_log = body.compute_higher_moments(bare_tractions)
         softened, higher_moments = softened - body.works, higher_moments + forces
         if index == target:
-            target_body, slope = body, by_log
+            target_body, derivative = body, by_log
     tractions = np.linalg.solve(softened, A) if spheres else bare_tractions
     forces = A.swapaxes(1, 2) @ tractions + higher_moments
-    slope = slope if target_body is None else slope + target_body.compute_log_modulus_derivative(tractions)
-    return ContactSolution(forces, slope, softened, A, tractions)
+    derivative = derivative if target_body is None else derivative + target_body.compute_log_modulus_derivative(tractions)
+    return ContactSolution(forces, derivative, softened, A, tractions)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class Shape:
     on_axis
         For each inclusion, whether its centre lies on the probe's axis.
     target
-        Index of the inclusion whose modulus ``slope`` refers to.
+        Index of the inclusion whose modulus ``derivative`` refers to.
     nodes
         Of the integrals over wave numbers.
     bonded
@@ -150,7 +150,7 @@ def compute_forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
         where the equations are singular the values are NaN.
     """
     parts = list(iterate_solutions(shape, values, reuse=True))
-    return np.concatenate([part.forces for part in parts]), np.concatenate([part.slope for part in parts])
+    return np.concatenate([part.forces for part in parts]), np.concatenate([part.derivative for part in parts])
 
 
 def iterate_solutions(shape: Shape, values: Array, *, reuse: bool = False) -> Iterator[ContactSolution]:

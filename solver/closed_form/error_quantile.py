@@ -87,7 +87,7 @@ class StatedErrors:
         return errors
 
 
-def state_errors(scene: Scene, shape: Shape, forces: Floats, slopes: Floats) -> StatedErrors:
+def state_errors(scene: Scene, shape: Shape, forces: Floats, derivatives: Floats) -> StatedErrors:
     """State the errors of the formulas for a scene (eq. CF.19).
 
     Parameters
@@ -98,10 +98,10 @@ def state_errors(scene: Scene, shape: Shape, forces: Floats, slopes: Floats) -> 
         Its structure.
     forces
         N/m, shape (2, 2); positive totals.
-    slopes
+    derivatives
         Their derivatives by the logarithm of the target's modulus, shape (2, 2).
     """
-    table, features = _read_table(), compute_features(scene, shape, forces, slopes)
+    table, features = _read_table(), compute_features(scene, shape, forces, derivatives)
     exponents = {
         name: table["constants"][classify(shape)][name]
         + sum(weight * features[key] for key, weight in table["weights"][name].items())
@@ -118,7 +118,7 @@ def _read_table() -> dict[str, dict[str, dict[str, float]]]:
     return {key: document[key] for key in ("weights", "constants")}
 
 
-def compute_features(scene: Scene, shape: Shape, forces: Floats, slopes: Floats) -> dict[str, float]:
+def compute_features(scene: Scene, shape: Shape, forces: Floats, derivatives: Floats) -> dict[str, float]:
     """Return the features of eq. CF.19: each is large, or small, where one of the approximations is rough.
 
     - soft tube: how stiff the tissue's surface is compared with the tube, whose end few functions describe;
@@ -149,7 +149,7 @@ def compute_features(scene: Scene, shape: Shape, forces: Floats, slopes: Floats)
         "softer layers": math.log(min(layers[0].youngs_modulus / min(layer.youngs_modulus for layer in layers), MAX_SOFTNESS)),
         "far sides": 0.0,
         "near sides": 0.0,
-        "target": math.log(1e-7 + float(np.abs(slopes.sum(axis=1) / totals).sum())),
+        "target": math.log(1e-7 + float(np.abs(derivatives.sum(axis=1) / totals).sum())),
     }
     if tissue.shape != "half-space":
         side = compute_side_radius(tissue)

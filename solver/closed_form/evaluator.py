@@ -138,17 +138,17 @@ class ClosedForm(FilmEvaluator):
         return [solutions[place] for place in range(len(scenes))]
 
     def _build_forces(
-        self, scene: Scene, shape: Shape, forces: Floats, slope: Floats, residual: float
+        self, scene: Scene, shape: Shape, forces: Floats, derivative: Floats, residual: float
     ) -> ClosedFormForces | InputError:
         """Return a scene's film forces with their errors, or the refusal where the formulas break down."""
         totals = forces.sum(axis=1)
         if not (np.all(np.isfinite(forces)) and np.all(totals > 0) and residual < MAX_RESIDUAL):
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
-        errors = state_errors(scene, shape, forces, slope)
+        errors = state_errors(scene, shape, forces, derivative)
         if errors.largest > MAX_LOG_ERROR:
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
         errors = errors.add_details(scene.probe, forces)
-        target_slope = slope if scene.target is not None else None
+        target_slope = derivative if scene.target is not None else None
         films = FilmForces(forces, errors.compute_bound(totals), target_slope, errors.sensitivity)
         return ClosedFormForces(films, errors, float(residual))
 
@@ -192,7 +192,7 @@ def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
 
 
 def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return forces, slopes and residuals of designs of one structure.
+    """Return forces, derivatives and residuals of designs of one structure.
 
     Parameters
     ----------
@@ -209,9 +209,9 @@ def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats
     count = columns.shape[1]
     padded = np.pad(columns, ((0, 0), (0, -count % COLUMNS_AT_ONCE)), mode="edge")
     with np.errstate(all="ignore"):
-        parts = [(solution.forces, solution.slope, solution.residual) for solution in iterate_solutions(shape, padded)]
-        forces, slopes, residuals = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
-    return forces, slopes, residuals
+        parts = [(solution.forces, solution.derivative, solution.residual) for solution in iterate_solutions(shape, padded)]
+        forces, derivatives, residuals = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
+    return forces, derivatives, residuals
 
 
 def create_evaluator(tell: ProgressCallback | None = None) -> ClosedForm:

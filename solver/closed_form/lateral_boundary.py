@@ -102,7 +102,7 @@ class Sides:
 
     def compute_strain(self, r: Array, z: Array) -> Array:
         """Return strains rr + hoop, rr - hoop, zz, rz under unit works at r (n, k), equally many per depth z; (n, 4 k, works)."""
-        P, slope, u_over_r = evaluate_radial_functions(self.tissue.radius, r)
+        P, derivative, u_over_r = evaluate_radial_functions(self.tissue.radius, r)
         points_per_depth = r.shape[1] // z.shape[1]
         g, dg, f, df = (
             np.repeat(values, points_per_depth, axis=2)
@@ -111,7 +111,7 @@ class Sides:
         h = self.tissue.height[:, None, None]
         widening, turn = (_multiply_functions(radial_part, g) @ self.widen for radial_part in (P, P - 2 * u_over_r / r[:, None]))
         sinking = -_multiply_functions(P, df / h) @ self.sink
-        slide = (_multiply_functions(u_over_r, dg / h) @ self.widen - _multiply_functions(slope, f) @ self.sink) / 2
+        slide = (_multiply_functions(u_over_r, dg / h) @ self.widen - _multiply_functions(derivative, f) @ self.sink) / 2
         return np.concatenate([widening, turn, sinking, slide], axis=1)
 
 

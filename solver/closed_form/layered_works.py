@@ -83,8 +83,8 @@ def compute_layered_works(
     p, q = transform_all_waves(blocks, waves, bonded)
     for work, part, left, right in zip(works, remainders, (p, q, p)[: 3 if bonded else 1], (p, q, q), strict=False):
         work += 2 * np.pi * _sum_waves(left, part, right)
-    for work, slope, products in zip(works, springs, integrate_load_products(blocks), strict=False):
-        work += slope[:, :, None] * products
+    for work, derivative, products in zip(works, springs, integrate_load_products(blocks), strict=False):
+        work += derivative[:, :, None] * products
     return works
 
 
@@ -96,10 +96,10 @@ def _fit_short_waves(C: Sequence[Array], K: Array, first: TissueLayer, cut: Arra
     half_space, springs = [], []
     for part, top, bed in zip(C, first.half_space, (True, True, False), strict=True):
         last_value, previous_value = part[:, -2, None], part[:, -1, None]
-        slope = (last_value - previous_value) / ((1 - SLOPE_WAVE_RATIO) * K)
-        slope = np.where(cut[:, None] & bed & (slope.real > 0), slope, 0 * slope)
-        springs.append(slope)
-        half_space.append(np.where(cut[:, None], last_value - slope * K, top / (2 * first.mu)))
+        derivative = (last_value - previous_value) / ((1 - SLOPE_WAVE_RATIO) * K)
+        derivative = np.where(cut[:, None] & bed & (derivative.real > 0), derivative, 0 * derivative)
+        springs.append(derivative)
+        half_space.append(np.where(cut[:, None], last_value - derivative * K, top / (2 * first.mu)))
     return half_space, springs
 
 

@@ -223,8 +223,8 @@ def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array],
         Of ``OFF_AXIS_POINTS`` from the waves' axis, m, shape (n, points); None where that is the sphere's.
     """
     two_nu_minus_1 = 2 * sphere_waves.waves.nu[:, :, None] - 1
-    (a, slope, b), upward = _compute_running_waves(sphere_waves, loads)
-    kinds = [[a, slope, b], [a, slope], [two_nu_minus_1 * b - a, -slope]]
+    (a, derivative, b), upward = _compute_running_waves(sphere_waves, loads)
+    kinds = [[a, derivative, b], [a, derivative], [two_nu_minus_1 * b - a, -derivative]]
     if upward is not None:
         raised, rise, upward_b = upward
         kinds = [[*kinds[0], *upward], [*kinds[1], raised, rise], [*kinds[2], raised - two_nu_minus_1 * upward_b, rise]]

@@ -168,9 +168,9 @@ def tabulate_gauss(order: int, count: int) -> tuple[Floats, Floats]:
 
 def evaluate_functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     """Return an edge's functions and their first and second derivatives at x, from 0 to 1; shape (..., p + 1) each."""
-    value, slope, bend = _tabulate_powers(order)
+    value, derivative, bend = _tabulate_powers(order)
     powers = np.vander(x, order + 1, increasing=True)
-    return powers @ value, powers @ slope, powers @ bend
+    return powers @ value, powers @ derivative, powers @ bend
 
 
 @keep_table
@@ -192,7 +192,7 @@ class LinePoints:
 
     edge: Ints
     value: Floats
-    slope: Floats
+    derivative: Floats
     bend: Floats
 
 
@@ -216,10 +216,10 @@ def find_points(heights: Floats, wanted: Floats) -> tuple[LinePoints, Bools]:
     x = _solve_polynomials(
         coefficients, t, np.clip((t - knots[edge]) / rises, 0.0, 1.0), HEIGHT_TOLERANCE_RELATIVE * np.abs(rises)
     )
-    value, slope, bend = evaluate_functions(x, order)
-    if not np.all((slope * heights[edge]).sum(axis=1) > 0):
+    value, derivative, bend = evaluate_functions(x, order)
+    if not np.all((derivative * heights[edge]).sum(axis=1) > 0):
         raise SolveError("a wall folds over")
-    return LinePoints(edge, value, slope, bend), inside
+    return LinePoints(edge, value, derivative, bend), inside
 
 
 def _solve_polynomials(coefficients: Floats, wanted: Floats, x: Floats, close: Floats) -> Floats:

@@ -59,16 +59,18 @@ class PointGaps:
         """Return selected points with their derivatives; ``active``, (points,), selects among those that the master reaches."""
         pair, selection = self.pair, active[self.inside]
         master_edges = self.master_points.edge[selection]
-        value, slope, bend = (x[selection] for x in (self.master_points.value, self.master_points.slope, self.master_points.bend))
+        value, derivative, bend = (
+            x[selection] for x in (self.master_points.value, self.master_points.derivative, self.master_points.bend)
+        )
         mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.compute_positions(self.displacements))
-        rise, run = (np.einsum("jp,jp->j", slope, x[master_edges]) for x in (ms, mt))
+        rise, run = (np.einsum("jp,jp->j", derivative, x[master_edges]) for x in (ms, mt))
         length = pair.master.lengths[master_edges]
         _, tilt, curve = pair.master_edge.compute_removed_height(self.place[active])
         k = np.asarray((rise + length * tilt) / run)
         curl = (np.einsum("jp,jp->j", bend, ms[master_edges] - k[:, None] * mt[master_edges]) + length**2 * curve) / run
         on_slave = pair.gauss[1]
         edge, point = (np.asarray(x) for x in np.divmod(np.flatnonzero(active), len(on_slave)))
-        return Footpoints(pair, edge, master_edges, on_slave[point], value, slope, k, run, curl)
+        return Footpoints(pair, edge, master_edges, on_slave[point], value, derivative, k, run, curl)
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Footpoints:
     master_edges: Ints
     on_slave: Floats
     on_master: Floats
-    slope: Floats
+    derivative: Floats
     k: Floats
     run: Floats
     curl: Floats
@@ -120,7 +122,7 @@ class Footpoints:
 
     def compute_tangent_change(self, direction: Floats) -> Floats:
         """Return the change of the master's x derivative along directions (j, 2), by both lines' values."""
-        moved = direction[:, :, None] * self.slope[:, None]
+        moved = direction[:, :, None] * self.derivative[:, None]
         return _join(np.zeros_like(moved), moved)
 
     @property

@@ -194,8 +194,8 @@ class LoadedScene:
         s = self.paths[1].model.section
         sizes = (s.inner_radius, s.tube_radius - s.hole_radius, s.inner_height, s.outer_height)
         min_error = MIN_ERROR_RELATIVE + ROUND_EDGE_ERROR * float(s.edge_radius / min(sizes)) ** 2
-        films, slopes = EDGE_PASSING_ERRORS if self.may_open else (0.0, 0.0)
-        return min_error + films, min_error + slopes
+        films, derivatives = EDGE_PASSING_ERRORS if self.may_open else (0.0, 0.0)
+        return min_error + films, min_error + derivatives
 
     def press_to_indentation(self, indentation: float) -> LoadedForces:
         """Press to an indentation, m; see ``press_to_scene_load``."""

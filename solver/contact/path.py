@@ -257,16 +257,16 @@ class Path:
         model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)
         model.check_laws(state)
-        _, slopes = model.compute_responses(state, equations, self._target)
-        films, slopes = self._scale * model.compute_film_forces(equations), self._scale[:, None] * slopes
+        _, derivatives = model.compute_responses(state, equations, self._target)
+        films, derivatives = self._scale * model.compute_film_forces(equations), self._scale[:, None] * derivatives
         sensitivity = 0.0
         if self.sensitive:
-            by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
+            by_modulus = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
             sensitivity = float(by_modulus @ ([1, -1] / films))
         return PathPoint(
             state.indentation,
             films,
-            slopes[:, 0],
+            derivatives[:, 0],
             sensitivity,
             walls=max(0.0, equations.touches[0].min_gap),
             contact_radius=model.compute_contact_radius(equations, state),

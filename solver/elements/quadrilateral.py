@@ -160,11 +160,11 @@ def compute_geometry(nodes: Floats, shapes: Shapes) -> Geometry:
 def compute_gradients(geometry: Geometry, shapes: Shapes, u: Floats) -> tuple[tuple[Floats, ...], Floats]:
     """Return u_r,r, u_r,z, u_z,r, u_z,z and u_r / r at all points, (n, q, m) each, of values u, (n, 2, s, m)."""
     (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
-    slopes: list[Floats] = []
+    derivatives: list[Floats] = []
     for component in (0, 1):
-        by_x, by_y = (slope @ u[:, component] for slope in shapes.slope)
-        slopes += [xr * by_x + yr * by_y, xz * by_x + yz * by_y]
-    return tuple(slopes), (shapes.value @ u[:, 0]) / geometry.radius[..., None]
+        by_x, by_y = (derivative @ u[:, component] for derivative in shapes.derivative)
+        derivatives += [xr * by_x + yr * by_y, xz * by_x + yz * by_y]
+    return tuple(derivatives), (shapes.value @ u[:, 0]) / geometry.radius[..., None]
 
 
 def integrate_matrices(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
@@ -209,15 +209,15 @@ def integrate_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic) -> B
 def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
     """Return the sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums).
 
-    Slopes by r and z are sums of slopes X, Y by the unit square's x and y, such as xr X + yr Y by r. So each integral is a sum
-    of products of functions, X and Y with coefficients at the Gauss points: those of X X, X Y and Y Y for u_r alone
+    Derivatives by r and z are sums of derivatives X, Y by the unit square's x and y, such as xr X + yr Y by r. So each integral
+    is a sum of products of functions, X and Y with coefficients at the Gauss points: those of X X, X Y and Y Y for u_r alone
     (``radial``), for u_z alone (``axial``), and for u_r with u_z.
     """
     table = shapes.tables
     (xr, xz), (yr, yz) = (geometry.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))
     w = geometry.weight * two_mu[:, None]
     half = w / 2
-    d_r = half * xr * xr, half * xr * yr, half * yr * yr  # of slopes by r squared: X X, X Y and Y Y
+    d_r = half * xr * xr, half * xr * yr, half * yr * yr  # of derivatives by r squared: X X, X Y and Y Y
     d_z = half * xz * xz, half * xz * yz, half * yz * yz
     # 2 mu (u_r,r^2 + u_r,z^2 / 2), and likewise for u_z
     radial, axial = ([2 * a + b for a, b in zip(*pair, strict=True)] for pair in ((d_r, d_z), (d_z, d_r)))
@@ -236,7 +236,9 @@ def _integrate_dilations(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Fl
     """
     w, table, n = geometry.weight, shapes.tables, len(geometry.weight)
     by_r, by_z = ([w * geometry.inverse[..., k, axis] for k in (0, 1)] for axis in (0, 1))
-    parts = [table.dilation([*slopes, hoop]).reshape(n, -1) for slopes, hoop in ((by_r, w / geometry.radius), (by_z, None))]
+    parts = [
+        table.dilation([*derivatives, hoop]).reshape(n, -1) for derivatives, hoop in ((by_r, w / geometry.radius), (by_z, None))
+    ]
     m = shapes.pressure.shape[1]
     return np.concatenate(parts, axis=1), np.asarray(np.linalg.inv((w @ shapes.mass).reshape(n, m, m)))
 
@@ -249,7 +251,11 @@ def compute_dilations(geometry: Geometry, shapes: Shapes, m: int = 0) -> Floats:
     """
     (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     hoop = shapes.value / geometry.radius[..., None]
-    parts = xr * shapes.slope[0] + yr * shapes.slope[1] + hoop, m * hoop, xz * shapes.slope[0] + yz * shapes.slope[1]
+    parts = (
+        xr * shapes.derivative[0] + yr * shapes.derivative[1] + hoop,
+        m * hoop,
+        xz * shapes.derivative[0] + yz * shapes.derivative[1],
+    )
     weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
     moments = weighted @ np.concatenate(parts, axis=2)
     coefficients = np.linalg.solve(weighted @ shapes.pressure, moments)

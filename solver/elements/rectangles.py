@@ -62,7 +62,7 @@ def _build_tables(order: int) -> RectangleTables:
         np.stack(np.meshgrid(*pair, indexing="ij")).reshape(2, -1) for pair in ((edge, edge), (inner, edge), (inner, inner))
     ]
     pairs, all_pairs = np.hstack(groups), np.indices((s, s)).reshape(2, -1)
-    values, slopes = (np.einsum("a,ai,aj->aij", w, factor, factor) for factor in (N, S))
+    values, derivatives = (np.einsum("a,ai,aj->aij", w, factor, factor) for factor in (N, S))
     crossed = np.einsum("a,ai,aj->aij", w, N, S)
     M, C = values.sum(axis=0), crossed.sum(axis=0)
 
@@ -76,8 +76,8 @@ def _build_tables(order: int) -> RectangleTables:
         return np.asarray(by_x[:, x_one, x_other] * by_y[y_one, y_other])
 
     stretched, sheared = (
-        tabulate(integrate_moments(slopes), M, pairs),
-        tabulate(integrate_moments(values), slopes.sum(axis=0), pairs),
+        tabulate(integrate_moments(derivatives), M, pairs),
+        tabulate(integrate_moments(values), derivatives.sum(axis=0), pairs),
     )
     rr = np.concatenate([stretched, sheared / 2, tabulate(values, M, pairs)])
     return RectangleTables(

@@ -29,7 +29,7 @@ class Shapes:
         Along x and y, 0 and 1 for the two linear ones, shape (s, 2).
     points, weights
         Of Gauss quadrature, shapes (q, 2) and (q,).
-    value, slope
+    value, derivative
         Of the functions at the points, shapes (q, s) and (2, q, s).
     pressure
         Polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
@@ -48,7 +48,7 @@ class Shapes:
     points: Floats
     weights: Floats
     value: Floats
-    slope: Floats
+    derivative: Floats
     pressure: Floats
     places: Floats
     geometry: Floats
@@ -89,12 +89,12 @@ def build_shapes(order: int) -> Shapes:
     x, w = (x + 1) / 2, w / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
     degrees = _list_degrees(order)
-    value, slope = evaluate_functions(points, degrees)
+    value, derivative = evaluate_functions(points, degrees)
     pressure = evaluate_pressures(points, order)
     lobatto = (1 - np.cos(np.linspace(0, np.pi, order + 1))) / 2
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
     inverse = np.linalg.inv(evaluate_functions(places, degrees)[0])
-    geometry, tangents, weights = value @ inverse, slope @ inverse, np.outer(w, w).ravel()
+    geometry, tangents, weights = value @ inverse, derivative @ inverse, np.outer(w, w).ravel()
     mass = (pressure[:, :, None] * pressure[:, None]).reshape(len(pressure), -1)
     axis_values = evaluate_legendre(x, order)
     tables = ElementTables.from_functions(
@@ -106,7 +106,7 @@ def build_shapes(order: int) -> Shapes:
         points=points,
         weights=weights,
         value=value,
-        slope=slope,
+        derivative=derivative,
         pressure=pressure,
         places=places,
         geometry=geometry,
@@ -143,9 +143,9 @@ def evaluate_functions(points: Floats, degrees: Ints, precomputed: Floats | None
     ``precomputed`` is ``evaluate_legendre`` of the same points, where that is known.
     """
     P = evaluate_legendre(points, int(degrees.max())) if precomputed is None else precomputed
-    value, slope = evaluate_edge_functions(points, P)
+    value, derivative = evaluate_edge_functions(points, P)
     i, j = degrees.T
-    x, y, dx, dy = value[:, 0][:, i], value[:, 1][:, j], slope[:, 0][:, i], slope[:, 1][:, j]
+    x, y, dx, dy = value[:, 0][:, i], value[:, 1][:, j], derivative[:, 0][:, i], derivative[:, 1][:, j]
     return x * y, np.stack([dx * y, x * dy])
 
 
@@ -155,10 +155,10 @@ def evaluate_edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
     ``P`` are Legendre polynomials at the same x.
     """
     scale = np.sqrt(4 * np.arange(2, P.shape[-1]) - 2)
-    value, slope = np.empty_like(P), np.empty_like(P)
+    value, derivative = np.empty_like(P), np.empty_like(P)
     value[..., 0], value[..., 1], value[..., 2:] = 1 - x, x, (P[..., 2:] - P[..., :-2]) / scale
-    slope[..., 0], slope[..., 1], slope[..., 2:] = -1, 1, P[..., 1:-1] * scale
-    return value, slope
+    derivative[..., 0], derivative[..., 1], derivative[..., 2:] = -1, 1, P[..., 1:-1] * scale
+    return value, derivative
 
 
 def _list_degrees(order: int) -> Ints:

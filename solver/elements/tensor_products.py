@@ -66,7 +66,7 @@ class ElementTables:
     Attributes
     ----------
     symmetric
-        Sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, only for i_2 <= j_2: an exchange
+        Sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its derivatives, for i_2 <= j_2: an exchange
         of both functions changes nothing.
     unsymmetric
         Of X X, X Y, Y X and Y Y.
@@ -91,7 +91,7 @@ class ElementTables:
         Parameters
         ----------
         functions
-            One-dimensional, at the Gauss points of an edge, and their slopes, shape (points, p + 1) both.
+            One-dimensional, at the Gauss points of an edge, and their derivatives, shape (points, p + 1) both.
         pressures
             Likewise, (points, p).
         degrees

@@ -142,7 +142,7 @@ def _join_parts(parts: Floats) -> Floats:
 def _build_tables(order: int) -> Tables:
     """Tabulate the functions of one order and their products at the Gauss points."""
     functions = build_shapes(order)
-    x, y, value = *functions.slope, functions.value
+    x, y, value = *functions.derivative, functions.value
 
     def multiply(*pairs: tuple[Floats, Floats]) -> Floats:
         """Return products of all functions of each pair of tables, one pair below the other."""

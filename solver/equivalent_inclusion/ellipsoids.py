@@ -34,7 +34,7 @@ class ShapeCorrection:
     ----------
     forces
         Change of the film forces by the ellipsoid less that by the sphere.
-    slope
+    derivative
         Derivative of that with respect to ln E of the body.
     sphere_slope
         Derivative of the sphere's change with respect to ln E.
@@ -45,7 +45,7 @@ class ShapeCorrection:
     """
 
     forces: Floats
-    slope: Floats
+    derivative: Floats
     sphere_slope: Floats
     relative_size: float
     ellipsoid_forces: Floats
@@ -100,7 +100,7 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) 
         bound[0] += margin * reflections + 0.01 * np.abs(change.forces.sum(axis=1)) + reflection_change
         if k == target and derivatives:
             reflected_slopes = np.abs((derivatives["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
-            derivatives["youngs_modulus"] = derivatives["youngs_modulus"] + change.slope
+            derivatives["youngs_modulus"] = derivatives["youngs_modulus"] + change.derivative
             target_slopes = np.abs(derivatives["youngs_modulus"][0].sum(axis=1))
             slope_bound[0] += margin * reflected_slopes + SATURATION_SHARE * target_slopes + reflection_change
     only_tumours = bound - base.films.bound.totals
@@ -144,7 +144,7 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
         raise Refusal("diameters", Words(position), allowed)
     strain, host = _compute_cartesian_strain(base, x, y, z), base.scene.tissue.find_material(body.depth)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
-    forces, slope = (
+    forces, derivative = (
         volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
         for k in compute_polarisation(Isotropic.from_material(host), Isotropic.from_material(body), axes)
     )
@@ -152,7 +152,7 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
     sphere_size = np.abs(sphere.forces[0]).sum()
     relative_size = float(np.abs(forces - sphere.forces[0]).sum() / sphere_size) if sphere_size > 0 else 0.0
     sphere_slope = sphere.derivatives["youngs_modulus"][0]
-    return ShapeCorrection(forces - sphere.forces[0], slope - sphere_slope, sphere_slope, relative_size, forces)
+    return ShapeCorrection(forces - sphere.forces[0], derivative - sphere_slope, sphere_slope, relative_size, forces)
 
 
 def _compute_cartesian_strain(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:

@@ -111,8 +111,8 @@ class QuadraturePoints:
         )
         place = self.place + np.linalg.solve(compute_jacobian(real_corners, self.place), offset[..., None])[..., 0]
         r = self.r + np.broadcast_to(moved, (len(self.r), 2))[:, 0]
-        value, slope = evaluate_functions(place, model.shapes.degrees)
-        by_r, by_z = np.einsum("kqs,qkj->jqs", slope, np.linalg.inv(compute_jacobian(point_corners, place)))
+        value, derivative = evaluate_functions(place, model.shapes.degrees)
+        by_r, by_z = np.einsum("kqs,qkj->jqs", derivative, np.linalg.inv(compute_jacobian(point_corners, place)))
         strain = np.zeros((len(r), 4, 2, value.shape[1]), dtype=value.dtype)
         strain[:, 0, 0], strain[:, 1, 1], strain[:, 2, 0] = by_r, by_z, value / r[:, None]
         strain[:, 3, 0], strain[:, 3, 1] = by_z / 2, by_r / 2

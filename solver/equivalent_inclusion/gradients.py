@@ -183,7 +183,7 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
 
 
 def _differentiate_by_section(solution: FirstOrder) -> Floats:
-    """Return derivatives of the films' totals and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2)."""
+    """Return derivatives of the films' totals and of their derivatives by the section's variables, eq. EI.4, shape (v, 2, 2)."""
     model, element_values = solution.states.model, solution.states.values
     basis = np.concatenate([element_values, *(solution.solve_adjoint(k) for k in solution.compute_strengths())], axis=-1)
     unit_states = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
@@ -231,13 +231,13 @@ def _extract_derivative(values: Any) -> Floats:
 def _build_outputs(
     scene: Scene, solution: FirstOrder, names: tuple[str, ...], *, now: Floats, changes: Floats, chain: Floats
 ) -> Gradients:
-    """Convert forces and slopes (2, 2, 2) and their totals' derivatives (n, 2, 2) to the outputs and their derivatives."""
-    totals, slopes = now.sum(axis=2)
+    """Convert forces and derivatives (2, 2, 2) and their totals' derivatives (n, 2, 2) to the outputs and their derivatives."""
+    totals, derivatives = now.sum(axis=2)
     logs, stiffness = changes[:, 0] / totals, changes[:, 0].sum(axis=1) / totals.sum()
     stress = logs - chain @ differentiate_areas(scene, solution.states.model)
     if scene.load.indentation is None:
         stress = stress - stiffness[:, None]
-    sensitivity = slopes / totals
+    sensitivity = derivatives / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs
     ends = np.array([scene.probe.inner_area, scene.probe.outer_area])
     imposed = scene.load.indentation

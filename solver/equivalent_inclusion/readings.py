@@ -123,8 +123,8 @@ class Readings:
     def sensitivity_error(self) -> Floats:
         """Bound on the absolute error of ``log_sensitivity``, shape (n,); 0 where ``resolved`` is false."""
         totals = np.where(self.resolved[:, None], np.abs(self.totals), 1.0)
-        slopes = np.abs(self.derivatives["youngs_modulus"].sum(axis=2))
-        errors = (self.slope_bound + slopes * self.bound / totals) / totals
+        derivatives = np.abs(self.derivatives["youngs_modulus"].sum(axis=2))
+        errors = (self.slope_bound + derivatives * self.bound / totals) / totals
         return np.asarray(np.where(self.resolved, errors.sum(axis=1), 0.0))
 
 
@@ -207,8 +207,10 @@ def _compute_first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, t
     forces = base.films.forces + changes.sum(axis=1)
     relative_errors = bound_first_order_share(base, tumours)
     bound = bound_first_order_error(relative_errors, changes) + 2 * outside
-    slope = np.abs(effects.derivatives["youngs_modulus"].reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
-    slope_bound = 2 * relative_errors[:, target, None] * slope if t else slope
+    derivative = (
+        np.abs(effects.derivatives["youngs_modulus"].reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
+    )
+    slope_bound = 2 * relative_errors[:, target, None] * derivative if t else derivative
     areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
     log_ratio = base.compute_bounds(bound, forces)[1]
     derivatives = {}
@@ -281,9 +283,9 @@ def _store_reflected(
     readings.reflected[number] = True
     if target is None:
         return
-    slopes = scattered.by_log_modulus[target]
-    readings.derivatives["youngs_modulus"][number] = slopes
+    derivatives = scattered.by_log_modulus[target]
+    readings.derivatives["youngs_modulus"][number] = derivatives
     for key, derivative in scattered.shape_derivatives[target].items() if scattered.shape_derivatives else ():
         readings.derivatives[key][number] = derivative
-    slope_errors = safety * scattered.slope_error[target] + SLOPE_ERROR_FACTOR * relative_error * np.abs(slopes)
+    slope_errors = safety * scattered.slope_error[target] + SLOPE_ERROR_FACTOR * relative_error * np.abs(derivatives)
     readings.slope_bound[number] = slope_errors.sum(axis=1)

@@ -64,18 +64,18 @@ def compute_scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: c
         R, m.
     """
     ratio = sphere_E / E * (1 + modes.nu) / (1 + sphere_nu)
-    S, T, inside, slope, work = _match_modes(modes, sphere_nu, ratio)
+    S, T, inside, derivative, work = _match_modes(modes, sphere_nu, ratio)
     unit = E / (1 + modes.nu) * radius
-    return Scattering(S, unit * T, inside, (slope, unit * work))
+    return Scattering(S, unit * T, inside, (derivative, unit * work))
 
 
 @keep_table
 def _match_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
     """Return S, T, inside, dS and dT, with T in units of 2 mu R, so that spheres of one material share them."""
     pairs, singles = _match_spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _match_toroidal(modes.degree, ratio)
-    S, inside, slope = (_assemble_sparse(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
+    S, inside, derivative = (_assemble_sparse(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
     work = sp.diags_array(-modes.work)
-    return S, (work @ S).tocsr(), inside, slope, (work @ slope).tocsr()
+    return S, (work @ S).tocsr(), inside, derivative, (work @ derivative).tocsr()
 
 
 def _assemble_sparse(modes: Modes, pair: Values, single: Values) -> Any:

@@ -121,8 +121,8 @@ class RationalResponse:
         denominator = 1 + x[..., 0] * self.energy_fractions
         products = self.weight * self.coupling[:, :, None] * self.coupling[:, None]
         total = np.einsum("nk,kij->nij", 1 / denominator, products)
-        slope = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.energy_fractions) / denominator**2, products)
-        return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
+        derivative = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.energy_fractions) / denominator**2, products)
+        return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * derivative)
 
     def compute_amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
         """Return the coefficients of u(t) - u(1) on w and their derivatives by ln t, shape (n, m, k) each."""

@@ -141,14 +141,14 @@ class Hyperelastic:
     def _evaluate_laws(self, x: Floats) -> tuple[Floats, Floats, Floats | None]:
         """Return mu f, mu f' and mu f'' at x = I - 3, shape (n, q) each; None for f'' if all is neo-Hookean."""
         mu = self.shear[:, None]
-        energy, slope = mu / 2 * x, np.repeat(mu / 2, x.shape[1], axis=1)
+        energy, derivative = mu / 2 * x, np.repeat(mu / 2, x.shape[1], axis=1)
         if not self.laws:
-            return energy, slope, None
+            return energy, derivative, None
         bend = np.zeros_like(x)
         for elements, law in self.laws:
-            for whole, part in zip((energy, slope, bend), law.evaluate(x[elements]), strict=True):
+            for whole, part in zip((energy, derivative, bend), law.evaluate(x[elements]), strict=True):
                 whole[elements] = mu[elements] * part
-        return energy, slope, bend
+        return energy, derivative, bend
 
     def find_max_distortions(self, h: Floats) -> list[float]:
         """Return the largest I - 3 in the elements of each of ``laws``, for displacement gradients h, shape (5, n, q)."""
@@ -164,10 +164,10 @@ class Hyperelastic:
         # dI/dF of I = J^(-2/3) I1 from small terms only: the rounding of 1 would appear as stress in large elements
         excess = (2 * trace / 3 - change) / J
         distortion = 2 * power * (h - _compute_cofactor_change(h) - excess * cof)
-        _, slope, bend = self._evaluate_laws((3 + 2 * trace) * power - 3)
+        _, derivative, bend = self._evaluate_laws((3 + 2 * trace) * power - 3)
         bulk = self.bulk[:, None]
-        P = slope * distortion + bulk / 2 * change * (1 + 1 / J) * cof
-        return Stress(P, change, cof, F, distortion, slope * power, bend, bulk)
+        P = derivative * distortion + bulk / 2 * change * (1 + 1 / J) * cof
+        return Stress(P, change, cof, F, distortion, derivative * power, bend, bulk)
 
 
 def compute_cofactor(F: Floats) -> Floats:

@@ -85,8 +85,8 @@ class StableRange:
         limit = np.inf
         for stretches in (s, 1 / s):
             for invariant, first, second in _list_modes(stretches):
-                _, slope, bend = law.evaluate(invariant - 3)
-                unstable = (slope <= 0) | (slope * second + bend * first**2 <= 0)
+                _, derivative, bend = law.evaluate(invariant - 3)
+                unstable = (derivative <= 0) | (derivative * second + bend * first**2 <= 0)
                 limit = min(limit, float(np.min(invariant[unstable] - 3, initial=np.inf)))
         pulled = s**2 + 2 / s - 3
         return cls(limit, float(np.interp(limit, pulled, s)))

@@ -132,7 +132,7 @@ def iterate_scattering(
     c = np.concatenate([compute_incident(field, sphere) for sphere in spheres])
     series, orders, previous_energy = Reflections.begin(c, sphere_set.compute_work(c)), rounds.orders, np.inf
     min_work = ORDER_TOLERANCE_SHARE * tolerance * float(np.abs(series.moments[0]).max())
-    slopes = sphere_set.compute_slopes(c)
+    derivatives = sphere_set.compute_slopes(c)
     for _ in range(MAX_REFLECTIONS):
         c, orders = yield from _reflect(exchange, sphere_set.scatter(series.fields[-1]), min_work, orders)
         series = series.append(c, sphere_set.compute_work(c))
@@ -140,21 +140,30 @@ def iterate_scattering(
         energy = float(np.linalg.norm(series.correction))
         decay, previous_energy = _estimate_decay(previous_energy, energy, series.rho), energy
         total = series.sum_fields(series.galerkin_weights + series.remainder_weights)
-        last, slopes = slopes, sphere_set.compute_slopes(total)
+        last, derivatives = derivatives, sphere_set.compute_slopes(total)
         slope_change = np.maximum(
-            np.abs(slopes - sphere_set.compute_slopes(series.sum_fields(series.galerkin_weights))), decay * np.abs(slopes - last)
+            np.abs(derivatives - sphere_set.compute_slopes(series.sum_fields(series.galerkin_weights))),
+            decay * np.abs(derivatives - last),
         )
         totals = np.abs((reflector.states.forces + series.forces).sum(axis=1))
         settled = np.all(compute_total_change(change[None])[0] <= tolerance * totals)
-        if settled and (not sensitive or np.all(slope_change <= SLOPE_TOLERANCE_FACTOR * tolerance * np.max(np.abs(slopes)))):
+        if settled and (
+            not sensitive or np.all(slope_change <= SLOPE_TOLERANCE_FACTOR * tolerance * np.max(np.abs(derivatives)))
+        ):
             break
     left_out = estimate_unresolved(section, strata, tumours, spheres) + 2 * ORDER_TOLERANCE_SHARE * tolerance
     tail = _estimate_tail(section, spheres, sphere_set, series=series, fields=total)
     error = compute_total_change(np.array([change, tail, left_out * series.forces])).sum(axis=0)
-    slope_error = slope_change + SLOPE_TOLERANCE_FACTOR * left_out * np.abs(slopes)
+    slope_error = slope_change + SLOPE_TOLERANCE_FACTOR * left_out * np.abs(derivatives)
     moves = tuple(_list_shape_derivatives(tumours, spheres, sphere_set, total)) if places else ()
     return Scattered(
-        series.forces, slopes, error=error, slope_error=slope_error, shape_derivatives=moves, steps=series.count, orders=orders
+        series.forces,
+        derivatives,
+        error=error,
+        slope_error=slope_error,
+        shape_derivatives=moves,
+        steps=series.count,
+        orders=orders,
     )
 
 

@@ -87,7 +87,7 @@ def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], 
     """
     solution = solve_first_order(scene, add_details(scene, build_sections(scene)), fineness)
     ratio, derivatives = _convert_to_logarithms(scene, compute_tumour_gradients(scene, solution, tuple(list_values(scene))))
-    body_derivatives = {name: slope for name, slope in derivatives.items() if not name.startswith("inclusion")}
+    body_derivatives = {name: derivative for name, derivative in derivatives.items() if not name.startswith("inclusion")}
     directional = [
         _differentiate_along(body_derivatives, direction) + _differentiate_by_tumours(solution, direction)
         for direction in directions
@@ -97,8 +97,10 @@ def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], 
 
 def _convert_to_logarithms(scene: Scene, solution: Gradients) -> tuple[float, dict[str, float]]:
     ratio, numbers = float(solution.values["ratio"][0]), list_values(scene)
-    slopes = dict(zip(solution.variables, (solution.derivatives["ratio"][0] / ratio).tolist(), strict=True))
-    return ratio, {name: slope * (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, slope in slopes.items()}
+    derivatives = dict(zip(solution.variables, (solution.derivatives["ratio"][0] / ratio).tolist(), strict=True))
+    return ratio, {
+        name: derivative * (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, derivative in derivatives.items()
+    }
 
 
 def _differentiate_along(derivatives: dict[str, float], direction: ValueOfMaterial) -> float:

@@ -144,7 +144,9 @@ def _differentiate_phase(
     h, numbers = STEP_RAD / max_delta, list_values(scene)
     plus, minus = differentiate(h), differentiate(-h)
     derivatives = {name: (plus.derivatives[name] - minus.derivatives[name]) / (2 * h) for name in middle.derivatives}
-    derivatives = {name: slope / (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, slope in derivatives.items()}
+    derivatives = {
+        name: derivative / (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, derivative in derivatives.items()
+    }
     stretched = (plus.directional[1] - minus.directional[1]) / (2 * h)
     cubic = (plus.directional[0] - 2 * middle.directional[0] + minus.directional[0]) / h**2
     return derivatives, abs(float(stretched)) + abs(float(cubic)) / 6
@@ -153,5 +155,5 @@ def _differentiate_phase(
 def _differentiate_by_losses(scene: Scene, middle: LogDerivatives) -> dict[str, float]:
     """Return the phase's derivatives by the loss factors t = tan delta: d delta / dt = 1 / (1 + t^2)."""
     losses = list_loss_factors(scene)
-    slopes = {key: middle.derivatives.get(key.replace(".loss_factor", MODULUS_SUFFIX)) for key in losses}
-    return {key: slope / (1 + losses[key] ** 2) for key, slope in slopes.items() if slope is not None}
+    derivatives = {key: middle.derivatives.get(key.replace(".loss_factor", MODULUS_SUFFIX)) for key in losses}
+    return {key: derivative / (1 + losses[key] ** 2) for key, derivative in derivatives.items() if derivative is not None}

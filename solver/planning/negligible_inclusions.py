@@ -111,7 +111,7 @@ def _compute_effects(scene: Scene, coarse: CoarseModel) -> _InclusionEffects:
     return _InclusionEffects(ratio_changes, max_changes, stiffness_changes, doubts.sum(axis=1), on_target)
 
 
-def _bound_effect_on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
+def _bound_effect_on_target(tumours: Tumours, changes: Floats, derivatives: Floats, target: int) -> Floats:
     """Bound the relative change of the target's sensitivity by each inclusion's field at the target.
 
     Fields of spheres fall off with the cube of the distance; the work of one on the other is bounded by both effects:
@@ -122,7 +122,7 @@ def _bound_effect_on_target(tumours: Tumours, changes: Floats, slopes: Floats, t
     distance = np.sqrt(sum((getattr(tumour_set, key) - getattr(tumour_set, key)[target]) ** 2 for key in ("x", "y", "depth")))
     distance = np.maximum(distance, radius + radius[target])
     sizes = np.abs(changes.sum(axis=(1, 2)))
-    target_size = max(float(sizes[target]), float(np.abs(slopes[target].sum())), 1e-300)
+    target_size = max(float(sizes[target]), float(np.abs(derivatives[target].sum())), 1e-300)
     return np.asarray(4 * np.sqrt(sizes / target_size) * (radius * radius[target]) ** 1.5 / distance**3)
 
 

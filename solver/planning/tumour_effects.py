@@ -62,12 +62,12 @@ def add_tumours(rule: LoadRule, scene: Scene, base: Undisturbed) -> LoadRule:
     """
     effects, totals = compute_tumour_effects(scene, base)[1], base.films.totals
     changed = totals + effects.forces.sum(axis=0).sum(axis=1)
-    slopes = None if scene.target is None else effects.derivatives["youngs_modulus"][scene.target].sum(axis=1)
+    derivatives = None if scene.target is None else effects.derivatives["youngs_modulus"][scene.target].sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return adjust_rule(rule, float(changed.sum() / totals.sum()), None if slopes is None else slopes / changed)
+        return adjust_rule(rule, float(changed.sum() / totals.sum()), None if derivatives is None else derivatives / changed)
 
 
-def adjust_rule(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
+def adjust_rule(rule: LoadRule, times: float, derivatives: Floats | None) -> LoadRule:
     """Adapt the load rule to tumours that change the stiffness, so that it holds for any evaluator.
 
     Softer tumours let a force press deeper; how much the film log-sensitivities cancel decides how well the log-sensitivity has
@@ -79,21 +79,21 @@ def adjust_rule(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule
         With the stiffness without tumours.
     times
         The stiffness with them, over that.
-    slopes
+    derivatives
         Film log-sensitivities, inner and outer, shape (2,); None without a target.
     """
     stiffness = STIFFNESS_MARGIN * float(np.clip(times, MIN_STIFFNESS_RELATIVE, 1.0)) * rule.stiffness
-    return replace(rule, stiffness=stiffness, films=_reduce_difference(slopes))
+    return replace(rule, stiffness=stiffness, films=_reduce_difference(derivatives))
 
 
-def _reduce_difference(slopes: Floats | None) -> tuple[float, float] | None:
+def _reduce_difference(derivatives: Floats | None) -> tuple[float, float] | None:
     """Return film log-sensitivities with the smallest difference that their errors allow; None where they are unknown."""
-    if slopes is None or not np.isfinite(slopes).all():
+    if derivatives is None or not np.isfinite(derivatives).all():
         return None
-    larger = int(np.argmax(np.abs(slopes)))
-    difference = slopes[0] - slopes[1] if larger == 0 else slopes[1] - slopes[0]
-    min_difference = np.sign(difference) * max(0.0, abs(difference) - SENSITIVITY_MARGIN * abs(slopes[larger]))
-    films = [float(slopes[larger]), float(slopes[larger] - min_difference)]
+    larger = int(np.argmax(np.abs(derivatives)))
+    difference = derivatives[0] - derivatives[1] if larger == 0 else derivatives[1] - derivatives[0]
+    min_difference = np.sign(difference) * max(0.0, abs(difference) - SENSITIVITY_MARGIN * abs(derivatives[larger]))
+    films = [float(derivatives[larger]), float(derivatives[larger] - min_difference)]
     return (films[0], films[1]) if larger == 0 else (films[1], films[0])
 
 

@@ -42,7 +42,7 @@ class SceneDifference:
     ----------
     forces
         Film forces, N/m, shape (k, 2, 2).
-    slope
+    derivative
         Their derivative with respect to ln E of the target, zeros without one, shape (k, 2, 2).
     tilt
         Film forces per unit rotation about y, N/rad, shape (k, 2).

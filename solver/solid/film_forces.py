@@ -202,10 +202,10 @@ def _may_improve(films: FilmForces, scene: Scene, accuracy: float, max_excess: f
 
 def _compute_tilt_forces(symmetric: SymmetricPart, difference: SceneDifference) -> tuple[Floats, Floats]:
     """Return film forces per unit rotation and their derivatives, corrected by eq. SO.5, shape (k, 2) each."""
-    tilt, slope = (
+    tilt, derivative = (
         symmetric.propagate_change(difference, part[..., None])[..., 0] for part in (difference.tilt, difference.tilt_derivative)
     )
-    return tilt, slope
+    return tilt, derivative
 
 
 def _list_decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:

@@ -75,7 +75,10 @@ def bound_film_forces(
         log_ratio_error = float(bound_error(logs, force_factor) + mesh_errors.max() * log_change + rim_errors.sum())
         log_ratio = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
         sensitivities: Floats = np.array(
-            [_compute_sensitivities(slope[k], entry[k]) for slope, entry in zip(derivatives, forces, strict=True)]
+            [
+                _compute_sensitivities(modulus_derivative[k], entry[k])
+                for modulus_derivative, entry in zip(derivatives, forces, strict=True)
+            ]
         )
         sensitivity_error = (
             bound_error(sensitivities @ [1.0, -1.0], sensitivity_factor)

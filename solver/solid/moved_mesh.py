@@ -167,8 +167,8 @@ def _assemble_conductance(points: Floats, cells: Ints) -> sp.csr_array:
     """Assemble the matrix of eq. SO.9 on straight tetrahedra."""
     corners = points[cells]
     edges = corners[:, 1:] - corners[:, :1]
-    slopes = np.swapaxes(np.linalg.inv(edges), 1, 2)
-    gradients = np.concatenate([-slopes.sum(axis=1, keepdims=True), slopes], axis=1)
+    derivatives = np.swapaxes(np.linalg.inv(edges), 1, 2)
+    gradients = np.concatenate([-derivatives.sum(axis=1, keepdims=True), derivatives], axis=1)
     local = gradients @ np.swapaxes(gradients, 1, 2)  # the volume cancels
     rows, columns = np.repeat(cells, 4, axis=1).ravel(), np.tile(cells, (1, 4)).ravel()
     return sp.coo_array((local.ravel(), (rows, columns)), shape=(len(points),) * 2).tocsr()

@@ -44,23 +44,23 @@ class Rule:
         Sum to 1/6, shape (q,).
     values
         Of the functions, shape (q, 10).
-    slopes
+    derivatives
         Their derivatives, shape (q, 10, 3).
     """
 
     weights: Floats
     values: Floats
-    slopes: Floats
+    derivatives: Floats
 
 
 def evaluate_functions(points: Floats) -> tuple[Floats, Floats]:
     """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3)."""
     bary = np.column_stack([1 - points.sum(axis=1), points])
-    slope = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+    derivative = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
     a, b = EDGE_CORNERS.T
     values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
-    corner = (4 * bary - 1)[:, :, None] * slope
-    edge = 4 * (bary[:, a, None] * slope[b] + bary[:, b, None] * slope[a])
+    corner = (4 * bary - 1)[:, :, None] * derivative
+    edge = 4 * (bary[:, a, None] * derivative[b] + bary[:, b, None] * derivative[a])
     return values, np.concatenate([corner, edge], axis=1)
 
 
@@ -96,20 +96,20 @@ def find_curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
     return np.asarray(max_offset > STRAIGHT_TOLERANCE_RELATIVE * longest)
 
 
-def compute_gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
-    """Return gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for slopes (q, 10, 3).
+def compute_gradients(x: Floats, derivatives: Floats) -> tuple[Floats, Floats]:
+    """Return gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for derivatives (q, 10, 3).
 
     Raises
     ------
     SolveError
         An element is turned inside out.
     """
-    mapping = np.einsum("tai,qaj->tqij", x, slopes, optimize=True)  # dx_i / dxi_j
+    mapping = np.einsum("tai,qaj->tqij", x, derivatives, optimize=True)  # dx_i / dxi_j
     cofactors = np.stack([np.cross(mapping[..., (k + 1) % 3], mapping[..., (k + 2) % 3]) for k in range(3)], axis=-2)
     jacobian = np.einsum("tqi,tqi->tq", cofactors[..., 0, :], mapping[..., 0])
     if not np.all(jacobian > 0):
         raise SolveError(f"{int(np.sum(np.any(jacobian <= 0, axis=1)))} elements of the mesh are turned inside out")
-    return slopes @ (cofactors / jacobian[..., None, None]), jacobian
+    return derivatives @ (cofactors / jacobian[..., None, None]), jacobian
 
 
 def iterate_quadrature(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
@@ -119,7 +119,7 @@ def iterate_quadrature(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats
         number, points = np.flatnonzero(bent == kind), build_rule(kind)
         for start in range(0, len(number), CHUNK_ELEMENTS):
             selection = number[start : start + CHUNK_ELEMENTS]
-            g, jacobian = compute_gradients(x[selection], points.slopes)
+            g, jacobian = compute_gradients(x[selection], points.derivatives)
             yield selection, points.values, g, jacobian * points.weights
 
 

@@ -7,7 +7,7 @@ the strain about a sphere, linear in the tractions, the force on film i and its 
 
 eq. CF.13 on moments without the image in surface and blocks, which nearly cancel each other. That leaves out 1 % of the ratio
 for spheres whose cover is half their diameter and more, 13 % at a tenth: enough for a search, not to verify its result. The
-slope by ln E of the sphere has dK / d ln E in K's place. All is analytic in the probe's sizes and moduli: complex steps
+derivative by ln E of the sphere has dK / d ln E in K's place. All is analytic in the probe's sizes and moduli: complex steps
 differentiate it.
 """
 

@@ -79,8 +79,8 @@ def films(level: str, scene: Scene) -> FilmForces:
     """The film forces behind an answer; of ``axisymmetric`` those of its first mesh."""
     if level == "closed-form":
         shape, values = build_parameters(scene)
-        forces_found, slope = compute_forces(shape, values[:, None])
-        return FilmForces(forces_found[0], Bound(np.zeros(2), 0.0), slope[0])
+        forces_found, derivative = compute_forces(shape, values[:, None])
+        return FilmForces(forces_found[0], Bound(np.zeros(2), 0.0), derivative[0])
     if level == "axisymmetric":
         scene_sections = build_sections(scene)
         solution = solve_on_mesh(scene_sections.section, scene_sections, scene, MESH_LEVELS[0])

@@ -95,11 +95,11 @@ def test_equal_heights_are_worth_what_one_height_is_and_slopes_are_exact() -> No
     assert objective.evaluate_designs(seven[:, None], POISSON)[0] == pytest.approx(
         objective.evaluate_designs(six[:, None], POISSON)[0], rel=1e-12
     )
-    slopes = objective.gradient(seven, POISSON, [3, OUTER_HEIGHT_INDEX])[1][0]
-    assert slopes.sum() == pytest.approx(objective.gradient(six, POISSON, [3])[1][0, 0], rel=1e-9)
+    derivatives = objective.gradient(seven, POISSON, [3, OUTER_HEIGHT_INDEX])[1][0]
+    assert derivatives.sum() == pytest.approx(objective.gradient(six, POISSON, [3])[1][0, 0], rel=1e-9)
     step = 1e-3 * (np.arange(7) == OUTER_HEIGHT_INDEX)[:, None] * np.array([1, -1])
     upper, lower = objective.evaluate_designs(seven[:, None] * np.exp(step), POISSON)
-    assert slopes[1] == pytest.approx((upper - lower) / 2e-3, rel=1e-3)
+    assert derivatives[1] == pytest.approx((upper - lower) / 2e-3, rel=1e-3)
 
 
 def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:

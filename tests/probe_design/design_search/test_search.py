@@ -52,12 +52,12 @@ def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None
         probes = ProbeSizes.from_vector((start * np.exp(step * direction))[:, None]).build_parameters(search_space.start_poisson)
         return objective.compute_tumour_values(probes, lambda totals: np.full(totals.shape[:2], 5e-4))[0]
 
-    slope = moved(1e-30j).imag / 1e-30  # of each tumour: of their mean a remainder may pass through zero
-    left = [np.linalg.norm(moved(step) - moved(0.0) - step * slope) for step in (0.08, 0.04, 0.02)]
+    derivative = moved(1e-30j).imag / 1e-30  # of each tumour: of their mean a remainder may pass through zero
+    left = [np.linalg.norm(moved(step) - moved(0.0) - step * derivative) for step in (0.08, 0.04, 0.02)]
     assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.35)
     assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.2)
-    slopes = objective.gradient(start, search_space.start_poisson, list(range(6)))[1][0]
-    assert slopes @ direction == pytest.approx(slope.mean(), rel=1e-9)
+    derivatives = objective.gradient(start, search_space.start_poisson, list(range(6)))[1][0]
+    assert derivatives @ direction == pytest.approx(derivative.mean(), rel=1e-9)
 
 
 def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> None:

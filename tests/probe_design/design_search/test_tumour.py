@@ -59,11 +59,13 @@ def test_gradients_are_those_of_differences() -> None:
         design = read_vector(scene, space.names) * np.array([1.0, 1.1, 1.0, 0.9, 1.1, 0.9])
         elements = FiniteElementObjective(study.objective, space, scene, "axisymmetric")
         for objective, step, accuracy in ((study.objective, 1e-4, 1e-4), (elements, 1e-3, 0.01)):
-            slopes = objective.gradient(design, poisson, list(range(len(design))))[1][0]
-            for k, slope in enumerate(slopes):
+            derivatives = objective.gradient(design, poisson, list(range(len(design))))[1][0]
+            for k, derivative in enumerate(derivatives):
                 ends = [design * np.exp(sign * step * (np.arange(len(design)) == k)) for sign in (1, -1)]
                 upper, lower = (objective.gradient(end, poisson, [k])[0][0] for end in ends)
-                assert slope == pytest.approx((upper - lower) / (2 * step), rel=accuracy, abs=accuracy * np.abs(slopes).max())
+                assert derivative == pytest.approx(
+                    (upper - lower) / (2 * step), rel=accuracy, abs=accuracy * np.abs(derivatives).max()
+                )
 
 
 def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:

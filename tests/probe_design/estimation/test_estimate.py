@@ -151,10 +151,10 @@ def test_numbers_of_physics_section_2() -> None:
     truth = scene().model_copy(update={"load": LIGHT})
     ratio = exact_ratio(truth)
     target_model = model(truth, 0.05)
-    slopes = {unknown: Track.from_model(target_model, unknown) for unknown in ("diameter", "depth")}
-    coordinates = {key: compute_coordinate(target_model, key, np.array([value_of(truth, key)])) for key in slopes}
-    assert slopes["depth"].interpolate(coordinates["depth"])[1][0, 0] == pytest.approx(-0.75, rel=0.05)
-    assert slopes["diameter"].interpolate(coordinates["diameter"])[1][0, 0] * coordinates["diameter"][0] == pytest.approx(
+    derivatives = {unknown: Track.from_model(target_model, unknown) for unknown in ("diameter", "depth")}
+    coordinates = {key: compute_coordinate(target_model, key, np.array([value_of(truth, key)])) for key in derivatives}
+    assert derivatives["depth"].interpolate(coordinates["depth"])[1][0, 0] == pytest.approx(-0.75, rel=0.05)
+    assert derivatives["diameter"].interpolate(coordinates["diameter"])[1][0, 0] * coordinates["diameter"][0] == pytest.approx(
         0.72, rel=0.05
     )
     sensitivity = target_model.predict({"youngs_modulus": np.array([60e3])}).by_modulus[0, 0]

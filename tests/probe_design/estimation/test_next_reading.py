@@ -96,27 +96,27 @@ def test_the_expected_interval_is_what_simulated_readings_give() -> None:
     assert track.compute_values(np.array([truth.min()]))[0] < 20e3
 
 
-def linear(slope: Floats, shared: Floats, noise: Floats) -> Track:
+def linear(derivative: Floats, shared: Floats, noise: Floats) -> Track:
     """ln depth read along straight lines by data that share errors with standard deviation 1, without any error of the model."""
     spots = tuple(Reading(1e-3 * k, 0.0, 1.0, float(sd)) for k, sd in enumerate(noise))
     x = np.linspace(np.log(6e-3), np.log(24e-3), 9)
     predicted = Predictions.empty(len(x), len(noise))
-    predicted.value[:] = (x - np.log(12e-3))[:, None] * slope
+    predicted.value[:] = (x - np.log(12e-3))[:, None] * derivative
     spread = NuisanceErrors(x[:1], SharedErrors.from_linear(shared[None])) if shared.size else None
     linear_model = TargetModel(SCENE, Measurements.from_readings(spots), 0.01)
-    return Track(linear_model, "depth", x, predicted, np.tile(slope, (len(x), 1)), spread)
+    return Track(linear_model, "depth", x, predicted, np.tile(derivative, (len(x), 1)), spread)
 
 
 @pytest.mark.parametrize("shared", [np.zeros((4, 0)), np.array([[0.02], [0.03], [-0.01], [0.05]])])
 def test_expected_widths_of_straight_lines_are_those_of_normal_theory(shared: Floats) -> None:
     """All is normal then: ln width is 2 x 1.96 (J^T C^-1 J)^(-1/2), C noise and shared errors together, whatever is read."""
-    slope, noise = np.array([0.3, 0.25, -0.2, 0.4]), np.array([0.01, 0.01, 0.006, 0.03])
-    track, present = linear(slope, shared, noise), np.array([0])
+    derivative, noise = np.array([0.3, 0.25, -0.2, 0.4]), np.array([0.01, 0.01, 0.006, 0.03])
+    track, present = linear(derivative, shared, noise), np.array([0])
     draws = _Draws.from_track(track, present, [np.array([k]) for k in (1, 2, 3)], seed=3)
     scores = []
     for which in ([0, 1], [0, 2], [0, 3], [0, 1, 2, 3]):
         C = np.diag(noise[which] ** 2) + shared[which] @ shared[which].T
-        expected = 2 * norm.ppf(0.975) * float(slope[which] @ np.linalg.solve(C, slope[which])) ** -0.5
+        expected = 2 * norm.ppf(0.975) * float(derivative[which] @ np.linalg.solve(C, derivative[which])) ** -0.5
         score = draws.summarise(NextCandidate("linear"), np.array(which), together=len(which) > 2)
         assert score.width is not None
         assert np.log(score.width) == pytest.approx(expected, rel=2e-3)  # straight lines between points of the parabola chi2
@@ -204,7 +204,7 @@ def test_what_is_identifiable_near_the_surface(body: tuple[str, str, float]) -> 
     scan = tuple(Reading(float(x), 0.0, 1.0, 0.01, 100.0, 0.01) for x in np.linspace(-16e-3, 16e-3, 9))
     whole = TargetModel(scene, Measurements.from_readings(scan), 0.01)
     E = np.array([scene.inclusion[0].youngs_modulus])
-    slopes = whole.predict({"youngs_modulus": E}, reflect=True).by_modulus[0]
+    derivatives = whole.predict({"youngs_modulus": E}, reflect=True).by_modulus[0]
     prior, step = 0.5, 0.02
     names = ("inclusion.depth", "inclusion.diameter", "tissue.youngs_modulus")
     line = (
@@ -216,7 +216,7 @@ def test_what_is_identifiable_near_the_surface(body: tuple[str, str, float]) -> 
     rows = []
     for which in (centre, ratios, ratios | True):
         covariance = 1e-4 * np.eye(which.sum()) + line[which] @ line[which].T
-        rows.append(float((slopes[which] @ np.linalg.solve(covariance, slopes[which])) ** -0.5))
+        rows.append(float((derivatives[which] @ np.linalg.solve(covariance, derivatives[which])) ** -0.5))
     places = np.linspace(-16e-3, 16e-3, 9)
     computed = [by_population(scene, *item) for item in ([[0.0], False], [places, False], [places, True])]
     print(f"D {diameter} at {depth}, c = {contrast:g}: " + " / ".join(f"{item:.2g}" for item in rows), "eq. PO.6", computed)

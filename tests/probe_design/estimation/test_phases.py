@@ -77,8 +77,8 @@ def test_predictions_are_phases_of_the_complex_equations() -> None:
     predicted = model.predict({"youngs_modulus": 30e3 * np.array([1 / 1.2, 1.0, 1.2])})
     assert abs(predicted.value[1, 1] - cmath.phase(complex_ratio(scene, MESH_LEVELS[1]))) <= predicted.bound[1, 1]
     assert predicted.bound[1, 1] <= THIRD_ORDER_FACTOR * compute_angle_spread(scene) ** 3 + 6e-3
-    slope = (predicted.value[2, 1] - predicted.value[0, 1]) / (2 * math.log(1.2))
-    assert predicted.by_modulus[1, 1] == pytest.approx(slope, rel=0.1)
+    derivative = (predicted.value[2, 1] - predicted.value[0, 1]) / (2 * math.log(1.2))
+    assert predicted.by_modulus[1, 1] == pytest.approx(derivative, rel=0.1)
 
 
 @pytest.mark.slow

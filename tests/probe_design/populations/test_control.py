@@ -18,29 +18,29 @@ VERIFIED, MANY, REPEATS = 40, 512, 2000
 TRUE = 0.6  # of the deflections' sensitivity, by the verifying evaluator; that of the closed form differs
 
 
-def probabilities(sizes: Floats, slope: float, rng: np.random.Generator, scans: int) -> Floats:
+def probabilities(sizes: Floats, derivative: float, rng: np.random.Generator, scans: int) -> Floats:
     """Shares of scans in which tumours of some sizes are found: P = Phi(slope size - 1), drawn."""
-    return np.asarray(rng.binomial(scans, ndtr(slope * sizes - 1)) / scans)
+    return np.asarray(rng.binomial(scans, ndtr(derivative * sizes - 1)) / scans)
 
 
-def repeated(slope: float) -> tuple[Floats, Floats, Floats]:
+def repeated(derivative: float) -> tuple[Floats, Floats, Floats]:
     """Means, their stated errors, and plain means of repeated samples, the sizes normal."""
     rng, estimates = np.random.default_rng(0), []
     for _ in range(REPEATS):
         sizes, controls = rng.standard_normal(VERIFIED), rng.standard_normal(MANY)
         seed = rng.integers(2**31)
         verified, predicted = (
-            probabilities(sizes, chosen_slope, np.random.default_rng(seed), 256) for chosen_slope in (TRUE, slope)
+            probabilities(sizes, chosen_slope, np.random.default_rng(seed), 256) for chosen_slope in (TRUE, derivative)
         )
-        control = ControlSample(predicted, probabilities(controls, slope, rng, 64), np.zeros(MANY, dtype=int))
+        control = ControlSample(predicted, probabilities(controls, derivative, rng, 64), np.zeros(MANY, dtype=int))
         estimates.append((*estimate_statistic(verified, np.zeros(VERIFIED, dtype=int), Objective(), control), verified.mean()))
     mean, error, plain = np.array(estimates).T
     return mean, error, plain
 
 
-@pytest.mark.parametrize("slope", [TRUE, 0.66, 0.5])
-def test_intervals_of_controlled_means_cover_the_truth_though_the_formulas_are_wrong(slope: float) -> None:
-    mean, error, plain = repeated(slope)
+@pytest.mark.parametrize("derivative", [TRUE, 0.66, 0.5])
+def test_intervals_of_controlled_means_cover_the_truth_though_the_formulas_are_wrong(derivative: float) -> None:
+    mean, error, plain = repeated(derivative)
     truth = ndtr(-1 / np.hypot(1, TRUE))  # of Phi(slope x - 1) over normal x, in closed form
     covered = np.mean(np.abs(mean - truth) < norm.ppf(0.975) * error)
     assert 0.93 < covered < 0.97
@@ -78,13 +78,13 @@ def test_slopes_of_the_detector_are_those_of_its_statistic() -> None:
     A = rng.standard_normal((5, 5))
     detector = Detector.train(rng.standard_normal((7, 5)), A @ A.T + np.eye(5), 0.05, blanks=256)
     signals, step = rng.standard_normal((3, 5)), 1e-6
-    slopes = detector.compute_derivatives(signals)
+    derivatives = detector.compute_derivatives(signals)
     for j in range(5):
         sides = [
             compute_log_likelihood_ratio(detector.templates, whiten(detector.factor, signals + shift * np.eye(5)[j]))
             for shift in (step, -step)
         ]
-        assert (sides[0] - sides[1]) / (2 * step) == pytest.approx(slopes[:, j], rel=1e-5, abs=1e-7)
+        assert (sides[0] - sides[1]) / (2 * step) == pytest.approx(derivatives[:, j], rel=1e-5, abs=1e-7)
 
 
 def test_no_errors_within_their_bounds_lose_more_than_those_that_bound_the_level() -> None:

@@ -61,13 +61,13 @@ def test_slopes_are_those_of_answers(x: float) -> None:
         variable for variable in list_uncertain_numbers(scene) if (variable.name in chosen if x else variable.kind != "gain")
     ]
     computed = compute_derivatives(scene, variables, 1e-3)
-    for variable, slope in zip(variables, computed.T, strict=True):
+    for variable, derivative in zip(variables, computed.T, strict=True):
         step = (0.002 if variable.name == "probe.inner_radius" else 0.01) * variable.value  # of which a gap of 0.1 mm takes 8 um
         upper, lower = (outputs(scene.replace(built_off(scene, variable.name, s)), scene, level, 1e-3) for s in (step, -step))
         wanted = (upper - lower) / (2 * step)
-        assert slope[:3] == pytest.approx(wanted[:3], rel=0.03, abs=3e-3 / variable.value), variable.name
+        assert derivative[:3] == pytest.approx(wanted[:3], rel=0.03, abs=3e-3 / variable.value), variable.name
         share = 0.1 if x else 0.03  # off the axis the log-sensitivity's slope leaves reflections out
-        assert slope[3] == pytest.approx(wanted[3], rel=share, abs=3e-3 / variable.value), variable.name
+        assert derivative[3] == pytest.approx(wanted[3], rel=share, abs=3e-3 / variable.value), variable.name
 
 
 def test_gains_move_ratio_and_stiffness_as_each_film_s_share() -> None:

@@ -132,7 +132,7 @@ def test_reciprocity_and_stiffness_grows_with_every_modulus():
     assert solution.forces[0][0, 1] == pytest.approx(solution.forces[0][1, 0], rel=1e-9)
     exact = compute_gradients(scene, solution)
     by_name = zip(exact.variables, exact.derivatives["stiffness"][0], strict=True)
-    grows = {name: slope for name, slope in by_name if name.endswith("youngs_modulus")}
+    grows = {name: derivative for name, derivative in by_name if name.endswith("youngs_modulus")}
     assert {"tissue.layer[0].youngs_modulus", "tissue.layer[1].youngs_modulus"} < grows.keys()
     assert min(grows.values()) > 0
 

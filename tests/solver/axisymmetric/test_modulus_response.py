@@ -44,8 +44,8 @@ def test_every_modulus_from_one_factorisation(folder: str, name: str, body: Body
     scene = named(folder, name).scene
     modulus_response, _ = compute_response(states(scene, body, 1.0), 1e-3, 1e3, body)
     times = np.array([1e-3, 0.03, 1.0, 7.0, 1e3])
-    forces, slopes = modulus_response.evaluate(times)
-    for t, F, dF in zip(times, forces, slopes, strict=True):
+    forces, derivatives = modulus_response.evaluate(times)
+    for t, F, dF in zip(times, forces, derivatives, strict=True):
         alone = states(scene, body, t)
         assert pytest.approx(alone.forces, rel=tolerance) == F
         assert dF == pytest.approx(

@@ -53,7 +53,7 @@ def test_far_below_the_probe_boussinesq_holds() -> None:
 def test_energy_in_a_sphere_is_what_another_mesh_says(field: TissueField) -> None:
     """A sphere of tissue: dF / d ln E by Gauss quadrature of the strains here, by elements of a mesh round the sphere there."""
     scene_sections = build_sections(SCENE)
-    slope = solve_base_states(
+    derivative = solve_base_states(
         build_model(scene_sections.section, {**scene_sections.materials, Body.INCLUSION: SCENE.tissue}, "bonded", LEVEL)
     ).compute_modulus_derivative()
     radius, depth = scene_sections.section.sphere_radius, scene_sections.section.sphere_depth
@@ -66,7 +66,7 @@ def test_energy_in_a_sphere_is_what_another_mesh_says(field: TissueField) -> Non
     trace = strain[:, :3].sum(axis=1)
     product = np.einsum("m,mci,mcj->ij", weight, strain[:, :3], strain[:, :3])
     product += 2 * np.einsum("m,mi,mj->ij", weight, strain[:, 3], strain[:, 3])
-    assert two_mu * product + lam * np.einsum("m,mi,mj->ij", weight, trace, trace) == pytest.approx(slope, rel=2e-4)
+    assert two_mu * product + lam * np.einsum("m,mi,mj->ij", weight, trace, trace) == pytest.approx(derivative, rel=2e-4)
 
 
 def test_strains_are_derivatives_of_displacements(field: TissueField) -> None:

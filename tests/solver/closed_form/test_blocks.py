@@ -26,13 +26,13 @@ def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHT_NODES) -
     slender = float(block.height[0] / block.width[0])
     wall, solid = block.width / block.radius, block.hole is None
     y, weight = _build_gauss_rule((0.0, 1.0), WALL_NODES)
-    P, slope, r, u = (part[0] for part in _evaluate_functions(y, 1 / wall - 1, solid))
+    P, derivative, r, u = (part[0] for part in _evaluate_functions(y, 1 / wall - 1, solid))
     ring = 2 * np.pi * wall * r * weight
     spreading, hoop = np.concatenate([P[:0] if solid else 0 * P[:1], P]), u / r
     lift, tilt, spread, mixed = (
-        (ring * left) @ right.T for left, right in ((P, P), (slope, slope), (spreading, spreading), (spreading, P))
+        (ring * left) @ right.T for left, right in ((P, P), (derivative, derivative), (spreading, spreading), (spreading, P))
     )
-    turn, slide = (ring * u) @ slope.T, (ring * u) @ u.T
+    turn, slide = (ring * u) @ derivative.T, (ring * u) @ u.T
     pure = 2 * (ring * (spreading - hoop)) @ (spreading - hoop).T + 2 * (ring * hoop) @ hoop.T
     pressed, sheared = (part[0] for part in _integrate_loads(1 / wall - 1, wall, LOADS.loads[0 if solid else 1]))
     axial_values = build_axial_functions(np.ones(1), block.steepness, nodes)
@@ -101,13 +101,13 @@ def test_beyond_the_tables_it_says_so() -> None:
 
 def test_modes_are_normal() -> None:
     """The integrals of their squares are one, those of two of them none: along a block and across it."""
-    *_, slope, end, modes = (part[0] for part in compute_axial_integrals(np.array([3.0])))
+    *_, derivative, end, modes = (part[0] for part in compute_axial_integrals(np.array([3.0])))
     axial_values = build_axial_functions(np.ones(1), np.array([3.0]), TABLE_HEIGHT_NODES)
     f, df = (modes.T @ part[:, :, 0] for part in (axial_values.f, axial_values.df))
     weight = axial_values.weight[:, 0]
     assert -(df @ weight) == pytest.approx(end, rel=1e-12)
     assert (f * weight) @ f.T == pytest.approx(np.eye(3), abs=1e-12)
-    assert (df * weight) @ df.T == pytest.approx(np.diag(slope), abs=1e-11)
+    assert (df * weight) @ df.T == pytest.approx(np.diag(derivative), abs=1e-11)
 
 
 def test_polynomials_between_steps_meet_a_function_and_its_slope() -> None:

@@ -86,8 +86,8 @@ def test_bessel_functions() -> None:
     for order in range(9):
         assert bessel(x, 9)[order] == pytest.approx(jv(order, x), abs=5e-7)
         assert spherical_bessel(x, 9)[order] == pytest.approx(spherical_jn(order, x), abs=5e-7)
-    slopes = bessel(x + 1e-30j, 2).imag / 1e-30
-    assert slopes[0] == pytest.approx(-jv(1, x), abs=1e-4)
+    derivatives = bessel(x + 1e-30j, 2).imag / 1e-30
+    assert derivatives[0] == pytest.approx(-jv(1, x), abs=1e-4)
     assert np.all(np.isnan(bessel(np.array([-1.0, 1024.0, np.nan]))))
 
 
@@ -252,15 +252,15 @@ CASES = [
 def test_slope_and_gradient_are_exact(folder: str, name: str) -> None:
     shape, values = build_parameters(named(folder, name).scene)
     chosen = [k for k, value in enumerate(values) if value]
-    values_found, slopes = compute_gradients(shape, values, chosen)
+    values_found, derivatives = compute_gradients(shape, values, chosen)
     assert values_found[0] == pytest.approx(compute_forces(shape, values[:, None])[0][0], rel=1e-12)
     assert shape.target is not None
     target = len(values) - 5 * (len(shape.on_axis) - shape.target) + 3
-    assert values[target] * slopes[chosen.index(target), 0] == pytest.approx(
+    assert values[target] * derivatives[chosen.index(target), 0] == pytest.approx(
         values_found[1], rel=1e-9, abs=1e-12 * np.abs(values_found[1]).max()
     )
     size = np.abs(values_found).max()
-    for k, exact in zip(chosen, slopes, strict=True):
+    for k, exact in zip(chosen, derivatives, strict=True):
         moved = np.stack(
             [np.where(np.arange(len(values)) == k, values * factor, values) for factor in (1 + 1e-5, 1 - 1e-5)], axis=1
         )
@@ -328,9 +328,9 @@ def test_more_nodes_change_little_of_what_is_stated(folder: str) -> None:
         finer = replace(shape, nodes=4 * shape.nodes, side_nodes=2 * shape.side_nodes)
         changed = []
         for shape_used in (shape, finer):
-            totals, slopes = (part[0].sum(axis=1) for part in compute_forces(shape_used, values[:, None]))
+            totals, derivatives = (part[0].sum(axis=1) for part in compute_forces(shape_used, values[:, None]))
             inner, outer = np.log(totals)
-            changed.append(np.array([inner - outer, inner, outer, *(slopes / totals) @ [[1], [-1]]]))
+            changed.append(np.array([inner - outer, inner, outer, *(derivatives / totals) @ [[1], [-1]]]))
         stated = np.array([answer.errors.log_ratio, *answer.errors.log_totals, answer.errors.sensitivity])
         assert np.all(np.abs(changed[1] - changed[0]) < 0.05 * stated), reference.name
 

@@ -102,8 +102,8 @@ def test_up_to_the_largest_poisson_ratio_rounding_stays_below_the_stated_errors(
         return
     assert not isinstance(nearer, InputError)
     assert not isinstance(last, InputError)
-    slope = (quantities(farthest) - quantities(nearer)) / (NEAR[0] - NEAR[1])
-    deviation = quantities(last) - quantities(nearer) - slope * (BODIES[body] - NEAR[1])
+    derivative = (quantities(farthest) - quantities(nearer)) / (NEAR[0] - NEAR[1])
+    deviation = quantities(last) - quantities(nearer) - derivative * (BODIES[body] - NEAR[1])
     stated = nearer.errors
     assert np.all(np.abs(deviation) < 0.5 * np.array([*stated.log_totals, stated.log_ratio, stated.sensitivity]))
 

@@ -125,11 +125,11 @@ def test_one_material_cut_up_changes_nothing(folder: str, name: str, parts: tupl
         moved = scene.model_copy(update={"inclusion": tuple(body.model_copy(update={"x": distance}) for body in scene.inclusion)})
         whole, divided = raw(moved), raw(cut(moved, *parts))
         assert divided == pytest.approx(whole, rel=1e-10, abs=1e-10 * np.abs(whole).max())
-        for whole_slope, divided_slope in zip(slopes(moved), slopes(cut(moved, *parts)), strict=True):
+        for whole_slope, divided_slope in zip(derivatives(moved), derivatives(cut(moved, *parts)), strict=True):
             assert divided_slope == pytest.approx(whole_slope, rel=1e-10, abs=1e-10 * np.abs(whole_slope).max())
 
 
-def slopes(scene: Scene) -> np.ndarray:
+def derivatives(scene: Scene) -> np.ndarray:
     """Derivatives by the probe's numbers and the inclusions' that are not 0, layers as they stand."""
     shape, values = build_parameters(scene, merged=False)
     first = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
@@ -276,12 +276,14 @@ def test_laws_and_derivatives(x: float, interface: str) -> None:
     shape, values = build_parameters(scene)
     assert shape.sphere_layers == (2,)
     chosen = [k for k, value in enumerate(values) if value]
-    values_found, slopes = compute_gradients(shape, values, chosen)
+    values_found, derivatives = compute_gradients(shape, values, chosen)
     assert values_found == pytest.approx(raw(scene), rel=1e-12)
     assert values_found[0, 0, 1] == pytest.approx(values_found[0, 1, 0], rel=1e-8)
     names = (*PROBE_PARAMETERS, *TISSUE_PARAMETERS, *SPHERE_PARAMETERS, *LAYER_PARAMETERS * 2)
     grows = [
-        slope[0].sum() for k, slope in zip(chosen, slopes, strict=True) if names[k].endswith("modulus") and names[k] != "modulus"
+        derivative[0].sum()
+        for k, derivative in zip(chosen, derivatives, strict=True)
+        if names[k].endswith("modulus") and names[k] != "modulus"
     ]
     assert len(grows) == 5
     assert min(grows) > 0
@@ -289,7 +291,7 @@ def test_laws_and_derivatives(x: float, interface: str) -> None:
     assert np.stack(compute_forces(shape, np.where(lengths, 3 * values, values)[:, None]))[:, 0] == pytest.approx(
         3 * values_found, rel=1e-9
     )
-    for k, exact in zip(chosen, slopes, strict=True):
+    for k, exact in zip(chosen, derivatives, strict=True):
         moved = np.stack(
             [np.where(np.arange(len(values)) == k, values * factor, values) for factor in (1 + 1e-5, 1 - 1e-5)], axis=1
         )

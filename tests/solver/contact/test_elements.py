@@ -46,13 +46,15 @@ def test_the_tangent_is_the_derivative_of_the_condensed_forces(yeoh: tuple[float
     """Inside and pressures follow a change of corners and edges, so that the forces on these change by the stiffness."""
     body_elements, rng = elements(yeoh), np.random.default_rng(2)
     state = deformed(body_elements, rng)
-    balance, stiffness, slopes = body_elements.linearise(state)
+    balance, stiffness, derivatives = body_elements.linearise(state)
     for _ in range(20):  # balance the inside, whose forces the elimination of another state would weigh differently
-        state = body_elements.move(state, slopes, np.zeros(stiffness.shape[:2]), balance)
-        balance, stiffness, slopes = body_elements.linearise(state)
+        state = body_elements.move(state, derivatives, np.zeros(stiffness.shape[:2]), balance)
+        balance, stiffness, derivatives = body_elements.linearise(state)
     m = body_elements.shapes.skeleton
     edge = change(body_elements, rng).reshape(len(AT.weight), 2, -1)[:, :, :m].reshape(len(AT.weight), -1)
-    ahead, behind = (body_elements.linearise(body_elements.move(state, slopes, sign * STEP * edge))[0].forces for sign in (1, -1))
+    ahead, behind = (
+        body_elements.linearise(body_elements.move(state, derivatives, sign * STEP * edge))[0].forces for sign in (1, -1)
+    )
     expected = (stiffness @ edge[..., None])[..., 0]
     np.testing.assert_allclose((ahead - behind) / (2 * STEP), expected, atol=1e-6 * np.abs(expected).max())
 
@@ -69,9 +71,9 @@ def test_energy_s_derivative_is_the_force() -> None:
 def test_at_rest_stiffness_is_that_of_linear_elements() -> None:
     """By the energy of what edges move and the inside follows."""
     body_elements, functions = elements(), build_shapes(COARSE.order)
-    _, stiffness, slopes = body_elements.linearise(body_elements.build_rest_values())
+    _, stiffness, derivatives = body_elements.linearise(body_elements.build_rest_values())
     edge = np.random.default_rng(6).standard_normal(stiffness.shape[:2])
-    u = body_elements.move(body_elements.build_rest_values(), slopes, edge).u
+    u = body_elements.move(body_elements.build_rest_values(), derivatives, edge).u
     law = Isotropic(1.0, 0.45)
     shear, volume = (matrix.reshape(len(u), u.shape[1], -1) for matrix in integrate_matrices(AT, functions))
     energy = (u[:, None] @ (law.two_mu * shear + law.dilation_modulus * volume) @ u[..., None])[:, 0, 0]

@@ -77,21 +77,21 @@ def test_forces_and_tangent_are_derivatives_with_friction_and_round_edges() -> N
         seen["held"] += int(np.sum((touch_now.pressure > 0) & (touch_now.grip.sliding == 0)))
         seen["sliding"] += int(np.sum(touch_now.grip.sliding != 0))
         expected = touch_now.stiffness @ direction.ravel()
-        slope = (ahead.forces - behind.forces) / (2 * step)
-        np.testing.assert_allclose(slope, expected, atol=1e-6 * np.abs(expected).max())
+        derivative = (ahead.forces - behind.forces) / (2 * step)
+        np.testing.assert_allclose(derivative, expected, atol=1e-6 * np.abs(expected).max())
     assert min(seen.values()) > 3, seen
 
 
 def test_a_round_edge_is_an_arc() -> None:
     edge, radii = RoundEdge(2.0, 0.5), np.linspace(1.4, 2.6, 25) + 1e-3
-    taken, slope, bend = edge.compute_removed_height(radii)
+    taken, derivative, bend = edge.compute_removed_height(radii)
     t = (radii - 2.0) * 0.5**0.5
     rounded = np.abs(radii - 2.0) < 0.5
     # distance of what is left from the arc's centre, which lies the root of two radii above the corner
     np.testing.assert_allclose(np.hypot(t, np.abs(t) + taken - 2**0.5 * 0.5)[rounded], 0.5, rtol=1e-12)
     assert not np.any(taken[~rounded])
     ahead, behind = edge.compute_removed_height(radii + 1e-6), edge.compute_removed_height(radii - 1e-6)
-    np.testing.assert_allclose((ahead[0] - behind[0]) / 2e-6, slope, atol=1e-8)
+    np.testing.assert_allclose((ahead[0] - behind[0]) / 2e-6, derivative, atol=1e-8)
     np.testing.assert_allclose((ahead[1] - behind[1]) / 2e-6, bend, atol=1e-6)
 
 
@@ -196,5 +196,5 @@ def test_log_sensitivity_with_friction_is_the_derivative_at_one_force(friction: 
         data["inclusion"][0]["youngs_modulus"] *= factor
         changed = Scene.model_validate(data)
         logs.append(np.log(ratio(changed, path_of("unilateral", friction, changed).press_to_force(point.force))))
-    slope = (logs[1] - logs[0]) / (np.log(1 + step) - np.log(1 - step))
-    assert point.log_sensitivity == pytest.approx(slope, rel=5e-3)
+    derivative = (logs[1] - logs[0]) / (np.log(1 + step) - np.log(1 - step))
+    assert point.log_sensitivity == pytest.approx(derivative, rel=5e-3)

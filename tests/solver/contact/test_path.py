@@ -61,8 +61,8 @@ def test_the_limit_of_no_load_is_that_of_linear_elements() -> None:
     assert at_rest.log_sensitivity == pytest.approx(float(linear.log_sensitivity[0]), rel=2e-5)
     model = ContactModel.from_section(scene_sections.section, scene_sections.materials, "bonded", COARSE)
     state = model.build_rest_state()
-    _, slopes = model.compute_responses(state, model.linearise(state))
-    np.testing.assert_allclose(slopes[:, 0], linear.totals[0], rtol=1e-8)
+    _, derivatives = model.compute_responses(state, model.linearise(state))
+    np.testing.assert_allclose(derivatives[:, 0], linear.totals[0], rtol=1e-8)
 
 
 def test_work_is_stored_and_slopes_are_the_path_s() -> None:
@@ -85,8 +85,8 @@ def test_log_sensitivity_is_the_derivative_at_one_force() -> None:
         data["inclusion"][0]["youngs_modulus"] *= factor
         changed = Scene.model_validate(data)
         logs.append(np.log(ratio(changed, pressed(changed, COARSE).press_to_force(point.force))))
-    slope = (logs[1] - logs[0]) / (np.log(1 + step) - np.log(1 - step))
-    assert point.log_sensitivity == pytest.approx(slope, rel=0.02)
+    derivative = (logs[1] - logs[0]) / (np.log(1 + step) - np.log(1 - step))
+    assert point.log_sensitivity == pytest.approx(derivative, rel=0.02)
 
 
 def test_contact_s_forces_and_tangent_are_derivatives() -> None:

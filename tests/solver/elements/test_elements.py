@@ -57,8 +57,8 @@ def test_matrices_integrate_the_strains_at_the_gauss_points(order: int) -> None:
     s, table = section(**PAPER), build_shapes(order)
     geometry = geometry_of(s, mesh_of(s), order)
     u = np.random.default_rng(1).normal(size=(len(geometry.weight), 2, len(table.degrees)))
-    slopes, hoop = compute_gradients(geometry, table, u[..., None])
-    rr, rz, zr, zz = slopes
+    derivatives, hoop = compute_gradients(geometry, table, u[..., None])
+    rr, rz, zr, zz = derivatives
     squares = rr**2 + zz**2 + hoop**2 + (rz + zr) ** 2 / 2, project_dilations(geometry, table, rr + zz + hoop) ** 2
     for whole, square in zip(integrate_matrices(geometry, table), squares, strict=True):
         np.testing.assert_allclose(energies(whole, u), (geometry.weight * square[..., 0]).sum(axis=1), rtol=1e-9)

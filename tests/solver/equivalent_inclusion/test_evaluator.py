@@ -129,12 +129,12 @@ def test_derivatives_by_the_tumours_own_numbers(key: str, reflect: bool) -> None
         moved = {**values, attribute: values[attribute] + change}
         return compute_readings(base, Tumours(*([[value]] for value in moved.values())), reflect=reflect).forces[0]
 
-    slope = compute_readings(base, Tumours(*([[value]] for value in values.values())), places=True, reflect=reflect).derivatives[
-        key
-    ][0]
+    derivative = compute_readings(
+        base, Tumours(*([[value]] for value in values.values())), places=True, reflect=reflect
+    ).derivatives[key][0]
     scale = 1.0 if key in ("offset", "poisson_ratio") else values[attribute]
     differences = (forces(step) - forces(-step)) / (2 * step)
-    assert slope / scale == pytest.approx(differences, abs=5e-3 * np.abs(differences).max())
+    assert derivative / scale == pytest.approx(differences, abs=5e-3 * np.abs(differences).max())
 
 
 def test_curve_passes_through_evaluate_and_its_slope_is_the_sensitivity() -> None:
@@ -143,8 +143,8 @@ def test_curve_passes_through_evaluate_and_its_slope_is_the_sensitivity() -> Non
     modulus_curve = curve(scene, moduli, 0.003)
     assert modulus_curve.evaluator == LEVEL
     assert modulus_curve.ratio[1] == pytest.approx(evaluate(scene, LEVEL, 0.003).ratio, rel=1e-12)
-    slope = np.log(np.array(modulus_curve.ratio[2]) / modulus_curve.ratio[0]) / np.log(1.02 / 0.98)
-    assert modulus_curve.log_sensitivity[1] == pytest.approx(slope, rel=0.01)
+    derivative = np.log(np.array(modulus_curve.ratio[2]) / modulus_curve.ratio[0]) / np.log(1.02 / 0.98)
+    assert modulus_curve.log_sensitivity[1] == pytest.approx(derivative, rel=0.01)
 
 
 def test_a_distant_tumour_is_left_out_and_counted() -> None:

@@ -43,8 +43,8 @@ def outputs(scene: Scene, name: str, step: float) -> np.ndarray:
     """
     kind = start(scene).states.model.mesh.layout.kind
     moved = scene.replace({name: list_values(scene)[name] * (1 + step)})
-    slopes = compute_tumour_gradients(moved, solve_first_order(moved, build_sections(moved), kind=kind), ())
-    return np.array([slopes.values[key][0] for key in OUTPUT_NAMES])
+    derivatives = compute_tumour_gradients(moved, solve_first_order(moved, build_sections(moved), kind=kind), ())
+    return np.array([derivatives.values[key][0] for key in OUTPUT_NAMES])
 
 
 QUICK = [(FLANK, "inclusion.depth"), (CYST, "probe.inner_radius")]

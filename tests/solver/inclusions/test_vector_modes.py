@@ -27,7 +27,7 @@ def scattered_points(number: int, low: float, high: float) -> Array:
     return x / np.linalg.norm(x, axis=1)[:, None] * rng.uniform(low, high, (number, 1))
 
 
-def slopes(field: Any, x: Array) -> Array:
+def derivatives(field: Any, x: Array) -> Array:
     """Derivatives by central differences of order six, axis last: (n, ..., 3)."""
     h, weights = 2e-3, ((1, 45 / 60), (2, -9 / 60), (3, 1 / 60))
     return np.stack([sum(w * (field(x + s * h * e) - field(x - s * h * e)) for s, w in weights) / h for e in np.eye(3)], axis=-1)
@@ -69,13 +69,13 @@ def test_fields_balance(side: Side, nu: float, parity: Parity) -> None:
     modes, x = Modes(5, nu, 4, parity), scattered_points(6, 1.05, 1.4)
     unit_states, field = np.eye(len(modes)), modes.evaluate_regular if side == "regular" else modes.evaluate_outgoing
     u, stress = field(x, unit_states)
-    gradient = slopes(lambda places: field(places, unit_states)[0], x)
+    gradient = derivatives(lambda places: field(places, unit_states)[0], x)
     strain = np.stack([(gradient[:, i, :, j] + gradient[:, j, :, i]) / 2 for i, j in VOIGT_PAIRS], axis=1)
     pressure = stress[:, :3].sum(axis=1) / (1 + nu)  # not lam times dilation, which amplifies the differences' errors near 1/2
     assert (1 - 2 * nu) * pressure == pytest.approx(strain[:, :3].sum(axis=1), abs=1e-10)
     strain[:, :3] += nu * pressure[:, None]
     assert stress == pytest.approx(strain, abs=1e-10 * np.abs(stress).max())
-    change = slopes(lambda places: field(places, unit_states)[1], x)
+    change = derivatives(lambda places: field(places, unit_states)[1], x)
     divergence = sum(change[..., j][:, [row[j] for row in FULL]] for j in range(3))
     assert divergence == pytest.approx(np.zeros_like(u), abs=1e-10 * np.abs(change).max())
     assert modes.evaluate_shapes(x, side) == pytest.approx(u, abs=1e-14)
@@ -291,9 +291,9 @@ def test_derivatives(contrast: float, nu: float) -> None:
     for exact, moved in zip(sphere.by_log_modulus, (stepped.S, stepped.T), strict=True):
         assert exact.toarray() == pytest.approx(moved.toarray().imag / step, rel=1e-11, abs=1e-15 * np.abs(moved.data).max())
     assert np.linalg.eigvalsh(sphere.by_log_modulus[1].toarray()).min() > -1e-14 * np.abs(sphere.by_log_modulus[1].data).max()
-    slope = compute_scattering(modes, 5.0, 5 * contrast, 0.4 + 1j * step, 2).T.toarray().imag / step
+    derivative = compute_scattering(modes, 5.0, 5 * contrast, 0.4 + 1j * step, 2).T.toarray().imag / step
     upper, lower = (compute_scattering(modes, 5.0, 5 * contrast, 0.4 + h, 2).T.toarray() for h in (1e-5, -1e-5))
-    assert (upper - lower) / 2e-5 == pytest.approx(slope, rel=1e-5, abs=1e-8 * np.abs(upper).max())
+    assert (upper - lower) / 2e-5 == pytest.approx(derivative, rel=1e-5, abs=1e-8 * np.abs(upper).max())
 
 
 def test_work_inside_is_the_derivative() -> None:

@@ -59,8 +59,10 @@ def test_stress_is_the_energy_s_derivative_and_the_tangent_the_stress_s(poisson_
     A, held = tangent(law, stress_state, p), np.array([[p]])
     for k in range(5):
         ahead, behind = (h + sign * step * np.eye(5)[k][:, None, None] for sign in (1, -1))
-        slope = float(law.compute_energy_density(ahead, held)[0, 0] - law.compute_energy_density(behind, held)[0, 0]) / (2 * step)
-        assert slope == pytest.approx(
+        derivative = float(law.compute_energy_density(ahead, held)[0, 0] - law.compute_energy_density(behind, held)[0, 0]) / (
+            2 * step
+        )
+        assert derivative == pytest.approx(
             float(stress_state.first_piola[k, 0, 0] + p * stress_state.cofactor[k, 0, 0]), rel=1e-6, abs=1e-8
         )
         ends = [
@@ -73,10 +75,10 @@ def test_stress_is_the_energy_s_derivative_and_the_tangent_the_stress_s(poisson_
 def test_the_pressure_s_conjugate_inverts_the_volume_s_energy() -> None:
     law, change = material(0.49), 0.37
     p = np.array([[pressure(law, change)]])
-    value, slope = law.compute_dilation(p)
+    value, derivative = law.compute_dilation(p)
     assert float(value[0, 0]) == pytest.approx(change, rel=1e-12)
     ahead, behind = (law.compute_dilation(p + sign * 1e-5)[0] for sign in (1, -1))
-    assert float((ahead - behind)[0, 0]) / 2e-5 == pytest.approx(float(slope[0, 0]), rel=1e-7)
+    assert float((ahead - behind)[0, 0]) / 2e-5 == pytest.approx(float(derivative[0, 0]), rel=1e-7)
 
 
 @pytest.mark.parametrize("poisson_ratio", [-0.2, 0.0, 0.3, 0.4999])

@@ -74,5 +74,7 @@ def test_tumours_under_a_skin_read_together_read_as_each_alone() -> None:
         single = compute_readings(base, tumours.select(np.array([k])), 0, True, reflect=True)
         np.testing.assert_allclose(whole.forces[k], single.forces[0], rtol=1e-10)
         np.testing.assert_allclose(whole.bound[k], single.bound[0], rtol=1e-6)
-        for key, slopes in single.derivatives.items():
-            np.testing.assert_allclose(whole.derivatives[key][k], slopes[0], rtol=1e-8, atol=1e-12 * np.abs(whole.forces).max())
+        for key, derivatives in single.derivatives.items():
+            np.testing.assert_allclose(
+                whole.derivatives[key][k], derivatives[0], rtol=1e-8, atol=1e-12 * np.abs(whole.forces).max()
+            )

@@ -78,7 +78,7 @@ def test_the_error_that_is_told_covers_the_complex_solution(name: str, seed: int
 @pytest.mark.parametrize("key", [name for name in list_values(example()) if name.startswith("probe") or "depth" in name])
 def test_derivatives_are_those_of_the_phase(key: str) -> None:
     scene = lossy(example())
-    slope = compute_ratio_phase(scene, evaluate(scene, "axisymmetric"), 0.01, 0.1).derivatives[key]
+    derivative = compute_ratio_phase(scene, evaluate(scene, "axisymmetric"), 0.01, 0.1).derivatives[key]
     step = 1e-3 * list_values(scene)[key]
     upper, lower = (
         float(
@@ -88,7 +88,7 @@ def test_derivatives_are_those_of_the_phase(key: str) -> None:
         )
         for s in (step, -step)
     )
-    assert slope == pytest.approx((upper - lower) / (2 * step), rel=2e-3, abs=1e-6 / list_values(scene)[key])
+    assert derivative == pytest.approx((upper - lower) / (2 * step), rel=2e-3, abs=1e-6 / list_values(scene)[key])
 
 
 def test_where_all_materials_lose_alike_there_is_no_phase() -> None:
@@ -101,8 +101,8 @@ def test_where_all_materials_lose_alike_there_is_no_phase() -> None:
 def test_slopes_are_the_published_ones() -> None:
     """Of examples/scene.toml, by an independent trial: tissue, tumour, inner and outer block."""
     owners = ("tissue", "inclusion", "probe.inner", "probe.outer")
-    slopes = differentiate_on_axis(example(), [{owner: 1.0} for owner in owners], MESH_LEVELS[2]).directional
-    assert slopes == pytest.approx([0.13702, 0.04714, 0.01388, -0.19804], abs=5e-5)
+    derivatives = differentiate_on_axis(example(), [{owner: 1.0} for owner in owners], MESH_LEVELS[2]).directional
+    assert derivatives == pytest.approx([0.13702, 0.04714, 0.01388, -0.19804], abs=5e-5)
 
 
 def test_without_losses_the_slopes_are_told_all_the_same() -> None:

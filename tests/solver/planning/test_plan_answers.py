@@ -52,8 +52,10 @@ def test_what_the_load_leaves_is_what_the_level_may_be_off():
     error = EquivalentInclusion().evaluate(at_rest, 0.002).error_estimate
     assert error
     accuracy, rule = 4 * error, build_load_rule(at_rest)
-    slope = rule.bound_ratio_change(1e-6) / 1e-6
-    scene = off_the_axis(Load(force=(accuracy - 1.2 * error) / slope))  # with the doubt on loads this leaves 0.8 of its bound
+    derivative = rule.bound_ratio_change(1e-6) / 1e-6
+    scene = off_the_axis(
+        Load(force=(accuracy - 1.2 * error) / derivative)
+    )  # with the doubt on loads this leaves 0.8 of its bound
     result = evaluate(scene, accuracy=accuracy)
     assert result.evaluator == plan(scene, accuracy).evaluator == "equivalent-inclusion"
     assert result.error_estimate

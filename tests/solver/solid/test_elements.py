@@ -53,9 +53,9 @@ def states(sphere: float = 6e4, frictionless: bool = False, ratio: float = 0.45)
 class TestElements:
     def test_functions_add_up_to_one_and_are_one_at_their_node(self) -> None:
         places = np.random.default_rng(1).dirichlet(np.ones(4), 20)[:, 1:]
-        values, slopes = evaluate_functions(places)
+        values, derivatives = evaluate_functions(places)
         assert values.sum(axis=1) == pytest.approx(np.ones(20))
-        assert slopes.sum(axis=1) == pytest.approx(np.zeros((20, 3)), abs=1e-12)
+        assert derivatives.sum(axis=1) == pytest.approx(np.zeros((20, 3)), abs=1e-12)
 
     def test_volume_of_curved_elements(self) -> None:
         """Quadratic sides: 418 elements have the cylinder's volume to 1e-5, where straight ones have it to 1 %."""
@@ -218,10 +218,10 @@ class TestCurve:
         curve = compute_solid_response(states(6e4, ratio=ratio), (FIRST_INCLUSION_BODY,), 1e-7, 1e5)
         for t in (1e-7, 1.0, 30.0, 1e5):
             alone = states(6e4 * t, ratio=ratio)
-            reactions, slopes = curve.evaluate(np.array([t]))
+            reactions, derivatives = curve.evaluate(np.array([t]))
             assert np.abs(reactions[0] / alone.reactions - 1)[:2, :2].max() < 1e-7
             assert reactions[0] == pytest.approx(alone.reactions, abs=1e-7 * alone.forces.max())
-            assert slopes[0] == pytest.approx(
+            assert derivatives[0] == pytest.approx(
                 alone.compute_modulus_derivative([FIRST_INCLUSION_BODY]), abs=1e-6 * np.abs(alone.forces).max()
             )
 

@@ -14,7 +14,7 @@ from tests.support.paths import SCENE
 
 
 @pytest.mark.parametrize(
-    ("slope", "error", "enough"),
+    ("derivative", "error", "enough"),
     [
         (1e-7, 9e-6, True),
         (1e-7, 1.5e-5, False),
@@ -24,14 +24,16 @@ from tests.support.paths import SCENE
         (1e-7, 3e-5, True),
     ],
 )
-def test_a_third_mesh_is_made_where_it_may_reach_what_is_promised(slope, error, enough):
+def test_a_third_mesh_is_made_where_it_may_reach_what_is_promised(derivative, error, enough):
     """DESIGN: log_sensitivity is promised within 5 times the accuracy of itself, or within 1e-5 where it is nearly zero.
 
     Beyond twice that a third mesh would not reach it.
     """
     forces = np.array([[40.0, -1.0], [-1.0, 60.0]])
-    films = FilmForces(forces, Bound(1e-3 * forces.sum(axis=1), 1e-3), np.diag(slope * forces.sum(axis=1) * [1.0, 0.0]), error)
-    assert films.log_sensitivity == pytest.approx(slope)
+    films = FilmForces(
+        forces, Bound(1e-3 * forces.sum(axis=1), 1e-3), np.diag(derivative * forces.sum(axis=1) * [1.0, 0.0]), error
+    )
+    assert films.log_sensitivity == pytest.approx(derivative)
     assert _may_improve(films, read_scene(SCENE), 0.01) is not enough
 
 

@@ -87,9 +87,11 @@ def test_complex_steps_give_derivatives_at_taylors_rate() -> None:
     made = scene(56e3)
     problems, sensor = population(made), probe(made)
     direction = sensor * np.array([0.3, -0.2, 0.1, 0.4, -0.3, 0.5, 0.0, -0.4, 0.0])[:, None]
-    slope = problems.compute_films(sensor + 1e-30j * direction).change.imag / 1e-30
+    derivative = problems.compute_films(sensor + 1e-30j * direction).change.imag / 1e-30
     start = problems.compute_films(sensor).change
-    left = [np.abs(problems.compute_films(sensor + h * direction).change - start - h * slope).max() for h in (0.04, 0.02, 0.01)]
+    left = [
+        np.abs(problems.compute_films(sensor + h * direction).change - start - h * derivative).max() for h in (0.04, 0.02, 0.01)
+    ]
     assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.3)
     assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.15)
 

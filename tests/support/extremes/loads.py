@@ -42,5 +42,5 @@ def _pressed(scene: Scene, row: dict[str, float]) -> Truth:
     areas = scene.probe.inner_area, scene.probe.outer_area
     outer = row["force"] / (row["ratio"] * areas[0] + areas[1])
     doubt = row["ratio_unc"] / row["ratio"] + row["force_unc"] / row["force"]
-    stiffness, slope = row["force"] / row["indentation"], row["log_sensitivity"]
-    return Truth(row["ratio"], row["ratio"] * outer, outer, stiffness, slope, doubt, row["log_sensitivity_unc"])
+    stiffness, derivative = row["force"] / row["indentation"], row["log_sensitivity"]
+    return Truth(row["ratio"], row["ratio"] * outer, outer, stiffness, derivative, doubt, row["log_sensitivity_unc"])
