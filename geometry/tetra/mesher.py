@@ -27,7 +27,7 @@ from geometry.tetra.tet_mesh import TetMesh
 _MAX_TRIALS = 3
 _ACCEPTED_VOLUME_ERROR = 3e-3  # error of a block's or ellipsoid's volume above which another trial is made
 _NETGEN_TETRAHEDRA_PER_SQUARE = 5.0  # that a thin layer has in a square of their edge
-_TETWILD_SURPLUS_FACTOR = 1.2  # tetrahedra of pytetwild over those of the sizes asked for
+_TETWILD_SURPLUS_FACTOR = 1.2  # tetrahedra of pytetwild over those of the requested sizes
 _TETWILD_TETRAHEDRA_PER_SQUARE = 11.0  # that a plane adds by cutting a square of their edge
 
 

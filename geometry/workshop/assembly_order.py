@@ -154,7 +154,7 @@ def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
         return ""
     parts = ", ".join(f"{name} {100 * sd:.2g} %" for name, sd in list(scatter.items())[:MAX_LISTED_PARTS])
     total = combine_scatter(scatter)
-    requested = f"asked for: {budget.percent:g} %"
+    requested = f"requested: {budget.percent:g} %"
     advice = "" if total <= budget.percent else ": what dominates has to be measured, or calibrated, since no drawing holds it"
     summary = f"Probes built to these drawings scatter in the ratio by {total:.3g} % (1 sd, before calibration; {requested})"
     return f"{summary}: {parts}, ...{advice}"

@@ -143,5 +143,5 @@ def _list_warnings(fit: SineFit, channels: tuple[str, ...], common_sd: float, re
         nominal = min(MAINS_HZ, key=lambda frequency: abs(mains - frequency))
         if abs(mains - nominal) > GRID_TOLERANCE_HZ:
             text = f"a line like the mains stands at {mains:.4g} Hz"
-            warnings.append(f"{text}: the sample rate may be off by {100 * (mains / nominal - 1):.2g} %")
+            warnings.append(f"{text}: the sample rate may be in error by {100 * (mains / nominal - 1):.2g} %")
     return warnings

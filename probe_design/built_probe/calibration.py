@@ -212,7 +212,7 @@ def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:
         return []
     percent_error = 100 * (scale.factor - 1)
     side = "much" if percent_error > 0 else "little"
-    shown = f"shows {abs(percent_error):.2g} % too {side}, give or take {100 * scale.sd:.2g} %"
+    shown = f"shows {abs(percent_error):.2g} % too {side}, ± {100 * scale.sd:.2g} %"
     if not scale.confirmed:
         return [
             f"nothing confirms the force channel's scale: by the films' nominal gains it {shown}; gains and stresses count that, "

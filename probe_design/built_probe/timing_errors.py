@@ -130,7 +130,7 @@ def count_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
         raise Flawed(f"{text}: a filter, play or friction before the sensor, or amplifiers that are not the bench's")
     loss, warnings = estimate_amplitude_loss(lag), measurement.warnings
     if loss > MIN_WARNED_LOSS:
-        counted = f"its amplitude may be off by {100 * loss:.2g} %, which is counted"
+        counted = f"its amplitude may be in error by {100 * loss:.2g} %, which is counted"
         warnings += (f"{text}: {counted}; a delay that is known stands in force.delay of the bench",)
     return replace(measurement, force_loss=loss, warnings=warnings)
 

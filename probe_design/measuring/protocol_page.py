@@ -179,7 +179,7 @@ def _list_steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> 
     known = ", ".join(f"{100 * item:g} %" for item in sorted({item.tolerance for item in bench.blocks})) or "no block"
     return [
         f"Amplitudes: a sinusoidal load of {bench.load.frequency:g} Hz; signals at nominal gain,",
-        f"give or take {100 * channels.gain:g} % and {100 * channels.cross_talk:g} % of cross-talk.",
+        f"± {100 * channels.gain:g} %, and up to {100 * channels.cross_talk:g} % of cross-talk.",
         "Where the larger signal shows on the other channel, or neither does: cables exchanged, or a film dead.",
         "",
         "1. Amplifiers on, films on them for half an hour; null the offsets. During a reading a film may warm",

@@ -43,7 +43,7 @@ def compute_cover_factor(bodies: Iterable[Inclusion]) -> float:
 
         1 + 0.55 max(0, D / (t + 0.05 D) - 0.5)^1.3      (PL.7)
 
-    whatever their moduli are and wherever beside the axis they lie. The log-sensitivity needs no more than eq. PL.2. Bodies from
+    whatever their moduli and positions off the axis are. The log-sensitivity needs no more than eq. PL.2. Bodies from
     surface files, whose sizes are not known here, count as nothing.
     """
     coefficient, cover_offset, threshold, power = COVER_COEFFICIENTS
