@@ -46,7 +46,8 @@ FILMS = {"film": {"thickness": "22 um", "youngs_modulus": "1 MPa"}}
     "scene", [pytest.param(beside_a_needle(), id="needle"), pytest.param(flat(**FILMS), id="films", marks=pytest.mark.slow)]
 )
 def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
-    monkeypatch.setattr(mesher, "tetrahedralize", lambda *_: pytest.fail("it was meshed"))
+    for name in ("mesh_regular_layout", "_try_mesher"):
+        monkeypatch.setattr(mesher, name, lambda *_: pytest.fail("it was meshed"))
     scene = type(read_scene(SCENE)).model_validate(scene)
     with pytest.raises(LimitReached, match=r"memory = 2 GB: allowed: \d.*unknowns \(--memory"):
         evaluate(scene)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import sqlite3
 from itertools import pairwise
@@ -41,7 +42,7 @@ def recorded(folder: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch, 
         recorder.events.append(Event("folder"))
 
     recorder.events.clear()
-    monkeypatch.setattr(sweep_store.os, "fsync", synced)
+    monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(sweep_store.sqlite3, "connect", opened)
     with open_for_writing(folder) as store:
         recorder.events.append(Event("open"))
