@@ -96,14 +96,14 @@ def compute_touch(
     *,
     grip: Grip | None = None,
 ) -> Touch:
-    """Compute gaps, forces and tangent of a pair.
+    """Compute the gaps of a pair of lines, the contact forces and their tangent in a deformed state.
 
     Parameters
     ----------
     pair
-        The two lines.
+        The two lines that may touch.
     displacements
-        Displacements of the elements, m, shape (n, 8 p).
+        Displacements on the elements' corners and edges, m, shape (n, 8 p).
     multiplier
         Multipliers of the last round, Pa, shape (points,).
     penalty_fraction
@@ -125,7 +125,7 @@ def compute_touch(
         _check_edge(pair, feet)
         pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
     max_violation = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))
-    active, zeros = rising > 0, np.zeros(len(gap))
+    active, zeros = rising > 0, np.zeros(len(gap))  # active: points whose pressure depends on their gap
     place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
     if not np.any(active):
         return Touch(gap, pressure, np.zeros(size), None, Grip(place, zeros, zeros.astype(int)), zeros, max_violation)
@@ -136,7 +136,7 @@ def compute_touch(
     stiffness = outer_product(soft * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
     normal[active] = footpoints.stretch * force
     if grip is not None:
-        slip = np.nan_to_num((place - grip.place)[active])
+        slip = np.nan_to_num((place - grip.place)[active])  # a point that the master did not reach before has no slip yet
         spring = pair.spring * pair.penalty
         trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
         side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
@@ -160,9 +160,25 @@ def _check_edge(pair: Pair, feet: PointGaps) -> None:
 def _compute_friction(
     footpoints: Footpoints, held: Floats, shear: Floats, spring: float, pressing: Floats
 ) -> tuple[Floats, Floats]:
-    """Compute friction forces by both lines' values, (j, 4 (p + 1)), and their derivatives.
+    """Compute the friction forces of j points on the values of both lines, and the derivatives of these forces.
 
-    ``pressing`` is the derivative of the pressure, (j, 4 (p + 1)).
+    Parameters
+    ----------
+    footpoints
+        The points in contact and where they meet the master.
+    held
+        Mask of the points that the spring of eq. CT.6 holds, shape (j,); the others slide.
+    shear
+        Their shear, Pa, shape (j,).
+    spring
+        Stiffness f of eq. CT.6, Pa/m.
+    pressing
+        Derivative of the pressure with respect to both lines' values, shape (j, 4 (p + 1)).
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Forces per undeformed area, shape (j, 4 (p + 1)), and their derivatives, shape (j, 4 (p + 1), 4 (p + 1)).
     """
     tangent, tilt, place_change, stretch = (
         footpoints.tangent,
@@ -175,7 +191,8 @@ def _compute_friction(
     # derivative of the bound, friction x stretch x pressure: shear equals plus or minus the bound
     pressed = footpoints.pair.friction * stretch * pressing * np.sign(shear)[:, None]
     sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * tilt
-    change = np.where(held[:, None], spring * lengths * place_change, sliding)
+    change = np.where(held[:, None], spring * lengths * place_change, sliding)  # derivative of the shear
+    # derivative of the direction along which the shear acts
     turning = outer_product(footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), tilt) - outer_product(
         footpoints.compute_tangent_change(tangent), place_change
     )
@@ -183,12 +200,19 @@ def _compute_friction(
 
 
 def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tuple[Floats, Floats]:
-    """Return max(0, trial) with its kink rounded from -blur to blur, and its derivative.
+    """Return the pressure max(0, trial) of eq. CT.3, with its kink rounded, and its derivative with respect to ``trial``.
 
-    Without blur the derivative is 1 above ``-rest_threshold``.
+    Parameters
+    ----------
+    trial
+        l - e g of eq. CT.3, Pa, shape (points,).
+    blur
+        The kink is rounded from -blur to blur, Pa; 0 leaves it sharp.
+    rest_threshold
+        Where the kink is sharp, the derivative is 1 above ``-rest_threshold``, Pa: lines closed at rest count as touching.
     """
     if blur == 0:
         return np.maximum(trial, 0.0), np.where(trial > -rest_threshold, 1.0, 0.0)
     low, high = trial <= -blur, trial >= blur
-    ramp = (np.clip(trial, -blur, blur) + blur) / (2 * blur)
+    ramp = (np.clip(trial, -blur, blur) + blur) / (2 * blur)  # from 0 to 1 over the rounded kink: a parabola joins both lines
     return np.where(low, 0.0, np.where(high, trial, blur * ramp**2)), np.where(low, 0.0, np.where(high, 1.0, ramp))

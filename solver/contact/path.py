@@ -60,17 +60,18 @@ class Path:
         self.length = FIRST_STEP_RELATIVE * self.unit
         rest_state = self.model.build_rest_state()
         light = self._solve_light_load(rest_state)
-        if self.linear is not None:
+        if self.linear is not None:  # before that the scale is 1, so that this is the ratio to this mesh's forces
             self._scale = self.linear / self._build_point(light).tangent
         self._light_equilibrium, linear = light, self._build_point(light)
         rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
+        # under the light load all is linear: its derivatives are those at rest
         gap, zeros = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(
             replace(linear, indentation=0.0, films=zeros, walls=gap, strain=0.0, residual=0.0, equilibrium=rest_equilibrium)
         )
 
     def seed(self, state: State) -> PathPoint:
-        """Start the path at a state of the same mesh with other moduli; see ``iterate_steps``."""
+        """Solve from a loaded state of the same mesh with other moduli and continue the path there; see ``iterate_steps``."""
         try:
             point = self._build_point(solve(self.model, state))
         except SolveError as fault:
@@ -106,6 +107,7 @@ class Path:
         """
         while self.last.indentation < until * (1 - 1e-12):
             next_indentation = self.last.indentation + self.length
+            # no very short last step: one that would leave less than 0.3 of a step goes all the way
             yield self._take_step(until if next_indentation > until - 0.3 * self.length else next_indentation)
 
     def press_to_indentation(self, indentation: float) -> PathPoint:
@@ -130,18 +132,22 @@ class Path:
         raise StoppedError(self.last, "no indentation gives the force")
 
     def _estimate_advance(self, force: float) -> float:
-        """Estimate the indentation of a force beyond the nearest point, m, from the stiffness at the two nearest points."""
+        """Estimate how much deeper than the nearest point a force, N, is reached, m; negative if it is less deep.
+
+        The stiffness is taken to change linearly between the two points nearest to the force.
+        """
         nearest, *neighbours = sorted(self.points, key=lambda point: abs(point.force - force))[:2]
         missing, stiffness = force - nearest.force, float(nearest.tangent.sum())
         if not neighbours:
             return missing / stiffness
         neighbour = neighbours[0]
         stiffening = (float(neighbour.tangent.sum()) - stiffness) / (neighbour.indentation - nearest.indentation)
+        # missing = stiffness x + stiffening x^2 / 2, solved for x in a form that does not cancel
         discriminant = stiffness**2 + 2 * stiffening * missing
         return 2 * missing / (stiffness + discriminant**0.5) if discriminant > 0 else missing / stiffness
 
     def _take_step(self, indentation: float) -> PathPoint:
-        """Take one step towards an indentation, halved until it converges."""
+        """Take one step towards an indentation, m, halved until it converges, and adapt the next step's length."""
         start, max_depth = self.last.indentation, MAX_DEPTH_RELATIVE * self.radius
         if start >= max_depth * (1 - 1e-9):
             raise StoppedError(self.last, "the indentation is the probe's outer radius, and deeper solutions were never verified")
@@ -192,7 +198,7 @@ class Path:
 
     @property
     def _target(self) -> Floats | None:
-        """Mask of the target's elements; None where no sensitivity is wanted."""
+        """Mask of the target's elements, shape (n, 1); None where no sensitivity is wanted."""
         return self.model.target if self.sensitive else None
 
     def _find_nearest(self, indentation: float) -> list[PathPoint]:
@@ -250,7 +256,7 @@ class Path:
         return self.model.shift(state, equations, (indentation - state.indentation) * changes[:, 0], indentation)
 
     def _build_point(self, equilibrium: Equilibrium) -> PathPoint:
-        """Compute the results at a state.
+        """Compute the results at an equilibrium.
 
         At constant force F the base follows a stiffer target, of Young's modulus E, by -(dF/d ln E) / (dF/d indentation) (CT.5).
         """
