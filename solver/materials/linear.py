@@ -67,7 +67,7 @@ class Isotropic:
         return cls(*np.array([(material.youngs_modulus, material.poisson_ratio) for material in materials], dtype=float).T)
 
     def select(self, chosen: Ints | slice) -> Isotropic:
-        """Return some of the materials."""
+        """Return the materials ``chosen``, by their numbers, if these are arrays."""
         return Isotropic(self.youngs_modulus[chosen], self.poisson_ratio[chosen])
 
     @property

@@ -65,7 +65,7 @@ class SolidEvaluator(FilmEvaluator):
         return super().evaluate_within(scene, max(accuracy, BEST_ACCURACY), allowed)
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
-        """Evaluate on two or three meshes; a curve of moduli takes one factor per mesh.
+        """Evaluate on two or three meshes; see ``Evaluator``. All ``moduli`` of the target take one factor per mesh.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class SolidEvaluator(FilmEvaluator):
         return self.build_solution(scene, self.solve_forces(scene, accuracy, moduli), accuracy)
 
     def build_solution(self, scene: Scene, solution: SolidForces, accuracy: float) -> FilmSolution:
-        """Build the film solution at the scene's load; see ``add_tilt_forces`` for refusals."""
+        """Build the film solution at the scene's load from the film forces per unit motion; see ``add_tilt_forces``."""
         tilted_films = [add_tilt_forces(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(film for film, _ in tilted_films)
         worst = max(films, key=lambda film: film.compute_max_error(scene))
@@ -123,15 +123,18 @@ def _check_sizes(scene: Scene) -> None:
 
 
 def compute_indentation(scene: Scene, solution: SolidForces, k: int) -> float:
-    """Return how far the scene's load lowers the centre of the base, m."""
+    """Return how far the scene's load lowers the centre of the base, m, for modulus number ``k`` of the solution."""
     if scene.load.indentation is not None:
         return scene.load.indentation
+    # the force that the tilt alone causes while the centre is held
     tilting = float(solution.tilt[k].sum()) * scene.placement.tilt
     return ((scene.load.force or 0.0) - tilting) / float(solution.films[k].totals.sum())
 
 
 def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, float]:
     """Return film forces per unit indentation including those of the tilt, and the stiffness without tilt, N/m.
+
+    ``k`` is the number of the modulus in the solution.
 
     With w the indentation of the base's centre, t the tilt, rad, F the film forces per unit indentation and T those per unit
     tilt, the forces on the films are F 1 w + T t, so that per unit of w T t / w is added (SO.6).
@@ -150,6 +153,7 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
         key, value = ("indentation", f"{w:g} m") if scene.load.force is None else ("force", f"{scene.load.force:g} N")
         raise Refusal(f"load.{key}", Words(value), "a load that presses the tilted probe into the tissue")
     tilt_per_indentation = tilt / w
+    # errors of the film forces and of the tilt forces, and what a linear model neglects: the square of the tilt
     error = (
         films.bound.totals
         + np.abs(tilt_per_indentation) * solution.tilt_error
@@ -166,7 +170,7 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
 
 
 def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
-    """List a note if the tilt lifts one side of the probe more than the load lowers it."""
+    """Return a list with a note if the tilt raises one side of the probe more than the load lowers it, else an empty list."""
     tilt, load = abs(scene.placement.tilt), scene.load
     if tilt == 0:
         return []
