@@ -278,7 +278,7 @@ def _solve_polynomials(coefficients: Floats, wanted: Floats, x: Floats, close: F
     Parameters
     ----------
     coefficients
-        Of rising powers, shape (p + 1, j).
+        Coefficients of the polynomials, powers rising, shape (p + 1, j).
     wanted
         Wanted values, shape (j,).
     x

@@ -132,21 +132,23 @@ def compute_touch(
     footpoints, weight = feet.select_points(active), pair.weights[active]
     force, opening, normal, shear = pressure[active], footpoints.gap_derivative, zeros.copy(), zeros.copy()
     sliding, sliding_reversed = zeros.astype(int), False
-    forces, soft = -force[:, None] * opening, (penalty * rising[active])[:, None]
-    stiffness = outer_product(soft * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
+    forces, penalty_stiffness = -force[:, None] * opening, (penalty * rising[active])[:, None]
+    stiffness = outer_product(penalty_stiffness * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
     normal[active] = footpoints.stretch * force
     if grip is not None:
         slip = np.nan_to_num((place - grip.place)[active])  # a point that the master did not reach before has no slip yet
         spring = pair.spring * pair.penalty
         trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
-        side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
+        direction = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
         # a stiff spring makes sliding points oscillate between both directions: hold them first
-        reversed_points = side * grip.sliding[active] < 0
-        side[reversed_points], sliding_reversed = 0, bool(np.any(reversed_points))
-        sliding[active] = side
-        shear[active] = np.where(side == 0, trial, side * bound)
-        pull, stiff = _compute_friction(footpoints, side == 0, shear[active], spring, -soft * opening)
-        forces, stiffness = forces + pull, stiffness + stiff
+        reversed_points = direction * grip.sliding[active] < 0
+        direction[reversed_points], sliding_reversed = 0, bool(np.any(reversed_points))
+        sliding[active] = direction
+        shear[active] = np.where(direction == 0, trial, direction * bound)
+        friction_forces, friction_stiffness = _compute_friction(
+            footpoints, direction == 0, shear[active], spring, -penalty_stiffness * opening
+        )
+        forces, stiffness = forces + friction_forces, stiffness + friction_stiffness
     pulls, matrix = footpoints.assemble(weight[:, None] * forces, weight[:, None, None] * stiffness, displacements.shape[1], size)
     return Touch(gap, pressure, pulls, matrix, Grip(place, shear, sliding), normal, max_violation, sliding_reversed)
 
@@ -169,7 +171,7 @@ def _compute_friction(
     held
         Mask of the points that the spring of eq. CT.6 holds, shape (j,); the others slide.
     shear
-        Their shear, Pa, shape (j,).
+        Shear of the points, Pa, shape (j,).
     spring
         Stiffness f of eq. CT.6, Pa/m.
     pressing
@@ -180,7 +182,7 @@ def _compute_friction(
     tuple[Floats, Floats]
         Forces per undeformed area, shape (j, 4 (p + 1)), and their derivatives, shape (j, 4 (p + 1), 4 (p + 1)).
     """
-    tangent, tilt, place_change, stretch = (
+    tangent, slope_derivative, place_derivative, stretch = (
         footpoints.tangent,
         footpoints.slope_derivative,
         footpoints.place_derivative,
@@ -190,13 +192,13 @@ def _compute_friction(
     lengths = footpoints.pair.master.lengths[footpoints.master_edges][:, None]
     # derivative of the bound, friction x stretch x pressure: shear equals plus or minus the bound
     pressed = footpoints.pair.friction * stretch * pressing * np.sign(shear)[:, None]
-    sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * tilt
-    change = np.where(held[:, None], spring * lengths * place_change, sliding)  # derivative of the shear
+    sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * slope_derivative
+    shear_derivative = np.where(held[:, None], spring * lengths * place_derivative, sliding)  # derivative of the shear
     # derivative of the direction along which the shear acts
-    turning = outer_product(footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), tilt) - outer_product(
-        footpoints.compute_tangent_change(tangent), place_change
-    )
-    return shear[:, None] * forward, outer_product(forward, change) + shear[:, None, None] * turning
+    direction_derivative = outer_product(
+        footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), slope_derivative
+    ) - outer_product(footpoints.compute_tangent_change(tangent), place_derivative)
+    return shear[:, None] * forward, outer_product(forward, shear_derivative) + shear[:, None, None] * direction_derivative
 
 
 def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tuple[Floats, Floats]:

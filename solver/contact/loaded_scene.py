@@ -239,8 +239,8 @@ class LoadedScene:
         )
         error = linear_films.sensitivity_error * max(1.0, grown) + mesh_error
         # at constant force the changes of the two film forces cancel
-        shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
-        return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
+        log_derivatives = np.array([totals[1], -totals[0]]) / totals.sum() * value
+        return FilmForces(np.diag(totals), bound, np.diag(totals * log_derivatives), error)
 
     def compute_sensitivity(self, path: Path, point: PathPoint) -> float:
         """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known.

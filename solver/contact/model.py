@@ -103,7 +103,7 @@ class ContactModel:
         elements = Elements.from_geometry(element_geometry, functions, _build_laws(materials, mesh))
         numbers = number_unknowns(mesh, fineness.order, "bonded" if interface == "bonded" else "apart")
         lift = numbers.lift.copy()
-        # a block's unknowns are relative to its rigid shift, which is added here
+        # a block's unknowns are relative to its rigid shift downwards (-z), which is added here
         for side, block_elements in enumerate(_find_block_elements(section, mesh)):
             lift[block_elements, :, side] -= numbers.vertical
         pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction, dense=dense)

@@ -83,7 +83,7 @@ class Pair:
     Attributes
     ----------
     name
-        For messages.
+        Name for messages.
     slave, master
         The softer line, whose points are checked, and the harder line.
     axes
@@ -99,7 +99,7 @@ class Pair:
     friction
         Coulomb's coefficient.
     spring
-        f of eq. CT.6, in penalties.
+        f of eq. CT.6, as a fraction of the penalty.
     slave_edge, master_edge
         Rounded edge of the block, on whichever line is the block's; the other has none.
     tied

@@ -42,7 +42,7 @@ class Path:
         More accurate film forces per indentation at rest, N/m, shape (2,), or None. Their ratio to this mesh's corrects all
         forces on the path, by one factor for each film.
     points
-        The point at rest, then all that converged, by rising indentation.
+        The point at rest, then all points at which Newton's method converged, by rising indentation.
     length
         Length of the next step, m.
     """
@@ -228,8 +228,8 @@ class Path:
 
     def _find_state_before(self, indentation: float) -> State:
         """Return the last state below an indentation; friction depends on it."""
-        on_the_way = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
-        return on_the_way[-1]
+        earlier_states = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
+        return earlier_states[-1]
 
     def _solve_light_load(self, rest_state: State) -> Equilibrium:
         """Solve for a very light load, under which faces that may open are open."""
@@ -238,16 +238,16 @@ class Path:
         )
         if not self.model.may_open:
             return Equilibrium(state, self.model.linearise(state), ())
-        closed = tuple(touch.pressure for touch in self.model.compute_touches(state))
-        return solve(self.model, replace(state, multipliers=closed))
+        pressures = tuple(touch.pressure for touch in self.model.compute_touches(state))
+        return solve(self.model, replace(state, multipliers=pressures))
 
     def _scale_light_state(self, indentation: float) -> State:
         """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""
         state = self._light_equilibrium.state
         factor = indentation / state.indentation
         grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
-        grown = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
-        return self._follow_tangent(grown, indentation)
+        scaled_state = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
+        return self._follow_tangent(scaled_state, indentation)
 
     def _follow_tangent(self, state: State, indentation: float) -> State:
         """Return the state at an indentation on the tangent of another state."""
@@ -267,8 +267,8 @@ class Path:
         films, derivatives = self._scale * model.compute_film_forces(equations), self._scale[:, None] * derivatives
         sensitivity = 0.0
         if self.sensitive:
-            by_modulus = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
-            sensitivity = float(by_modulus @ ([1, -1] / films))
+            modulus_derivatives = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
+            sensitivity = float(modulus_derivatives @ ([1, -1] / films))
         return PathPoint(
             state.indentation,
             films,

@@ -70,7 +70,7 @@ class Linearised:
     deepest
         Maximum penetration of lines, or separation where they are tied, in contact lengths.
     elimination, stiffness
-        The elements' tangent.
+        The elements' tangent: what was eliminated, and the stiffness on corners and edges, N/m, shape (n, 8 p, 8 p).
     contact_stiffness
         The pairs' tangent, sparse; None where nothing touches.
     factor

@@ -28,11 +28,11 @@ class Geometry:
     Attributes
     ----------
     radius
-        r, shape (n, q).
+        r at the q points of n elements, m, shape (n, q).
     weight
-        2 pi r times area, shape (n, q).
+        Quadrature weights: 2 pi r times area, m^3, shape (n, q).
     inverse
-        Of the Jacobian, d(u, v) / d(r, z), shape (n, q, 2, 2).
+        Inverse of the Jacobian: d(u, v) / d(r, z) with u, v on the unit square, 1/m, shape (n, q, 2, 2).
     """
 
     radius: Floats
@@ -51,11 +51,11 @@ class Blocks:
     Attributes
     ----------
     outside
-        Shape (n, c 4 p, c 4 p) for c components.
+        Forces on the outside from values of the outside, shape (n, c 4 p, c 4 p) for c components.
     across
-        Forces on the inside by values of the outside, shape (n, c (p-1)^2, c 4 p).
+        Forces on the inside from values of the outside, shape (n, c (p-1)^2, c 4 p).
     inside
-        Shape (n, c (p-1)^2, c (p-1)^2).
+        Forces on the inside from values of the inside, shape (n, c (p-1)^2, c (p-1)^2).
     """
 
     outside: Floats
@@ -87,7 +87,7 @@ class Condensed:
     Attributes
     ----------
     stiffness
-        Of the functions on corners and edges, shape (n, c 4 p, c 4 p).
+        Stiffness of the functions on corners and edges, shape (n, c 4 p, c 4 p).
     upper
         Cholesky factors U of the insides, U^T U, shape (n, c (p-1)^2, c (p-1)^2); entries below the diagonal are undefined.
     half

@@ -37,9 +37,9 @@ class RectangleTables:
         Factors of l r_0 / h, l, h r_0 / l, h^2 / l and h l / r_a, for pairs on corners and edges, of the inside with these, and
         within; shape (4 + points, pairs).
     zz
-        Of the first four, likewise.
+        Factors of the first four of these, for the same pairs, shape (4, pairs).
     rz
-        Of r_0 and h, for all pairs, shape (2, s^2).
+        Factors of r_0 and h, for all pairs, shape (2, s^2).
     pairs
         The numbers of the pairs' functions, shape (2, pairs).
     """
@@ -96,11 +96,11 @@ def integrate_rectangles(geometry: Geometry, shapes: Shapes, law: Isotropic, col
     Parameters
     ----------
     geometry
-        Their geometry.
+        Geometry of the n rectangles.
     shapes
-        Their functions.
+        Shape functions.
     law
-        Of each, shape (n,).
+        Moduli of each rectangle, shape (n,).
     columns
         Number of the first rectangle of each run between the same two radii, and n at the end; rising.
     """

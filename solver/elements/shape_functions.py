@@ -24,13 +24,13 @@ class Shapes:
     Attributes
     ----------
     order
-        p.
+        Polynomial order p along each axis.
     degrees
-        Along x and y, 0 and 1 for the two linear ones, shape (s, 2).
+        Degrees of the functions along x and y; 0 and 1 stand for the two linear ones, 1 - x and x. Shape (s, 2).
     points, weights
-        Of Gauss quadrature, shapes (q, 2) and (q,).
+        Points and weights of Gauss quadrature on the unit square, shapes (q, 2) and (q,).
     value, derivative
-        Of the functions at the points, shapes (q, s) and (2, q, s).
+        Values of the functions at the points, and derivatives with respect to x and y, shapes (q, s) and (2, q, s).
     pressure
         Polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
     places
@@ -38,7 +38,7 @@ class Shapes:
     geometry, tangents
         Interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
     tables
-        Of the functions' products, from which elements' matrices are sums.
+        Tables of products of the functions, from which the elements' matrices are summed.
     mass
         Products of two pressures at the points, shape (q, m^2) with m of them.
     """

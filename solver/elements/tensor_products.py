@@ -27,11 +27,11 @@ class TensorSums:
     Attributes
     ----------
     y_tables
-        The terms' tables by y, each (points along y, pairs).
+        Table F_y of each term, along y, shape (points along y, pairs).
     x_tables
-        The groups' tables by x, one below the other, shape (groups times points along x, pairs).
+        Table F_x of each group, along x, one below the other, shape (groups times points along x, pairs).
     groups
-        For each table by x, the numbers of the terms that share it.
+        For each table along x, the numbers of the terms that share it.
     """
 
     y_tables: tuple[Floats, ...]
@@ -75,9 +75,9 @@ class ElementTables:
         Sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its derivatives, for i_2 <= j_2: an exchange
         of both functions changes nothing.
     unsymmetric
-        Of X X, X Y, Y X and Y Y.
+        Sums of X X, X Y, Y X and Y Y, for all pairs.
     dilation
-        Of P X, P Y and P N, P a pressure.
+        Sums of P X, P Y and P N, P a pressure function.
     stiffness
         Where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
     moments
@@ -97,11 +97,11 @@ class ElementTables:
         Parameters
         ----------
         functions
-            One-dimensional, at the Gauss points of an edge, and their derivatives, shape (points, p + 1) both.
+            One-dimensional functions at the Gauss points of an edge, and their derivatives, shape (points, p + 1) both.
         pressures
-            Likewise, (points, p).
+            One-dimensional pressure functions (Legendre polynomials) at the same points, shape (points, p).
         degrees
-            Along x and y of the functions, (s, 2), and of the pressures.
+            Degrees along x and y of the functions, (s, 2), and of the pressure functions.
         """
         (N, S), L = functions, pressures
         # capitals hold all pairs of functions, lower case those with i <= j; S are derivatives of N, L pressures

@@ -18,11 +18,11 @@ class PiecewisePolynomials:
     Parameters
     ----------
     function
-        Takes numbers (m,), returns arrays of shapes (m, ...).
+        Function that takes numbers, shape (m,), and returns several arrays of shapes (m, ...).
     start, step, steps
         Where the first step begins, how long each is, and how many there are.
     degree
-        Of the polynomials.
+        Degree of the polynomials.
     """
 
     def __init__(self, function: Callable[[Any], Sequence[Any]], start: float, step: float, steps: int, degree: int) -> None:

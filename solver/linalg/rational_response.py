@@ -21,11 +21,11 @@ class BodySpace:
     Parameters
     ----------
     matrix
-        K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
+        K, shape (n, n), symmetric and positive definite: any object that multiplies arrays (n, k) by ``@``.
     solve
-        Returns K^-1 loads, shape (n, k) both.
+        Function that returns K^-1 loads, shape (n, k) both.
     multiply_body
-        Returns B times vectors, shape (n, k) both.
+        Function that returns B times vectors, shape (n, k) both; B is the part of K of one body.
     state_loads
         B u_i of the solutions at t = 1, shape (n, k).
     negligible
@@ -34,7 +34,7 @@ class BodySpace:
     Attributes
     ----------
     vectors
-        v_k, shape (n, m).
+        The basis: v_k by columns, shape (n, m).
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class RationalResponse:
     coupling
         c, shape (m, k).
     turn
-        From the basis v to w, shape (m, m).
+        Coefficients of w on the basis v, by columns, shape (m, m).
     weight
         Factor of the sum, from the modelled part to the whole body: 2 for one half of a symmetric body.
     """

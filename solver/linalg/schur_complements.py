@@ -93,9 +93,9 @@ def _analyse(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
     places of both matrices' entries.
     """
     (n, k), columns = B.shape, np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
-    lower, last = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
-    rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), last])
-    columns = np.concatenate([A.indices[lower], n + B.indices, last])
+    lower, diagonal = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
+    rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), diagonal])
+    columns = np.concatenate([A.indices[lower], n + B.indices, diagonal])
     order = np.lexsort((columns, rows))
     solver = load_pardiso().PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
     for key, value in (METIS_ORDERING | SCHUR_COMPLEMENT_OPTION).items():

@@ -96,7 +96,7 @@ class Hyperelastic:
     Attributes
     ----------
     shear
-        Mu, Pa, shape (n,).
+        Shear modulus mu, Pa, shape (n,).
     lam
         Modulus of the pressure's part, Pa, > 0, shape (n,).
     bulk

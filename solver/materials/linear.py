@@ -50,7 +50,7 @@ class Isotropic:
     youngs_modulus
         E of eq. LW.1, Pa.
     poisson_ratio
-        Nu, below 1/2.
+        Poisson's ratio nu, below 1/2.
     """
 
     youngs_modulus: Any

@@ -72,7 +72,7 @@ class StableRange:
     x
         The largest I - 3; infinite if nothing was found up to ``MAX_TESTED_STRETCH``.
     stretch
-        Of a body in uniaxial tension there.
+        Stretch of a body in uniaxial tension at that limit.
     """
 
     x: float

@@ -24,9 +24,9 @@ class Coefficients:
     Attributes
     ----------
     gram_factors
-        From the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
+        Matrix that gives the nine numbers of a pair's stiffness from the nine of its G, without lambda's part, Pa, shape (9, 9).
     dilation_factor
-        Lambda, Pa.
+        Lambda of eq. SO.2, Pa.
     """
 
     gram_factors: Floats
@@ -175,8 +175,8 @@ def _list_entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Int
     row = np.broadcast_to(number[part.rows][:, :, None], blocks.shape)
     column = np.broadcast_to(number[part.columns][:, None], blocks.shape)
     # the block of a node with itself is symmetric: only its lower triangle counts
-    once = (part.rows != part.columns)[:, None, None] | (np.arange(3)[:, None] >= np.arange(3))
-    inside = (row >= 0) & (column >= 0) & once
+    counted = (part.rows != part.columns)[:, None, None] | (np.arange(3)[:, None] >= np.arange(3))
+    inside = (row >= 0) & (column >= 0) & counted
     row, column, values = row[inside], column[inside], blocks[inside]
     # sliding nodes share u_z: their one entry stands for two
     values = np.where((row == column) & (part.rows != part.columns)[np.nonzero(inside)[0]], 2 * values, values)

@@ -76,7 +76,17 @@ class RestrictedFactor:
 
 @dataclass(frozen=True)
 class FactorisedRegions:
-    """All regions of a mesh, the laws and nodes they had, and the factor."""
+    """All regions of a mesh as they were factorised.
+
+    Attributes
+    ----------
+    laws, nodes
+        Laws of the regions and nodes of the mesh, m, shape (n, 3), at that time.
+    supports
+        Unknowns of all regions together.
+    factor
+        Factor of their stiffness.
+    """
 
     laws: Laws
     nodes: Floats
@@ -133,8 +143,8 @@ class SharedFactor:
 
     def find_start(self, kind: str, unknowns: int) -> Floats | None:
         """Return the last solution with so many unknowns, preferably of the states named ``kind``; None if there is none."""
-        of_kinds = (self.latest.get(kind), *self.latest.values())
-        return next((v for v in of_kinds if v is not None and len(v) == unknowns), None)
+        candidates = (self.latest.get(kind), *self.latest.values())
+        return next((v for v in candidates if v is not None and len(v) == unknowns), None)
 
 
 @dataclass
@@ -224,7 +234,7 @@ def _compute_digest(head: str, *arrays: np.ndarray) -> str:
 
 def estimate_steps(condition: float) -> float:
     """Estimate the steps of conjugate gradients, eq. SO.8, to the target residual for a condition number."""
-    root = np.sqrt(max(condition, 1 + 1e-9))  # above 1: the formula divides by ln of infinity at 1
+    root = np.sqrt(max(condition, 1 + 1e-9))  # above 1, where the formula divides by zero
     return float(np.log(2 / TARGET_RESIDUAL) / np.log((root + 1) / (root - 1)))
 
 

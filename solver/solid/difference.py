@@ -142,9 +142,9 @@ def _compute_volume_error(domain: Domain, mesh: TetMesh) -> float:
 def _replace_modulus(scene: Scene, target: int, modulus: float) -> Scene:
     """Return the scene with another Young's modulus of inclusion number ``target``, Pa, limited to a range about the tissue's."""
     tissue = find_material_at_depth(scene, scene.inclusion[target].depth).youngs_modulus
-    begin = float(np.clip(modulus, tissue / MAX_TARGET_RATIO, tissue * MAX_TARGET_RATIO))
+    limited_modulus = float(np.clip(modulus, tissue / MAX_TARGET_RATIO, tissue * MAX_TARGET_RATIO))
     bodies = list(scene.inclusion)
-    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": begin})
+    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": limited_modulus})
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
@@ -161,8 +161,8 @@ def _compute_reactions(
     bodies = tuple(b for b in states.energies if Region.from_number(b).body == FIRST_INCLUSION_BODY + target)
     if moduli is None:
         return states.reactions[None], states.compute_modulus_derivative(bodies)[None]
-    times = moduli / scene.inclusion[target].youngs_modulus
-    return compute_solid_response(states, bodies, float(times.min()), float(times.max())).evaluate(times)
+    multiples = moduli / scene.inclusion[target].youngs_modulus
+    return compute_solid_response(states, bodies, float(multiples.min()), float(multiples.max())).evaluate(multiples)
 
 
 def _find_laws(scene: Scene, solid: Solid, find_material: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Isotropic]:

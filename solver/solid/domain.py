@@ -88,14 +88,14 @@ def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
     wall
         Radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
     """
-    whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
+    full_depth = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
     if is_coaxial(scene) or (
         math.isfinite(span) and compute_free_radius(scene) >= min(span, compute_reach(scene, ROUND_SPAN_RADII))
     ):
-        radius, depth = min(span, compute_free_radius(scene)), min(whole, span)
+        radius, depth = min(span, compute_free_radius(scene)), min(full_depth, span)
         tissue = _build_cylinder(scene, radius, depth)
         meshed_scene = _move_to_axis(scene, tissue)
-        cut = not is_coaxial(scene) or radius < compute_free_radius(scene) or depth < whole
+        cut = not is_coaxial(scene) or radius < compute_free_radius(scene) or depth < full_depth
         return Domain(meshed_scene, _build_reference(meshed_scene, tissue), None, is_mirror_symmetric(meshed_scene), cut)
     assert wall is not None
     assert scene.tissue.shape != "half-space"

@@ -47,8 +47,13 @@ class SolidEvaluator(FilmEvaluator):
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
         """Return whether this evaluator may be more accurate than cheaper ones, because it models more of the scene."""
-        lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
-        symmetric = scene.probe.groove is None and is_coaxial(scene) and lone and (not scene.tissue.layer or is_round(scene))
+        has_at_most_one_sphere = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
+        symmetric = (
+            scene.probe.groove is None
+            and is_coaxial(scene)
+            and has_at_most_one_sphere
+            and (not scene.tissue.layer or is_round(scene))
+        )
         return accuracy >= FINEST_BOUND_FACTOR * BEST_ACCURACY and self.refusal(scene) is None and not symmetric
 
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
@@ -81,8 +86,8 @@ class SolidEvaluator(FilmEvaluator):
         tilted_films = [add_tilt_forces(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(film for film, _ in tilted_films)
         worst = max(films, key=lambda film: film.compute_max_error(scene))
-        short = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, select_notes(solution.notes, "limit"))
-        notes = (*_list_tilt_notes(scene, worst), *select_notes(solution.notes, "left_out"), *short)
+        shortfall_notes = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, select_notes(solution.notes, "limit"))
+        notes = (*_list_tilt_notes(scene, worst), *select_notes(solution.notes, "left_out"), *shortfall_notes)
         return FilmSolution(films, solution.difference.residual, solution.plan, notes, tilted_films[0][1])
 
     @use_own_workspace

@@ -75,7 +75,7 @@ def bound_film_forces(
         log_change = max(abs(logs[-1] - _compute_log_ratio(symmetric_totals)), RATIO_CHANGE_SHARE * float(log_changes.max()))
         log_ratio_error = float(bound_error(logs, force_factor) + mesh_errors.max() * log_change + rim_errors.sum())
         # a film force that may be zero has no ratio
-        log_ratio = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
+        log_ratio_bound = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
         sensitivities: Floats = np.array(
             [
                 _compute_sensitivities(modulus_derivative[k], entry[k])
@@ -88,7 +88,7 @@ def bound_film_forces(
             + np.abs(sensitivities[-1]) @ rim_errors
         )
         derivative = derivatives[-1][k] if scene.target is not None else None
-        films.append(FilmForces(mesh_forces, Bound(error, log_ratio), derivative, float(sensitivity_error)))
+        films.append(FilmForces(mesh_forces, Bound(error, log_ratio_bound), derivative, float(sensitivity_error)))
     return tuple(films)
 
 
@@ -103,15 +103,15 @@ def bound_error(values: Sequence[Floats | float] | Floats, safety_factor: float)
         Factor of the difference of two meshes; with three it is only an upper limit, see the module.
     """
     steps = np.abs(np.diff(np.array(values), axis=0))
-    last = safety_factor * steps[-1]
+    bound = safety_factor * steps[-1]
     if len(steps) > 1:
         # where steps grow by more than the safety factor, or the step before is zero, the growth is the safety factor
-        known = safety_factor * steps[-2] > steps[-1]
-        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], safety_factor), where=known), 1.0)
-        last = np.maximum(
-            np.minimum(last, np.maximum(EARLIER_STEP_SHARE * steps[-2], growth * steps[-1])), MIN_EARLIER_STEP_SHARE * steps[-2]
+        is_limited = safety_factor * steps[-2] > steps[-1]
+        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], safety_factor), where=is_limited), 1.0)
+        bound = np.maximum(
+            np.minimum(bound, np.maximum(EARLIER_STEP_SHARE * steps[-2], growth * steps[-1])), MIN_EARLIER_STEP_SHARE * steps[-2]
         )
-    return np.asarray(last)
+    return np.asarray(bound)
 
 
 def _compute_log_ratio(totals: Floats) -> float:

@@ -38,7 +38,7 @@ class Solid:
     Attributes
     ----------
     mesh
-        As given.
+        The mesh as it was given.
     nodes
         Nodes; those of the blocks' ends are doubled where they slide on the tissue, shape (n, 3).
     elements

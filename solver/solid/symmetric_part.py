@@ -71,7 +71,7 @@ class SymmetricPart:
     compliance
         C, m/N, shape (2, 2).
     whole
-        The whole probe on the whole tissue, without inclusions and groove.
+        Film forces of the whole probe on the whole tissue, without inclusions and groove: F_whole.
     edges
         Relative change of the total forces by far tissue, the part of C that is not exact.
     """
@@ -91,9 +91,9 @@ class SymmetricPart:
 
         ``small`` holds changes of D, matrices of shape (k, 2, 2), or of the forces by a tilt, columns of shape (k, 2, 1).
         """
-        # dF = F (A + D)^-1 dD (A + D)^-1 F; a column is a force without displacement of the base, and has the left factor only
-        left = self.correct_forces(difference) @ np.linalg.inv(self._compute_bare_forces(difference))
-        return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
+        # dF = F (A + D)^-1 dD (A + D)^-1 F, symmetric; columns, forces at a held base, take the left factor only
+        left_factor = self.correct_forces(difference) @ np.linalg.inv(self._compute_bare_forces(difference))
+        return np.asarray(left_factor @ small @ (left_factor.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
 
     def _compute_bare_forces(self, difference: SceneDifference) -> Floats:
         """Return the film forces without the compliance C: A + D, or what eq. SO.10 puts in its place; shape (k, 2, 2)."""
@@ -169,5 +169,5 @@ def _compute_compliance(
 def _compute_far_tissue_effect(alone: Scene, chosen: Domain, exact: Floats, accuracy: float) -> float:
     """Return the relative change of the total forces by far tissue, for blocks on a rigid base; parameters as above."""
     bare = alone.model_copy(update={"probe": chosen.reference.probe})
-    with_it = _solve_exact(bare, SYMMETRIC_ACCURACY_SHARE * accuracy).films.forces.sum(axis=1)
-    return float(np.abs(with_it / exact.sum(axis=1) - 1).max())
+    whole_totals = _solve_exact(bare, SYMMETRIC_ACCURACY_SHARE * accuracy).films.forces.sum(axis=1)
+    return float(np.abs(whole_totals / exact.sum(axis=1) - 1).max())

@@ -41,11 +41,11 @@ class Rule:
     Attributes
     ----------
     weights
-        Sum to 1/6, shape (q,).
+        Weights of the q points, which sum to the volume 1/6, shape (q,).
     values
-        Of the functions, shape (q, 10).
+        Values of the ten functions, shape (q, 10).
     derivatives
-        Their derivatives, shape (q, 10, 3).
+        Derivatives of the functions with respect to x, y and z, shape (q, 10, 3).
     """
 
     weights: Floats
