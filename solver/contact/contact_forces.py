@@ -121,7 +121,7 @@ def compute_touch(
     size, penalty, feet = displacements.size, penalty_fraction * pair.penalty, PointGaps.from_displacements(pair, displacements)
     gap, inside = feet.gap, feet.inside
     pressure, rising = _compute_pressure(multiplier - penalty * gap, penalty * blur, penalty * REST_CONTACT_GAP_M)
-    if pair.tied.size:
+    if pair.tied.size:  # tied points keep to the master: their pressure may be negative
         _check_edge(pair, feet)
         pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
     max_violation = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))

@@ -134,6 +134,7 @@ class Elements:
         stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
         dilation, compliance = self.material.compute_dilation(p)
         N, w, m = self.shapes.pressure, self.square.weight, self.shapes.pressure.shape[1]
+        # across: volume change of each pressure function by the displacements; mass: compliance between pressures
         across = self.square.sum_moments(w * self.square.turn_stress(stress.cofactor))
         mass = ((w * compliance) @ self._pressures).reshape(-1, m, m)
         by_gap = np.asarray(np.linalg.inv(mass), dtype=float)

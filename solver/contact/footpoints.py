@@ -121,7 +121,7 @@ class Footpoints:
 
     @property
     def opening_direction(self) -> Floats:
-        """Direction, normal to the master, in which it moves to open the gap, shape (j, 2)."""
+        """Directions normal to the master, of rising s and not of unit length, in which an upper master opens the gap, (j, 2)."""
         T, S = self.pair.axes
         return np.asarray(S - self.k[:, None] * T)
 

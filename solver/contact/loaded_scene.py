@@ -258,6 +258,7 @@ class LoadedScene:
         """Return the maximum differences of both meshes up to the indentation ``until``, m."""
         places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
         places = places[(places > 0) & (places <= until)]
+        # film forces and log-sensitivities of the coarser and the finer mesh
         (films, first), (second_films, second) = (self._interpolate(path, places) for path in self.paths)
         log_ratios, size = np.log(np.abs(films / second_films)), self._find_max_sensitivity(until)
         sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
@@ -324,7 +325,7 @@ def compute_modulus_curve(loaded: LoadedScene, moduli: Floats) -> list[LoadedFor
     linear = compute_converged_forces(_tie_faces(loaded.scene), LINEAR_SHARE * loaded.accuracy, moduli)
     log_ratios = np.log(moduli / loaded.scene.inclusion[0].youngs_modulus)
     results: dict[int, LoadedForces] = {}
-    for side in (log_ratios >= 0, log_ratios < 0):
+    for side in (log_ratios >= 0, log_ratios < 0):  # outwards from the scene's own modulus, to stiffer and to softer ones
         neighbour = loaded
         for k in sorted(np.flatnonzero(side).tolist(), key=lambda k: abs(log_ratios[k])):
             results[k], neighbour = _solve_neighbour(neighbour, float(moduli[k]), replace(linear, films=(linear.films[k],)))

@@ -215,6 +215,7 @@ class Path:
         states = [point.equilibrium.state for point in self._find_nearest(indentation)]
         if len(states) < 2:
             return self._scale_light_state(indentation) if self.model.may_open else self._follow_tangent(states[0], indentation)
+        # a polynomial through two or three states; where it turns an element inside out, the tangent is safer
         guess = add_weighted(lagrange_weights([state.indentation for state in states], indentation), states)
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)

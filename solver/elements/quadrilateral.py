@@ -118,6 +118,7 @@ class Condensed:
         done = 0
         for blocks in parts:
             if whole is None:
+                # in the order of stiffness, upper and half
                 shapes = (matrix.shape[1:] for matrix in (blocks.outside, blocks.inside, blocks.across))
                 whole = cls(*(np.empty((count, *shape)) for shape in shapes))
             end = done + len(blocks.outside)

@@ -58,7 +58,7 @@ class Stiffness:
 
     def __matmul__(self, v: Floats) -> Floats:
         """Return the matrix times v, shape (n, k) both, from its lower triangle."""
-        return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)
+        return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)  # the diagonal is in both triangles
 
     def compute_magnitude(self, v: Floats) -> Floats:
         """Return |K| |v|, K this matrix, entry by entry: rounding errors of K v are proportional to it; shape (n, k)."""
@@ -302,6 +302,7 @@ def solve(
     for _ in range(MAX_STEPS):
         check_time("solving")
         error = float(np.max(np.linalg.norm(remainder, axis=0) / size))
+        # rounding may stop the decrease: the best solution is kept, and the iteration ends if no better one follows
         stalled_steps = 0 if error < best / 2 else stalled_steps + 1
         if error < best:
             best, best_v = error, v

@@ -132,6 +132,7 @@ class RationalResponse:
         denominator = 1 + x[..., 0] * self.energy_fractions
         products = self.weight * self.coupling[:, :, None] * self.coupling[:, None]
         total = np.einsum("nk,kij->nij", 1 / denominator, products)
+        # d/dx of x^2 / (1 + x l) is x (2 + x l) / (1 + x l)^2; the last line multiplies by t = x + 1, for ln t
         derivative = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.energy_fractions) / denominator**2, products)
         return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * derivative)
 

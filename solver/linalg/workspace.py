@@ -181,6 +181,7 @@ def use_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[C
 
     @wraps(method)
     def run(self: Owning, /, *args: P.args, **named: P.kwargs) -> T:
+        """Call the method within the workspace of its object."""
         with use_workspace(self.workspace):
             return method(self, *args, **named)
 
@@ -238,6 +239,7 @@ def _keep(
 
     @wraps(function)
     def look_up(*args: P.args, **named: P.kwargs) -> T:
+        """Return the kept result for these arguments; call the function if there is none."""
         key = (function, get_circumstances(), args, tuple(named.items()))
         return get_workspace().keep(key, lambda: function(*args, **named), fixed)
 

@@ -190,6 +190,7 @@ class CachedMesh:
             if previous is not None and previous.problem.laws == laws and previous.residual <= MAX_RESIDUAL_FACTOR * target:
                 factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base)
                 return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
+            # supports depend only on which regions are present
             supports = [item.problem.supports for item in self._states.values() if set(item.problem.laws) == set(laws)]
             problem = Problem.assemble(self.solid, laws, supports[0] if supports else None)
             shared_factor, start = (
@@ -198,6 +199,7 @@ class CachedMesh:
             )
             states = solve_states(problem, factor=shared_factor, start=start, target=target)
             self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
+            # solve_states makes a new factor where the shared one is too far away; only the last such factor is kept
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states
 

@@ -154,6 +154,7 @@ def _refine_until_agreed(
             return films, differences, states[-1], (Note("limit", f"no finer mesh: {limit}"),)
         solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]  # coarser meshes first
         differences, states = [difference for difference, _ in solved], [mesh_states for _, mesh_states in solved]
+        # the error common to all meshes is half as large on the finest
         floor = ERROR_FLOOR_RELATIVE / 2 if FINE_FINENESS in solutions else ERROR_FLOOR_RELATIVE
         films = bound_film_forces(scene, symmetric, differences, floor)
         max_excess = np.inf if is_rough and len(solved) == 2 else MAX_SENSITIVITY_EXCESS

@@ -199,6 +199,7 @@ def _set_surface_displacements(
     first = FLOOR_SURFACE + 1 + (GROOVE_SURFACES if old_layout.groove is not None else 0)
     for side in range(first, mirror - len(old_layout.inclusions)):
         side_nodes = np.flatnonzero(member[:, side])
+        # the cylinder's side, the first, moves in proportion to its radius; flat sides and the reference cylinder stay
         wider = (new_layout.tissue_radius or 1.0) / (old_layout.tissue_radius or 1.0) if side == first else 1.0
         u[side_nodes, :2] = (wider - 1.0) * (points[side_nodes, :2] - old_layout.centre)
         given[side_nodes, :2] = True
