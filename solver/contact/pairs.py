@@ -190,13 +190,24 @@ def find_pairs(
 ) -> tuple[Pair, ...]:
     """Return the pairs of lines that may touch: first the walls of the gap, then each wall with its tissue, the outermost last.
 
-    Faces that are not bonded belong to the line of their wall and have ``friction``. Each edge has one Gauss point more than its
-    order, or twice as many if ``dense``.
+    Parameters
+    ----------
+    section, materials, mesh
+        The section, its materials, and its elements.
+    order
+        Polynomial order p of the elements.
+    faces
+        How the blocks' faces hold to the tissue; faces that are not bonded belong to the line of their wall.
+    friction
+        Coulomb's coefficient on faces that open.
+    dense
+        Whether each edge has 2 (p + 1) contact points (Gauss points) instead of p + 1.
     """
     lines = find_lines(mesh, compute_nodes(section, mesh, UNIT_SQUARE), order)
     points = (2 if dense else 1) * (order + 1)
     plan = _list_wall_sides(lines) if faces == "bonded" else _list_face_sides(lines)
     inner, hole = (Side(lines[name], lines[name]) for name in ("inner wall", "hole wall"))
+    # first pair: inner block's wall and hole's wall
     gap, radius = (
         _build_pair("walls of the gap", inner, hole, GAP_AXES, materials=materials, mesh=mesh, points=points),
         float(section.edge_radius),

@@ -111,14 +111,20 @@ class Path:
             yield self._take_step(until if next_indentation > until - 0.3 * self.length else next_indentation)
 
     def press_to_indentation(self, indentation: float) -> PathPoint:
-        """Return the point at an indentation, m; see ``iterate_steps``."""
+        """Press to an indentation, m, or between points that were computed before, and return the point there.
+
+        For errors see ``iterate_steps`` and ``insert``.
+        """
         for _ in self.iterate_steps(indentation):
             pass
         nearest = min(self.points, key=lambda point: abs(point.indentation - indentation))
         return nearest if abs(nearest.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
 
     def press_to_force(self, force: float) -> PathPoint:
-        """Return the point at a force, N; see ``iterate_steps``."""
+        """Press to a force, N, and return the point there; for errors see ``iterate_steps`` and ``insert``.
+
+        The path is pressed beyond the force first; points are then inserted until one is so near that the rest is linear.
+        """
         while self.last.force < force * (1 - FORCE_TOLERANCE_RELATIVE):
             self._take_step(self.last.indentation + min(self.length, self._estimate_advance(force)))
         for _ in range(MAX_FORCE_STEPS):

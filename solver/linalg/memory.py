@@ -26,7 +26,7 @@ class _FreedMemory:
     idle_bytes = 0
 
     def give_back(self, worth: float) -> None:
-        """Return freed memory to the system if it grew by ``worth`` bytes since this was done last."""
+        """Return freed memory to the system if it grew by ``worth`` bytes or more since it was last returned."""
         library = ctypes.CDLL(None)
         library.mallinfo2.restype = _Heap
         idle = _measure_idle_bytes(library)

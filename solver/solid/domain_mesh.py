@@ -59,7 +59,10 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
 
 
 def move_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[TetMesh] | None:
-    """Return meshes moved from those of nearly the same domain; None if one cannot be moved or is in the cache."""
+    """Return the domain's meshes of several finenesses, moved from the last ones of nearly the same domain.
+
+    None if one of them cannot be moved, or is in the cache of mesh files, from which it is read.
+    """
     layout, meshes = build_domain_layout(domain), list[TetMesh]()
     for fineness in finenesses:
         latest = _find_latest_mesh(layout, fineness)
