@@ -162,6 +162,7 @@ def calibrate(
         raise InputError(error.key, error.value, "; ".join([error.allowed, *readings.lag_warnings])) from None
     gains = count_rate_error_of_gains(gains, measurements, bench)
     offsets = np.array([measurement.fit.offsets[:2] for measurement in measurements])
+    # standard error of the mean; a single reading has no scatter, and its fit's standard deviation stands in
     scatter = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
         scene=scene,
@@ -177,7 +178,7 @@ def calibrate(
 
 
 def _compute_mean_frequency(measurements: Sequence[Measurement]) -> float:
-    """Return the mean frequency of the loads, Hz. Raises ``InputError`` if they differ."""
+    """Return the mean frequency of the loads, Hz. Raises ``InputError`` if they differ by more than FREQUENCY_TOLERANCE."""
     frequencies = [measurement.fit.frequency for measurement in measurements]
     mean = float(np.mean(frequencies))
     if np.ptp(frequencies) > FREQUENCY_TOLERANCE * mean:

@@ -223,12 +223,24 @@ def _get_sds(covariance: Floats) -> Floats:
 
 
 def _compute_sum_sd(covariance: Floats) -> float:
-    """Return the standard deviation of both films' sum."""
+    """Return the standard deviation of both films' sum from their covariance; rounding may leave a variance below 0."""
     return math.sqrt(max(float(covariance.sum()), 0.0))
 
 
 def _warn_of_exchange(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
-    """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged."""
+    """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged.
+
+    Parameters
+    ----------
+    films
+        Both films' readings, N of nominal gain, shape (2,).
+    gains
+        To convert them to forces.
+    predicted, z
+        The predicted ratio and the reading's difference from it in standard deviations; None if unknown.
+    areas
+        End areas of the inner and the outer block, m^2.
+    """
     if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTION_SD:
         return []
     stresses = [gains.compute_forces(pair) / areas for pair in (films, films[::-1])]
@@ -264,7 +276,7 @@ def _predict_at_load(
 
 
 def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
-    """List losses, the measurement's warnings, and what a missing calibration or ratio means."""
+    """List warnings: samples lost, those of the measurement, and the consequences of a missing calibration or ratio."""
     lost = {
         "gaps": measurement.losses.gaps,
         "overruns": measurement.losses.overruns,
@@ -284,9 +296,10 @@ def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, 
 
 
 def _compute_ratio(forces: Floats, covariance: Floats, area_ratio: float) -> tuple[float | None, float | None]:
-    """Return the ratio of stresses and its standard deviation, enlarged by 1/(1 - x) with x the outer force's relative one.
+    """Return the ratio of stresses and its standard deviation; None if the outer force is below its own standard deviation.
 
-    ``area_ratio`` is the outer area over the inner.
+    The delta method understates the deviation where the outer force is uncertain: it is enlarged by 1 / (1 - x), where x is the
+    relative standard deviation of the outer force. ``area_ratio`` is the outer area over the inner.
     """
     outer_sd = float(np.sqrt(covariance[1, 1]))
     if outer_sd >= abs(forces[1]):

@@ -81,18 +81,24 @@ def find_swaps(films: Floats, expected: Floats, max_error: float, agrees: Callab
 
 
 def compute_max_fraction_error(bench: Bench) -> float:
-    """Return the largest error of a film's fraction of the load that the bench allows; a gain error g shifts it by g / 4."""
+    """Return the largest error of a film's fraction of the load that the bench allows.
+
+    It is a generous limit: an error g of one gain shifts a fraction by at most g / 4.
+    """
     return MAX_DEVIATION_SD * (bench.channels.gain + bench.channels.cross_talk)
 
 
 def _compute_error(fractions: Floats, expected: Floats, swap: Swap) -> float:
-    """Return the largest difference between a fraction and its expected value with a swap undone."""
+    """Return the largest difference between a reading's fraction and its expected value once a swap is undone."""
     read = 1 - fractions if swap.channels else fractions
     return float(np.abs(read - expected[list(swap.order)]).max())
 
 
 def _iterate_candidates(fractions: Floats, expected: Floats) -> Iterator[list[Swap]]:
-    """Yield lists of equally simple swaps, the simplest first."""
+    """Yield lists of equally simple swaps, the simplest first; ``fractions`` are the inner film's, read and expected.
+
+    First one exchange, of the channels or of two references; then both of these; last any order of the references.
+    """
     unchanged = tuple(range(len(fractions)))
     pairs, pairs_of_exchanged = (_rank_pairs(inner, expected) for inner in (fractions, 1 - fractions))
     yield [Swap(True, unchanged), *(Swap(False, order) for order in pairs)]
@@ -104,6 +110,7 @@ def _rank_pairs(fractions: Floats, expected: Floats) -> list[Order]:
     """Return the swaps of two references that bring the fractions closest to the expected ones, the best first."""
 
     def compute_misfit(order: Order) -> float:
+        """Return the sum of squared differences from the expected fractions, if the references were in this order."""
         return float(np.sum((fractions - expected[list(order)]) ** 2))
 
     places = range(len(fractions))
@@ -150,8 +157,9 @@ def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
 
 
 def find_dead_film(films: Floats, expected: Floats) -> str | None:
-    """Return the name of a film with less than 10 % of the expected force on every reference that should press it, or None.
+    """Return the name of a film that shows almost nothing on every reference that should press it, or None.
 
+    Almost nothing is less than ``DEAD_FILM_FRACTION`` of the expected force.
     If this holds for both films, None is returned: their cables may be exchanged.
 
     Parameters

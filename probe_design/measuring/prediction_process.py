@@ -33,7 +33,7 @@ def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: f
 
 
 def run(request: tuple[Arguments, Limits]) -> Result:
-    """Compute the prediction in the child process."""
+    """Compute the prediction in the child process: arguments of ``predict_scene``, and the limits of the solver."""
     arguments, limits = request
     with use_limits(limits):
         return predict_scene(*arguments)

@@ -21,7 +21,7 @@ OUTPUT_NAMES = {
 
 
 def build_tolerance_table(budget: ToleranceBudget) -> Table:
-    """Return a budget as a table, the largest share of variance first."""
+    """Return a budget of uncertainties as a table, one row for each number of the probe, in the budget's order."""
     title = f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s"
     last = f"hold to, for {100 * budget.ratio:g} %"
     rows = list[tuple[str, ...]]()
