@@ -34,7 +34,7 @@ class Drain:
 
     @property
     def is_behind(self) -> bool:
-        """Whether chunks wait to be fetched."""
+        """Whether chunks have been read that the iterating thread has not fetched yet."""
         return not self._chunks.empty()
 
     def __iter__(self) -> Iterator[Chunk]:

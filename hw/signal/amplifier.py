@@ -79,10 +79,11 @@ class ChargeAmplifier:
         calibrated_at
             Frequency of the calibration, Hz; None: gains are nominal.
         """
-        d_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
-        d_capacitance = d_resistance - 1
+        d_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)  # d ln H / d ln R
+        d_capacitance = d_resistance - 1  # d ln H / d ln C
         if calibrated_at is not None:
             calibrated = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
+            # the same difference for both: the -1 of the capacitance cancels
             d_resistance, d_capacitance = d_resistance - calibrated, d_resistance - calibrated
         parts = np.array([d_resistance * self.resistance_tolerance, d_capacitance * self.capacitance_tolerance])
         columns = np.stack([parts.real, parts.imag])
