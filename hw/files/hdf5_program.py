@@ -41,7 +41,10 @@ def main(path: str, memory: int, seconds: int) -> None:
 
 
 def iterate_replies(path: str, memory: int) -> Iterator[object]:
-    """Yield the description of the file, and then the columns of each request; at a fault, yield the reason as a text, and end."""
+    """Yield the description of the file, and then the columns of each request; at a fault, yield the reason as a text, then end.
+
+    ``memory`` is the limit in bytes, for messages and for the size of chunks.
+    """
     try:
         import h5py
 

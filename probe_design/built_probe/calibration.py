@@ -64,12 +64,13 @@ class ReferenceReadings:
         predictions
             Without load, if they are known already.
         linear
-            Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+            Whether to accept loads above the limit of linear elasticity: finite strain may change a prediction by more than the
+            fraction ``load_limits.LOAD_SHARE`` of ``LINEARITY_ACCURACY``. The change is counted in any case.
 
         Raises
         ------
         InputError
-            There is not one reading for each reference, or a load is 30 times the expected one or a 30th of it.
+            There is not one reading for each reference, or a load differs from the expected one by ``IMPLAUSIBLE_FACTOR``.
         Refusal
             The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
         """
@@ -145,7 +146,7 @@ def calibrate(
     predictions
         For the blocks of tissue, if they are known already.
     linear
-        Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
 
     Raises
     ------

@@ -72,7 +72,7 @@ def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Meas
     HardwareError
         The reading has gaps, saturation, too few cycles, no load, or a drift of temperature.
     InputError
-        The load is 30 times the expected one.
+        The load is ``IMPLAUSIBLE_FACTOR`` times the expected one.
     """
     measurement = check_measurement(measure_samples(samples.require_complete(), bench), bench.load.least_cycles)
     check_pressed(float(compute_film_forces(measurement, scene)[0].sum()), scene, bench)

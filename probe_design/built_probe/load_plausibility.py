@@ -48,7 +48,7 @@ def check_expected(load: float, relative_sd: float, low: float, high: float, sou
     Raises
     ------
     InputError
-        The load is 30 times too large or too small.
+        The load is too large or too small by ``IMPLAUSIBLE_FACTOR``.
     """
     nearest = min(max(load, low), high)  # expected load nearest to the one that was read
     factor = load / nearest
@@ -90,7 +90,8 @@ def check_scene_load(
     Raises
     ------
     InputError
-        The load is 30 times too large or too small, or would press the probe through the tissue of a scene without load.
+        The load is too large or too small by ``IMPLAUSIBLE_FACTOR``, or, if the scene has no load, would press the probe through
+        the tissue.
     """
     if measurement.force is None:
         # 1e-300: a sum of 0 gives a large number, not a division by zero
@@ -123,7 +124,7 @@ def check_reference_loads(observations: Sequence[Observation], predictions: Bloc
     Raises
     ------
     InputError
-        A load is 30 times too large or too small.
+        A load is too large or too small by ``IMPLAUSIBLE_FACTOR``.
     """
     limits = predictions.list_linear_limits()
     high = compute_expected_load(scene) or max(limits, default=None)
@@ -152,7 +153,7 @@ def _check_reference_load(observation: Observation, low: float, high: float) -> 
 
 
 def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
-    """Refuse a load, N, that is 30 times the largest expected one, so that a wrong unit is reported before its consequences.
+    """Refuse a load, N, far above the largest expected one, so that a wrong unit is reported before its consequences.
 
     Raises
     ------
@@ -193,7 +194,7 @@ def check_film_sum(films_sum: float, films_sum_sd: float, measurement: Measureme
     Flawed
         They differ by more than ``CONTRADICTION_SD`` standard deviations.
     InputError
-        One is 30 times the other.
+        One is ``IMPLAUSIBLE_FACTOR`` times the other.
     """
     if measurement.force is None or measurement.force_sd is None or bench.force is None:
         return []

@@ -143,7 +143,7 @@ def compute_reading(
     Flawed
         A film is dead or reversed, or the films contradict the force channel.
     InputError
-        The load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_plausibility``.
+        The load differs from the scene's by ``IMPLAUSIBLE_FACTOR``, as with a wrong unit: see ``load_plausibility``.
     """
     used_gains = Gains.from_bench(bench) if gains is None else gains
     films, noise = compute_film_forces(measurement, scene, tolerance=True)

@@ -60,8 +60,12 @@ class BuiltProperties:
     def build_amplifiers(self, nominal: tuple[ChargeAmplifier, ChargeAmplifier]) -> tuple[ChargeAmplifier, ChargeAmplifier]:
         """Return both amplifiers as built."""
         inner, outer = (
-            replace(amplifier, resistance=amplifier.resistance * r, capacitance=amplifier.capacitance * c)
-            for amplifier, r, c in zip(nominal, self.resistance, self.capacitance, strict=True)
+            replace(
+                amplifier,
+                resistance=amplifier.resistance * resistance_factor,
+                capacitance=amplifier.capacitance * capacitance_factor,
+            )
+            for amplifier, resistance_factor, capacitance_factor in zip(nominal, self.resistance, self.capacitance, strict=True)
         )
         return inner, outer
 
@@ -98,7 +102,7 @@ def build_signals(
 
     def compute_volts(times: Floats) -> Floats:
         """Return the volts of inner, outer and force channel at times, s, shape (n, 3)."""
-        # 0.7 rad: the load does not start with the record; the force channel has little hum and no drift
+        # 0.7 rad: an arbitrary phase; factors: the force channel has little hum and no drift, the outer film less than the inner
         wave = np.exp(2j * np.pi * frequency * times[:, None] + 0.7j)
         load = (fundamental * wave + 0.01 * second_harmonic * wave**2).real  # with a second harmonic of 1 %
         hum = built.hum * np.array([1.0, 0.7, 0.1]) * np.cos(2 * np.pi * built.mains * times)[:, None]

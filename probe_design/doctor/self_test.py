@@ -84,7 +84,7 @@ def _measure_flat_fraction(volts: Floats) -> float:
     """Return the fraction of samples at the highest or lowest value if the wave seems to be cut off, otherwise 0.
 
     An uncut sine of amplitude A, in steps s of the converter, has the fraction arccos(1 - s / A) / pi within one step of an
-    extreme. The wave counts as cut off if more than ``FLAT_FACTOR`` times this fraction and 1 % are there.
+    extreme. The wave counts as cut off if the fraction is above ``FLAT_FACTOR`` times this one plus 0.01, an allowance for noise.
     """
     swing = float(np.ptp(volts))
     if swing == 0:
@@ -115,11 +115,11 @@ def _check_noise(samples: Samples, fit: SineFit, bench: Bench) -> list[Finding]:
                 _estimate_step(samples.volts[:, k]) / 12**0.5,
             )
         )
-        times = fit.noise[k] / expected
-        text = f"{fit.noise[k]:.2g} V rms, {times:.2g} times the minimum of resistor and converter, {expected:.2g} V"
-        if times < MIN_NOISE_RATIO:
+        noise_ratio = fit.noise[k] / expected
+        text = f"{fit.noise[k]:.2g} V rms, {noise_ratio:.2g} times the minimum of resistor and converter, {expected:.2g} V"
+        if noise_ratio < MIN_NOISE_RATIO:
             findings.append(Finding(f"noise, {name}", "fault", text, "too quiet: is the film connected, is anything averaged?"))
-        elif times > MAX_NOISE_RATIO:
+        elif noise_ratio > MAX_NOISE_RATIO:
             findings.append(Finding(f"noise, {name}", "doubtful", text, "shield film and cable, look for loose plugs"))
         else:
             findings.append(Finding(f"noise, {name}", "good", text))
@@ -179,7 +179,8 @@ def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) 
     strengths = _compute_strengths(fit)
     if (strengths[:2] < NOISE_STRENGTH).any():
         return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]
-    known = "force" in samples.channels and bench.force is not None and strengths[2] > CLEAR_STRENGTH  # sign of the force
+    # whether the sign of the load is known, from a force channel that shows it clearly
+    known = "force" in samples.channels and bench.force is not None and strengths[2] > CLEAR_STRENGTH
     try:
         charges = fit.amplitudes[:2] / [amplifier.response(fit.frequency) for amplifier in bench.amplifier.build_films()]
     except TooSlow as fault:

@@ -105,7 +105,7 @@ def draw_page(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], na
     for column, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):
         _draw_section(figure.add_axes((0.05 + 0.46 * column, 0.69, 0.44, 0.215)), probe, part, title)
     _draw_table(figure, expected[:MAX_ROWS])
-    foot = 0.645 - 0.0185 * (min(len(expected), MAX_ROWS) + 2)  # below the table: its heading's height and its rows', page units
+    foot = 0.645 - 0.0185 * (min(len(expected), MAX_ROWS) + 2)  # y below the table, as a fraction of the page's height
     for line, text in enumerate(_list_steps(bench, expected, name)):
         mono = text.startswith("   $")
         figure.text(0.07, foot - 0.0168 * line, text, fontsize=8.3 if mono else 9, family="monospace" if mono else None)
@@ -158,7 +158,7 @@ def _build_pressing_outlines(sizes: fixture.FixtureSizes, part: str) -> list[lis
     boxes = [(-foot, foot, low - fixture.FOOT_HEIGHT_MM, low), (-sizes.carrier, sizes.carrier, low, top)]
     inner, outer = sizes.ring
     boxes += [(-sizes.pin, sizes.pin, top, 0.0)] if part == "pin" else [(-outer, -inner, top, 0.0), (inner, outer, top, 0.0)]
-    return [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in boxes]
+    return [[(x_low, z_low), (x_high, z_low), (x_high, z_high), (x_low, z_high)] for x_low, x_high, z_low, z_high in boxes]
 
 
 def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:

@@ -76,7 +76,7 @@ class Check(Record):
     unresolved
         Variables that the readings do not determine, or that the calibration has absorbed.
     tested
-        The variables of which this check detects a deviation of five tolerances, each with its detection limit.
+        The variables whose deviation by ``DETECTED_TOLERANCES`` this check detects, each with its detection limit.
     untested
         The other variables, each with the reason.
     cancelling
@@ -136,7 +136,7 @@ def check(
     predictions
         For the blocks of tissue, if they are known already.
     linear
-        Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
     report
         Called with a line of text at each step.
 

@@ -29,13 +29,13 @@ class VariableCoverage:
     tolerance
         Of the workshop, a standard deviation, SI.
     found_from
-        Detection limit: the deviation that is detected with a probability of 0.5, SI; None if there is none.
+        Detection limit: the deviation that is detected with the probability ``MIN_POWER``, SI; None if there is none.
     effect
-        Largest relative change of a block's ratio by a deviation of five tolerances.
+        Largest relative change of a block's ratio by a deviation of ``DETECTED_TOLERANCES``.
     power
         Probability that the check detects this deviation.
     reason
-        Why the power is below 0.5; empty if the variable is tested.
+        Why the power is below ``MIN_POWER``; empty if the variable is tested.
     """
 
     variable: str

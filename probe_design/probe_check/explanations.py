@@ -123,7 +123,7 @@ def fit_pairs(
 ) -> tuple[VariablePair, ...]:
     """Fit the most promising pairs of variables with changed designs, best first.
 
-    Two unknowns explain two readings always, so that there are no pairs for fewer than three blocks.
+    Two variables can always explain two readings, so that there are no pairs for fewer than three blocks.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def fit_pairs(
 
 
 def list_indistinguishable(explained: Sequence[Explanation]) -> tuple[str, ...]:
-    """List the best explanation's variable and those that the readings do not distinguish from it; best first in the input."""
+    """List the variables of the best explanation, the first one given, and of those that the readings do not distinguish."""
     max_chi_square = explained[0].chi_square + INDISTINGUISHABLE_CHI_SQUARE
     return tuple(explanation.variable for explanation in explained if explanation.chi_square < max_chi_square)
 
