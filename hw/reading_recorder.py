@@ -33,6 +33,7 @@ class ReadingRecorder:
     """
 
     def __init__(self, path: Path, header: Header) -> None:
+        """Create the files; if only the raw recording cannot be written, the HDF5 file is discarded."""
         is_hdf5 = path.suffix.lower() in HDF5_SUFFIXES
         self._raw_path = raw_recording_path(path) if is_hdf5 else path
         self._hdf5 = Hdf5Recorder(path, header) if is_hdf5 else None

@@ -20,6 +20,7 @@ class Clock:
     """
 
     def __init__(self, rate: float) -> None:
+        """Start before the first chunk."""
         self._rate = rate
         self._first: tuple[float, int] | None = None  # time of the stream's first chunk, s, and index of its last sample
         self._stream = 0

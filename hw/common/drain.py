@@ -26,6 +26,7 @@ class Drain:
     """
 
     def __init__(self, transport: Transport) -> None:
+        """Start the thread."""
         self._transport = transport
         self._chunks: SimpleQueue[Chunk | BaseException | None] = SimpleQueue()
         self._stopped = False

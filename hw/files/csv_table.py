@@ -252,6 +252,8 @@ def _get_unit_seconds(next_cells: list[str]) -> float:
 def _read_numbers(path: Path, layout: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
     """Return the numbers of the columns with the indices ``wanted``, shape (rows, columns).
 
+    ``lines`` are all lines of the file, ``path`` is its path for messages.
+
     Raises
     ------
     InvalidSource

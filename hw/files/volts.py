@@ -99,7 +99,10 @@ class VoltsTransport(FileTransport):
 def _iterate_chunks(
     index: Ints, volts: Floats, saturated: Bools, *, gaps: tuple[Gap, ...] | None, overruns: int
 ) -> Generator[Chunk, None, None]:
-    """Yield the samples in chunks; a gap goes with the rows that follow it, all overruns with the first chunk."""
+    """Yield samples, as of ``pack_samples``, in chunks of at most CHUNK_ROWS rows.
+
+    A gap is in the note of the chunk whose rows follow it; all overruns are in the note of the first chunk.
+    """
     for first in range(0, len(index), CHUNK_ROWS):
         rows = slice(first, first + CHUNK_ROWS)
         note = ""

@@ -57,6 +57,7 @@ class ScopeTransport:
     """
 
     def __init__(self, resource: Any, name: str, numbers: dict[str, int] = FILM_CHANNELS, rate: float | None = None) -> None:
+        """Set the rate, and take the first acquisition, whose scales the header states."""
         self._resource, self._name, self._numbers = resource, name, numbers
         try:
             with translate_faults(name):

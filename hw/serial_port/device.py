@@ -37,6 +37,7 @@ class SerialDevice:
     wake_seconds = 3.0  # some boards restart when their port is opened
 
     def __init__(self, port: str) -> None:
+        """Store the port; ``open`` opens it."""
         self.place, self.subject, self._received = port, f"serial:{port}", b""
 
     def open(self) -> None:

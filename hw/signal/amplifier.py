@@ -96,7 +96,19 @@ FilmAmplifiers = tuple[ChargeAmplifier, ChargeAmplifier]  # of the inner and the
 def compute_parts_covariance(
     charges: Complexes, amplifiers: FilmAmplifiers, frequency: float, calibrated_at: float | None = None
 ) -> Floats:
-    """Return the covariance of charges (n,), as (re, im) of each in turn, from eq. SI.2, C^2, shape (2 n, 2 n)."""
+    """Return the covariance of charges that the tolerances of the amplifiers' parts cause, C^2, shape (2 n, 2 n).
+
+    It is that of (re, im) of each charge in turn, from eq. SI.2.
+
+    Parameters
+    ----------
+    charges
+        (n,) complex amplitudes, C.
+    amplifiers
+        Of these charges, n of them.
+    frequency, calibrated_at
+        As of ``ChargeAmplifier.compute_tolerance``, Hz.
+    """
     relative = block_diag(*(amplifier.compute_tolerance(frequency, calibrated_at) for amplifier in amplifiers))
     multiplication = build_multiplication_matrix(charges)
     return np.asarray(multiplication @ relative @ multiplication.T)

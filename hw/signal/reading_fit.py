@@ -73,6 +73,7 @@ class ReadingFit:
     """
 
     def __init__(self, frequency: float, force: bool, rows: int = MIN_PIECE_ROWS) -> None:
+        """Start without samples."""
         self._frequency, self._force, self._rows = frequency, force, rows
         self._waiting: list[Samples] = []  # samples that are not fitted yet, ``_count`` rows
         self._begin: list[Samples] = []  # the first rows, for the fingerprint

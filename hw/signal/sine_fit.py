@@ -250,7 +250,24 @@ def _solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
 
 
 def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> Lines:
-    """Return the model's lines, with the mains and its harmonics added if they stand out of the residuals."""
+    """Return the model's lines, with the mains and its harmonics added if they stand out of the residuals.
+
+    Parameters
+    ----------
+    lines
+        The model's, without mains.
+    samples
+        Not saturated.
+    t
+        (n,) times from the middle of the record, s.
+    solved
+        Solution for these lines.
+
+    Raises
+    ------
+    NoSine
+        The load or one of its harmonics is too close to the mains to be separated.
+    """
     frequency = find_mains(samples, compute_residual(lines, t, samples.volts, solved.coefficients), lines.frequencies)
     if frequency is None:
         return lines
@@ -262,11 +279,12 @@ def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> L
 
 
 def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> SineFit:
-    """Build the result of a fit from its solution and residuals."""
+    """Build the result of a fit from its solution and residuals; parameters as in ``_add_mains``, with mains if detected."""
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
     residuals = compute_residual(lines, t, samples.volts, coefficients)
     density = estimate_density(samples, residuals, lines.load, lines.frequencies, solved.noise)
-    drift_columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)
+    drift_columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)  # at 101 times
+    # coefficients alternate between real and imaginary parts of the amplitudes, those of the load first
     waves = coefficients[0 : 2 * lines.harmonics : 2] + 1j * coefficients[1 : 2 * lines.harmonics : 2]
     hums = coefficients[2 * lines.harmonics : 2 * lines.harmonics + 2]  # cosine and sine of the mains
     block_amplitudes, block_variances = fit_blocks(lines, t, samples.volts)

@@ -133,9 +133,9 @@ def build_normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floa
 
 
 def _sum_products(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Sum four products over all rows; arguments as in ``solve`` and ``Solution``, indices below.
+    """Sum four products over all rows; parameters as in ``solve`` and ``Solution``.
 
-    With channels c, derivatives with respect to frequencies a and b, and columns p, these are the products of
+    With indices c of channels, a and b of frequencies by which the model is differentiated, and p of columns, the products are of
 
     - residuals with each other, shape (c, c),
     - derivatives with each other, shape (a, b, c),
@@ -162,5 +162,5 @@ def iterate_slices(rows: int) -> Iterator[slice]:
 
 
 def compute_residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
-    """Return the residuals of eq. SI.3, V, of the shape of ``volts``."""
+    """Return the residuals of eq. SI.3, V, of the shape of ``volts``; parameters as in ``solve`` and ``Solution``."""
     return np.concatenate([volts[rows] - lines.build_columns(t[rows]) @ coefficients for rows in iterate_slices(len(t))])

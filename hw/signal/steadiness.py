@@ -86,9 +86,20 @@ def _count_blocks(lines: Lines, rows: int, unknowns: int) -> int:
 
 
 def _fit_block(lines: Lines, t: Floats, volts: Floats, middle: float, half: float) -> tuple[Complexes, float]:
-    """Fit one block; return its amplitudes, with phases from the record's middle, and their relative variance.
+    """Fit one block; return its amplitudes (c,), V, with phases from the record's middle, and their relative variance.
 
-    ``middle`` is the time of the block's middle from that of the record, ``half`` half of the block's length, both in s.
+    Parameters
+    ----------
+    lines
+        The record's, fitted.
+    t
+        (n,) times of the block's rows from the middle of the record, s.
+    volts
+        (n, c).
+    middle
+        Time of the block's middle from that of the record, s.
+    half
+        Half of the block's length, s.
     """
     block_lines = Lines(lines.load, lines.harmonics, lines.mains, lines.hums, half)
     normal, right = build_normal_equations(block_lines, t - middle, volts)

@@ -3,7 +3,7 @@
 It bypasses libusb and does not test it; the tests under umockdev do.
 """
 
-# ruff: noqa: D102 - the methods of IBackend are documented there
+# pyusb's class IBackend documents the methods and their parameters
 
 from __future__ import annotations
 
@@ -63,19 +63,23 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
         yield _BUS_ADDRESS
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
+        """Return the descriptor of the device."""
         return SimpleNamespace(**_DEVICE_DESCRIPTOR, address=dev)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
+        """Return the descriptor of configuration 0; ``IndexError`` ends pyusb's search for others."""
         if config:
             raise IndexError(config)
         return SimpleNamespace(**_CONFIGURATION_DESCRIPTOR)
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """Return the descriptor of interface 0; ``IndexError`` ends pyusb's search for others."""
         if intf or alt:
             raise IndexError((intf, alt))
         return SimpleNamespace(**_INTERFACE_DESCRIPTOR)
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """Return the descriptor of the only endpoint, whose packets have the size of a frame."""
         return SimpleNamespace(**_ENDPOINT_DESCRIPTOR, wMaxPacketSize=self.firmware.layout.size)
 
     def open_device(self, dev: int) -> int:
@@ -86,6 +90,7 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
         """Do nothing: no device is open."""
 
     def get_configuration(self, dev_handle: int) -> int:
+        """Return the number of the only configuration."""
         return 1
 
     def claim_interface(self, dev_handle: int, intf: int) -> None:

@@ -33,6 +33,7 @@ class UsbDevice:
     wake_seconds = 0.0
 
     def __init__(self, serial: str | None = None, backend: IBackend | None = None) -> None:
+        """Store the choice; ``open`` finds the device."""
         self._serial, self._backend = serial, backend
         self.subject = f"probe {serial or 'on USB'}"
 

@@ -25,6 +25,7 @@ class FrameDecoder:
     """
 
     def __init__(self, header: Header) -> None:
+        """Start before the first byte; ``header`` states channels, scale and the size of frames."""
         self.header = header
         self.layout = wire.FrameLayout(header.size, len(header.scale))
         self.skipped = 0  # bytes outside valid frames

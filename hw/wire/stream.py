@@ -115,6 +115,7 @@ class StreamTransport:
     """
 
     def __init__(self, device: ProbeDevice, rate: float | None = None, patience: Patience = DEFAULT_PATIENCE) -> None:
+        """Open the device and set the rate; the stream starts at the first read."""
         if rate is not None and not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
             raise InvalidSource(f"rate = {rate} Hz: allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:.0f} Hz")
         self._device, self._patience = device, patience

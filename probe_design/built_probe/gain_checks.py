@@ -140,7 +140,10 @@ def _estimate_if_agreeing(observations: Sequence[Observation], predictions: Bloc
 
 
 def _check_swaps(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench, misfit: str) -> None:
-    """Raise ``InputError`` if exchanged cables or references explain the readings; ``misfit`` describes their contradiction."""
+    """Raise ``InputError`` if exchanged cables or references would explain why readings contradict each other.
+
+    ``misfit`` describes the contradiction in words; the other parameters are those of ``estimate_consistent_gains``.
+    """
     references = [item.reference for item in observations]
 
     def agrees(swap: Swap) -> bool:
@@ -186,8 +189,8 @@ def _estimate_without_blocks(observations: Sequence[Observation], predictions: B
 
 
 def _find_odd_references(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench) -> list[Reference]:
-    """Find the references each of which, if left out, leaves readings that agree."""
-    odd_references, block_index = [], 0
+    """Find each reference without whose reading all others agree with each other, with the predictions and with the bench."""
+    odd_references, block_index = [], 0  # index of the prediction for the present observation, if it is on tissue
     for k, observation in enumerate(observations):
         blocks = list(predictions.blocks)
         if observation.reference.on == "tissue":

@@ -251,7 +251,10 @@ def _warn_of_exchange(films: Floats, gains: Gains, predicted: float | None, z: f
 
 
 def _compute_z(read: float | None, read_sd: float | None, predicted: float | None, predicted_sd: float | None) -> float | None:
-    """Return the difference of a reading from its prediction over its standard deviation; None if one of these is unknown."""
+    """Return the difference of a reading from its prediction over the standard deviation of both; None if one is unknown.
+
+    ``read_sd`` and ``predicted_sd`` are their standard deviations, in the same unit.
+    """
     if read is None or read_sd is None or predicted is None or predicted_sd is None:
         return None
     return (read - predicted) / math.hypot(read_sd, predicted_sd)
@@ -262,7 +265,20 @@ def _predict_at_load(
 ) -> list[tuple[float | None, float | None]]:
     """Return for each film the predicted stress at the load of the reading and its standard deviation, Pa; None if unknown.
 
-    ``scale_sd`` is the relative standard deviation of the force channel's ``scale``.
+    Without a force channel the load is the scene's.
+
+    Parameters
+    ----------
+    measurement
+        For the force channel.
+    scene
+        For the areas of the blocks.
+    bench
+        For the force channel's tolerance.
+    predicted
+        Result for the scene.
+    scale, scale_sd
+        The force channel's scale of a calibration, and its relative standard deviation.
     """
     if predicted.stress_inner is None or predicted.stress_outer is None or predicted.error_estimate is None:
         return [(None, None)] * 2

@@ -103,7 +103,17 @@ def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
 
 
 def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: float | None) -> JsonObject:
-    """Return the JSON object of `read` for a recording, without the prediction."""
+    """Return the JSON object of `read` for a recording, without the prediction.
+
+    Parameters
+    ----------
+    path
+        Of the recording, or of a file of another program.
+    setup
+        Scene, bench and calibration.
+    columns, rate
+        Of a file of another program, as for ``collect_field_readings``.
+    """
     gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
     frequency = None if setup.calibration is None else setup.calibration.frequency
     with Reader.open(f"replay:{path}", rate, columns, get_reading_limits()) as reader:

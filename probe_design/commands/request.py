@@ -157,7 +157,7 @@ def find_option(field: FieldInfo) -> Option:
 
 
 def iterate_types(annotation: Any) -> Iterator[Any]:
-    """Yield the types and the notes of which an annotation consists, such as ``Annotated[float, Quantity(...)] | None``."""
+    """Yield the types and the notes within an annotation such as ``Annotated[float, Quantity(...)] | None``."""
     if get_origin(annotation) is Literal or not get_args(annotation):
         yield annotation
         return

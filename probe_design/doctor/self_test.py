@@ -127,7 +127,19 @@ def _check_noise(samples: Samples, fit: SineFit, bench: Bench) -> list[Finding]:
 
 
 def _check_load(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
-    """Check that each channel shows the load clearly; a film that should hardly be pressed is no fault."""
+    """Check that each channel shows the load clearly; a film that is hardly pressed by prediction is not a fault.
+
+    Parameters
+    ----------
+    samples
+        For the names of the channels.
+    fit
+        Of the load in all channels.
+    scene
+        For the predicted stresses.
+    bench
+        For the force channel's sensitivity.
+    """
     findings = []
     strengths = _compute_strengths(fit)
     load_on = bool((strengths > CLEAR_STRENGTH).any())
@@ -152,7 +164,10 @@ def _check_load(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> l
 
 
 def _is_load_expected(film: int, fit: SineFit, scene: Scene) -> bool:
-    """Whether one film, 0 inner or 1 outer, must show the load clearly, given the other film's amplitude."""
+    """Whether one film, 0 inner or 1 outer, must show the load clearly, by prediction and the other film's amplitude.
+
+    Without a prediction it must.
+    """
     try:
         result = predict_scene(scene, PREDICTION_ACCURACY, linear=True)
     except ProbeError:
@@ -175,7 +190,10 @@ def _compute_strengths(fit: SineFit) -> Floats:
 
 
 def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
-    """Compare signs and phases of the films with the force channel, or with each other without one."""
+    """Compare sign and phase of each film with the force channel or, without one, of the inner film with the outer.
+
+    With a force channel the sign of the film's charge per force counts, too: a load must give a charge of this sign.
+    """
     strengths = _compute_strengths(fit)
     if (strengths[:2] < NOISE_STRENGTH).any():
         return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]

@@ -17,7 +17,9 @@ Arguments = tuple[Scene, float, bool, float]  # of ``predict_scene``
 
 
 def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: float) -> Result:
-    """Return ``reading.predict_scene`` from a child process; if no process can be started, compute it in this one.
+    """Return the result of ``reading.predict_scene`` from a child process; if that fails, compute it in this process.
+
+    For the parameters see ``reading.predict_scene``.
 
     Raises
     ------

@@ -131,7 +131,19 @@ def _format_headline(probe: Probe, name: str) -> str:
 
 
 def _draw_section(axes: Axes, probe: Probe, part: str, title: str) -> None:
-    """Draw the section of the probe on the ``part`` "pin" or "ring", with the sleeve up (dashed) and down; lengths in mm."""
+    """Draw the section of the probe on a fixture's part, with the sleeve up (dashed) and down; lengths in mm, z upwards.
+
+    Parameters
+    ----------
+    axes
+        To draw on.
+    probe
+        As drawn.
+    part
+        "pin" or "ring".
+    title
+        Above the picture.
+    """
     sizes = fixture.find_fixture_sizes(probe)
     for name, polygons in build_section_outlines(probe).items():
         for polygon in polygons:

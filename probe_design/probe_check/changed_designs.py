@@ -55,7 +55,7 @@ class Changes:
 
     @classmethod
     def from_drawing(cls, scene: Scene, bench: Bench, predictions: BlockPredictions, name: str) -> Changes:
-        """Start from the design as drawn, with known predictions, to change one variable."""
+        """Start from the design as drawn, to change the variable ``name``; ``predictions`` are for the design as drawn."""
         nominal = np.array([_get_nominal(predictions, name)])
         return cls(express_by_outer_radius(scene), bench, (name,), nominal, nominal, predictions)
 
@@ -184,7 +184,17 @@ def _compute_sds(model: LinearGaussian, n: int) -> Floats:
 
 
 def _halve_step(changes: Changes, deviation: Deviation, errors: LinearGaussian, step: Floats) -> Changes | None:
-    """Return the changes after a step, halved until chi-square decreases; None if it does not within ``MAX_HALVINGS``."""
+    """Return the changed design after a step, halved until chi-square decreases; None if it never does.
+
+    Parameters
+    ----------
+    changes
+        The design before the step.
+    deviation, errors
+        Of the readings from the predictions as drawn.
+    step
+        Of each variable, shape (n,); it is halved at most ``MAX_HALVINGS`` - 1 times.
+    """
     initial = _compute_chi_square(changes, deviation, errors)
     for halving in range(MAX_HALVINGS):
         candidate = changes.apply_steps(step / 2**halving)

@@ -113,9 +113,11 @@ class CancellingPair:
 def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
     """Return the probability that the check detects deviations of variables, with all others within their tolerances.
 
-    Chi-square of eq. PC.1 allows these variables their tolerances, too. Their information matrix S, in units of their tolerances,
-    has the eigenvalues s_i; along each of its eigenvectors chi-square contains the square of a normal variable of unit variance,
-    divided by 1 + s_i. The other directions contribute a chi-square without these variables (PC.4).
+    Eq. PC.1 allows these variables their tolerances, too: along their own deviations, whose information S has the eigenvalues
+    s_i, it divides squares of unit variance by 1 + s_i. What is left is a chi-square (PC.4).
+
+    S is the information matrix of ``_compute_information``. The squares are those of normal variables, one along each eigenvector
+    of S; their means are the deviations times sqrt(s_i). The rest is the sum over all other directions.
 
     Parameters
     ----------
@@ -165,6 +167,9 @@ def _list_movable(deviation: Deviation) -> list[str]:
 
 
 def _compute_information(deviation: Deviation, names: Sequence[str]) -> Floats:
-    """Return the information matrix of n variables, shape (n, n): deviations x, in tolerances, have the chi-square x^T S x."""
+    """Return the information matrix S of n variables, shape (n, n): deviations x, in tolerances, have the chi-square x^T S x.
+
+    The tolerances of these variables are not counted among the errors.
+    """
     columns = np.stack([deviation.workshop[name] for name in names], axis=1)
     return deviation.build_errors(*names).compute_information(columns)

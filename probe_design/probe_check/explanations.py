@@ -190,6 +190,6 @@ def _fit_variable(deviation: Deviation, name: str, shift: Floats, nominal: float
 
 
 def _explain(name: str, change: float, uncertainty: float, nominal: float, *, chi_square: float, freedom: int) -> Explanation:
-    """Build an explanation from a fit's chi-square and degrees of freedom."""
+    """Build an explanation; a fit without degrees of freedom explains everything, with the p-value 1."""
     p_value = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Explanation(name, change, uncertainty, nominal, chi_square, p_value, explains=p_value >= SIGNIFICANCE_LEVEL)
