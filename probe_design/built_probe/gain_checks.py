@@ -217,7 +217,7 @@ def _build_contradiction(misfit: str, odd_references: Sequence[Reference]) -> In
 def _list_strange_gains(gains: Gains, bench: Bench) -> list[str]:
     """List the gains that differ from nominal by more than the bench allows, as texts; both, if only their mean does.
 
-    If no known load has confirmed the scale of the force channel, the gains are compared as if its sensitivity were right.
+    If no known load has confirmed the force channel, the gains are compared as if the bench stated its sensitivity correctly.
     """
     scale = gains.force_scale
     values, stated = np.diag(gains.matrix), gains

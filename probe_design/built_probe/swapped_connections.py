@@ -95,9 +95,15 @@ def _compute_error(fractions: Floats, expected: Floats, swap: Swap) -> float:
 
 
 def _iterate_candidates(fractions: Floats, expected: Floats) -> Iterator[list[Swap]]:
-    """Yield lists of equally simple swaps, the simplest first; ``fractions`` are the inner film's, read and expected.
+    """Yield lists of equally simple swaps, the simplest first.
 
-    First one exchange, of the channels or of two references; then both of these; last any order of the references.
+    First come single exchanges, of the channels or of two references; then both together; last the references in the order of
+    their fractions.
+
+    Parameters
+    ----------
+    fractions, expected
+        The inner film's fraction of the load on each reference, as read and as expected, shape (n,).
     """
     unchanged = tuple(range(len(fractions)))
     pairs, pairs_of_exchanged = (_rank_pairs(inner, expected) for inner in (fractions, 1 - fractions))
@@ -107,7 +113,7 @@ def _iterate_candidates(fractions: Floats, expected: Floats) -> Iterator[list[Sw
 
 
 def _rank_pairs(fractions: Floats, expected: Floats) -> list[Order]:
-    """Return the swaps of two references that bring the fractions closest to the expected ones, the best first."""
+    """Return the orders with two references swapped that bring the fractions closest to the expected ones, the best first."""
 
     def compute_misfit(order: Order) -> float:
         """Return the sum of squared differences from the expected fractions, if the references were in this order."""
@@ -119,7 +125,7 @@ def _rank_pairs(fractions: Floats, expected: Floats) -> list[Order]:
 
 
 def _assign_by_rank(fractions: Floats, expected: Floats) -> Order:
-    """Assign the references to the readings by the rank of their fractions."""
+    """Return for each reading, shape (n,), the index of the reference whose expected fraction has the same rank."""
     order = np.empty(len(fractions), dtype=int)
     order[np.argsort(fractions)] = np.argsort(expected)
     return tuple(order.tolist())
