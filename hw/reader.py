@@ -43,6 +43,7 @@ class Reader:
     """
 
     def __init__(self, transport: Transport) -> None:
+        """Read from ``transport``, which this reader closes; ``open`` makes it from the name of a source."""
         self.transport = transport
         self._drain: Drain | None = None
 
@@ -128,7 +129,10 @@ class Reader:
                         return
 
     def _try_recording(self, recorder: ReadingRecorder, step: Callable[..., None], *data: object) -> None:
-        """Run a step of recording. A full disk ends the recording but not the reading; ``close`` (no data) always runs."""
+        """Run a step of recording with its data. A full disk ends the recording, but not the reading.
+
+        After a fault only a step without data runs, which is the recorder's ``close``.
+        """
         if "unrecorded" in self.header.source and data:
             return
         try:
@@ -138,8 +142,8 @@ class Reader:
             self.header.source.setdefault("unrecorded", f"{recorder.failure_text}: {reason}")
 
     def _note_rate_difference(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
-        """Note in the header's source, as ``clock``, that samples arrive at another rate than stated, or remove the note."""
-        if chunk.time is None:  # no arrival times: a note that the recording itself brings, as of HDF5, is kept
+        """Note in the header's source, as ``clock``, that samples arrive at another rate than stated; else remove the note."""
+        if chunk.time is None:  # no arrival times: a note that the source has already, as HDF5 recordings may, is kept
             return
         if self.header.source.get("transport") in CLOCKED_TRANSPORTS and (difference := clock.describe_difference(chunk, block)):
             self.header.source["clock"] = difference
@@ -148,7 +152,7 @@ class Reader:
 
     @property
     def is_behind(self) -> bool:
-        """Whether samples wait to be fetched: not the moment to do anything that takes long."""
+        """Whether samples wait to be fetched, so that nothing that takes long should be done now."""
         return self._drain is not None and self._drain.is_behind
 
     def collect(self, seconds: float | None = None, record: Path | str | None = None) -> Samples:
@@ -172,32 +176,34 @@ class Reader:
         return join_samples(parts)
 
     def _count_samples(self, seconds: float) -> int:
-        """Return the number of samples in a duration."""
+        """Return the number of samples in a duration, s. Raises ``InvalidSource`` if it is less than one sample."""
         count = seconds * self.header.rate
         if not 0.5 < count < 2**62:
             raise InvalidSource(f"seconds = {seconds}: allowed: a sample, {1 / self.header.rate:g} s, or more")
         return round(count)
 
     def close(self) -> None:
-        """Stop the stream and let go of the device."""
+        """Stop the stream and release the device."""
         if self._drain is not None:
             self._drain.close()
         self.transport.close()
 
     def __enter__(self) -> Self:
+        """Return the reader."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the reader."""
         self.close()
 
 
 def build_decoder(header: Header) -> Decoder:
-    """Return the decoder that a header asks for.
+    """Return the decoder for the kind of data that a header states.
 
     Raises
     ------
     InvalidSource
-        None does.
+        The kind is unknown.
     """
     if header.kind == "frames":
         return FrameDecoder(header)
@@ -209,7 +215,7 @@ def build_decoder(header: Header) -> Decoder:
 
 
 def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    """Open a recording, or a file of another program."""
+    """Open a recording, or a file of another program; only the latter may need ``columns``, the user's information."""
     if is_from_other_program(path):
         return open_file(path, columns, limits)
     if columns != DEFAULT_COLUMNS:
@@ -218,7 +224,7 @@ def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transpor
 
 
 def _open_transport(source: str | VirtualProbe, rate: float | None, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    """Open the transport that a source names."""
+    """Open the transport that ``source`` names, in one of SOURCE_FORMS, or that reads a virtual probe."""
     if isinstance(source, VirtualProbe):
         return StreamTransport(UsbDevice(source.serial, source), rate)
     kind, _, name = source.partition(":")

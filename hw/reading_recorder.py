@@ -33,11 +33,12 @@ class ReadingRecorder:
     """
 
     def __init__(self, path: Path, header: Header) -> None:
+        """Create the files; if only the raw recording cannot be written, the HDF5 file is discarded."""
         is_hdf5 = path.suffix.lower() in HDF5_SUFFIXES
         self._raw_path = raw_recording_path(path) if is_hdf5 else path
         self._hdf5 = Hdf5Recorder(path, header) if is_hdf5 else None
         self._raw: Recorder | None = None
-        self._fault: OSError | None = None
+        self._fault: OSError | None = None  # of either file: HDF5 is not completed then
         if self._hdf5 is not None and "replayed" in header.source:
             return
         try:
@@ -57,7 +58,7 @@ class ReadingRecorder:
         return "there is no HDF5 file" + (f", but what was read is in {self._raw_path.name}" if self._raw_path.exists() else "")
 
     def write(self, chunk: Chunk) -> None:
-        """Write a chunk's raw bytes. Raises ``OSError``; the raw recording is then readable up to there."""
+        """Write a chunk's raw bytes. Raises ``OSError`` if the disk fails; the raw recording is then readable up to there."""
         if self._raw is None:
             return
         try:

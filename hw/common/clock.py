@@ -20,16 +20,25 @@ class Clock:
     """
 
     def __init__(self, rate: float) -> None:
+        """Start before the first chunk."""
         self._rate = rate
-        self._first: tuple[float, int] | None = None
+        self._first: tuple[float, int] | None = None  # time of the stream's first chunk, s, and index of its last sample
         self._stream = 0
 
     def describe_difference(self, chunk: Chunk, block: Samples) -> str | None:
-        """Describe by how much the measured rate differs so far, or return None; ``block`` must not be empty."""
+        """Describe the difference between the measured and the stated rate; return None if they agree, or it is too early.
+
+        Parameters
+        ----------
+        chunk
+            For the time of its arrival.
+        block
+            The chunk's samples, at least one.
+        """
         if chunk.time is None:
             return None
         now = (chunk.time, int(block.index[-1]))
-        if self._first is None or chunk.stream != self._stream:
+        if self._first is None or chunk.stream != self._stream:  # the device was started again: its index begins at 0
             self._first, self._stream = now, chunk.stream
         elapsed = now[0] - self._first[0]
         if elapsed < MIN_ELAPSED_S:

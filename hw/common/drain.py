@@ -26,6 +26,7 @@ class Drain:
     """
 
     def __init__(self, transport: Transport) -> None:
+        """Start the thread."""
         self._transport = transport
         self._chunks: SimpleQueue[Chunk | BaseException | None] = SimpleQueue()
         self._stopped = False
@@ -34,7 +35,7 @@ class Drain:
 
     @property
     def is_behind(self) -> bool:
-        """Whether chunks wait to be fetched."""
+        """Whether chunks have been read that the iterating thread has not fetched yet."""
         return not self._chunks.empty()
 
     def __iter__(self) -> Iterator[Chunk]:

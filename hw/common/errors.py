@@ -30,6 +30,7 @@ class Ambiguous(HardwareError):  # noqa: N818
     """Several devices match."""
 
     def __init__(self, serials: list[str]) -> None:
+        """Build the message from the serial numbers of the devices that match."""
         self.serials = serials
         same_serial = f"have the serial number {serials[0]}: unplug all but one"
         choose = f"are connected: choose one by its serial number, usb:{serials[0]} for the first of {', '.join(serials)}"
@@ -40,6 +41,7 @@ class AccessDenied(HardwareError):  # noqa: N818
     """The operating system denies this user access to the device."""
 
     def __init__(self, subject: str) -> None:
+        """Build the message, with the udev rule as the remedy; ``subject`` names the device."""
         super().__init__(
             f"{subject}: access denied: on Linux write this rule to /etc/udev/rules.d/{UDEV_RULES_FILE} and plug the "
             "probe in again: "

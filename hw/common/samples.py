@@ -73,11 +73,12 @@ class Samples:
     source: dict[str, object]
 
     def __len__(self) -> int:
+        """Return the number of rows."""
         return len(self.index)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the source, besides gaps: a recording that is cut or damaged, a clock that differs."""
+        """Remarks on the source besides gaps, one line each: a recording that is cut or damaged, a clock that differs."""
         return tuple(str(self.source[key]) for key in NOTE_KEYS if key in self.source)
 
     @property
@@ -87,7 +88,7 @@ class Samples:
 
     def select_before(self, index: int) -> Samples:
         """Return the rows with an index below ``index``, and the gaps that begin below it."""
-        end = int(np.searchsorted(self.index, index))
+        end = int(np.searchsorted(self.index, index))  # number of rows with a smaller index
         gaps = tuple(gap for gap in self.gaps if gap.first < index)
         return replace(self, index=self.index[:end], volts=self.volts[:end], saturated=self.saturated[:end], gaps=gaps)
 

@@ -92,7 +92,7 @@ class FileTransport:
         return next(self._chunks, None)
 
     def close(self) -> None:
-        """Read no more, and close what the iterator has open."""
+        """End the iterator, which closes its file."""
         self._chunks.close()
 
 
@@ -100,7 +100,7 @@ class Decoder(Protocol):
     """An object that turns chunks into samples."""
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
-        """Return the samples that the chunk completes, perhaps none."""
+        """Return the samples that a chunk's data complete, perhaps none; for the parameters see ``Chunk``."""
 
 
 def make_timestamp() -> str:

@@ -40,13 +40,24 @@ _ENTRY_PATTERN = re.compile(rf"(?P<name>.+?)(?:\s+(?P<number>{NUMBER_PATTERN}))?
 
 
 def build_refusal(key: str, value: object, allowed: str) -> InvalidSource:
-    """Build the error that refuses a value, in one line."""
+    """Build the error that refuses a value, in one line: the entry's name ``key``, the value, and the values allowed."""
     text = " ".join(str(value).split())
     return InvalidSource(f"{key} = {text if len(text) <= 100 else text[:97] + '...'}: allowed: {allowed}")
 
 
 def read_quantity(key: str, text: object, units: dict[str, float], example: str) -> float:
-    """Read a number with one of the units; return it in SI.
+    """Read a number with a unit; return it in SI units.
+
+    Parameters
+    ----------
+    key
+        Name of the entry, for messages.
+    text
+        Such as "10 kHz".
+    units
+        SI value of each allowed unit.
+    example
+        An allowed text, for messages.
 
     Raises
     ------
@@ -60,7 +71,7 @@ def read_quantity(key: str, text: object, units: dict[str, float], example: str)
 
 
 def read_rate(text: object, key: str = "rate") -> float:
-    """Read a rate such as ``"10 kHz"``; return samples per second. Raises ``InvalidSource``."""
+    """Read a rate such as ``"10 kHz"``; return samples per second. Raises ``InvalidSource`` if it is not allowed."""
     rate = read_quantity(key, text, RATE_UNITS, "10 kHz")
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         raise build_refusal(key, repr(text), f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz")
@@ -128,7 +139,7 @@ class ColumnMap:
         return column_map if rate is None else replace(column_map, rate=read_rate(rate))
 
     def add_file(self, path: Path) -> ColumnMap:
-        """Return the map extended by a TOML file. Raises ``InvalidSource``."""
+        """Return the map with the entries of a TOML file, which override its own. Raises ``InvalidSource``."""
         table = _read_toml(path)
         columns, rate, voltage_range = dict(self.columns), self.rate, self.range
         for key, value in table.items():
@@ -149,7 +160,7 @@ class ColumnMap:
 
 
 def _read_toml(path: Path) -> dict[str, object]:
-    """Return the content of a small TOML file. Raises ``InvalidSource``."""
+    """Return the content of a TOML file of at most MAX_MAP_BYTES. Raises ``InvalidSource`` if it cannot be read."""
     if not os.path.isfile(path) or os.path.getsize(path) > MAX_MAP_BYTES:  # a pipe would wait, a device never end
         raise build_refusal("column", path, f"a TOML file of at most {MAX_MAP_BYTES} bytes that is there")
     try:
@@ -176,7 +187,7 @@ def parse_column(key: str, text: str) -> Column:
         raise build_refusal(f"column {key}", repr(text), COLUMN_EXAMPLE)
     units = SECOND_UNITS if key == "time" else VOLT_UNITS
     match = _ENTRY_PATTERN.fullmatch(text)
-    if match is None or match["unit"] not in units:
+    if match is None or match["unit"] not in units:  # a name alone, perhaps with blanks
         return Column(text, text)
     scale = float(match["number"] or 1.0) * units[match["unit"]]
     if not 1e-15 < abs(scale) < 1e6 or (key == "time" and scale < 0):
@@ -198,7 +209,7 @@ def resolve_channel_numbers(columns: ColumnMap) -> dict[str, int]:
             raise build_refusal(
                 f"column {key}", repr(text), "a channel's number from 1 to 8, for inner, outer and force; no more"
             )
-    numbers = {key: int(texts[key][-1]) for key in CHANNEL_NAMES if key in texts}
+    numbers = {key: int(texts[key][-1]) for key in CHANNEL_NAMES if key in texts}  # the last character is the number
     if len(set(numbers.values())) < len(numbers):
         raise InvalidSource(f"column = {numbers}: allowed: another channel for each")
     return numbers

@@ -63,7 +63,7 @@ def read_csv(path: Path) -> ColumnTable:
         The file cannot be read, or has no rows of numbers.
     """
     lines = _read_text(path).splitlines()
-    while lines and not lines[-1].strip().strip(",;"):
+    while lines and not lines[-1].strip().strip(",;"):  # empty lines at the end, as spreadsheets write them
         lines.pop()
     layout = _detect_layout(lines, path)
     head = list(_split_cells(lines[: layout.begin], layout.delimiter))
@@ -71,13 +71,14 @@ def read_csv(path: Path) -> ColumnTable:
     names, units = _read_names(head, first, delimited=layout.delimiter is not None)
 
     def read(wanted: list[int]) -> Floats:
+        """Return the numbers of the columns of these indices, shape (rows, columns)."""
         return _read_numbers(path, layout, lines, wanted)
 
     return ColumnTable(path.name, names, units, read, _read_rate(lines[: layout.begin], head), source={"transport": "csv"})
 
 
 def _read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8, UTF-16 or Latin-1. Raises ``InvalidSource``."""
+    """Return the text of a file in UTF-8, UTF-16 or Latin-1. Raises ``InvalidSource`` if it is too long or no text."""
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise build_refusal(
@@ -97,20 +98,29 @@ def _read_text(path: Path) -> str:
 
 
 def _split_cells(lines: list[str], delimiter: str | None) -> Iterator[list[str]]:
-    """Return the cells of each line; without a delimiter blanks separate them."""
+    """Yield the cells of each line, without blanks around them; if the delimiter is None, blanks separate the cells."""
     if delimiter is None:
         return ([cell.strip('"') for cell in line.split()] for line in lines)
     return ([cell.strip() for cell in row] for row in _split_records(lines, delimiter))
 
 
 def _split_records(lines: list[str], delimiter: str) -> Iterator[list[str]]:
-    """Split cells line by line: a quote that is not closed ends with its line."""
-    for line in lines:
+    """Yield the cells of each line. Lines are split one by one, so that a quote that is not closed ends with its line."""
+    for line in lines:  # without quotes a plain split does, which is faster
         yield next(csv.reader([line], delimiter=delimiter)) if '"' in line else line.split(delimiter)
 
 
 def _detect_layout(lines: list[str], path: Path) -> TextLayout:
-    """Return the layout in which most cells of the first lines are numbers. Raises ``InvalidSource``."""
+    """Return the layout in which most cells of the first lines are numbers.
+
+    All delimiters are tried with decimal points and decimal commas. A layout's score is the fraction of numbers among the cells
+    of its rows, and then the number of rows.
+
+    Raises
+    ------
+    InvalidSource
+        No layout gives rows of two numbers or more.
+    """
     sample = lines[:SAMPLE_LINES]
     best: tuple[tuple[float, int], TextLayout] | None = None
     for delimiter in (";", "\t", ",", None):
@@ -134,7 +144,17 @@ def _detect_layout(lines: list[str], path: Path) -> TextLayout:
 
 
 def _find_first_row(cells: list[list[str]], rows: list[list[bool]], width: int) -> int | None:
-    """Return the index of the first row with numbers in the columns where most rows have them, or None."""
+    """Return the index of the first row with numbers in the columns where most rows have numbers; None if there is none.
+
+    Parameters
+    ----------
+    cells
+        Of each row.
+    rows
+        Whether each of these cells is a number.
+    width
+        Number of cells in most rows of numbers.
+    """
     usual = [row for row in rows if len(row) == width and sum(row) > 1]
     columns = [k for k in range(width) if 2 * sum(row[k] for row in usual) > len(usual)]
     if not columns:
@@ -147,7 +167,7 @@ def _find_first_row(cells: list[list[str]], rows: list[list[bool]], width: int) 
 
 
 def _is_number(cell: str, comma: bool) -> bool:
-    """Return whether a cell is a number, with a decimal comma or point."""
+    """Return whether a cell is a number, with a decimal comma if ``comma`` is true, else with a decimal point."""
     return (_COMMA_NUMBER if comma else _POINT_NUMBER).fullmatch(cell) is not None
 
 
@@ -181,21 +201,25 @@ def _read_names(head: list[list[str]], first: list[str], delimited: bool) -> tup
 
 
 def _find_row_length(cells: list[str]) -> int:
-    """Return the length of a row without its empty last cells."""
+    """Return the number of cells of a row without the empty ones at its end."""
     return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _are_units(cells: list[str]) -> bool:
     """Return whether more than half of the filled cells are units, so that the row is one of units."""
     known = [
-        cell.strip("()[] ") in VOLT_UNITS.keys() | SECOND_UNITS.keys() or cell.lower() == "sequence" for cell in cells if cell
+        # "sequence" stands for a unit in files of Rigol oscilloscopes
+        cell.strip("()[] ") in VOLT_UNITS.keys() | SECOND_UNITS.keys() or cell.lower() == "sequence"
+        for cell in cells
+        if cell
     ]
     return 2 * sum(known) > len(known)
 
 
 def _read_rate(lines: list[str], head: list[list[str]]) -> float | None:
-    """Return the rate in Hz from the sample interval in an oscilloscope's header, or None.
+    """Return the rate in Hz from the sample interval in an oscilloscope's header, or None if no interval above 0 is there.
 
+    The header is given twice, as ``lines`` of text and as ``head``, the cells of these lines.
     The interval is in s unless a unit follows. It stands to the right of its name, below it, or in the same cell.
 
     Raises
@@ -226,7 +250,15 @@ def _get_unit_seconds(next_cells: list[str]) -> float:
 
 
 def _read_numbers(path: Path, layout: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
-    """Return the numbers of the wanted columns, shape (rows, columns). Raises ``InvalidSource``."""
+    """Return the numbers of the columns with the indices ``wanted``, shape (rows, columns).
+
+    ``lines`` are all lines of the file, ``path`` is its path for messages.
+
+    Raises
+    ------
+    InvalidSource
+        A row has another number of cells than the others, or a cell is no number.
+    """
     values = np.empty((len(lines) - layout.begin, len(wanted)))
     for i, row in enumerate(_split_cells(lines[layout.begin :], layout.delimiter)):
         if len(row) != layout.width:

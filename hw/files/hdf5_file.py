@@ -89,10 +89,11 @@ class Hdf5File:
     """
 
     def __init__(self, path: Path, limits: ReadLimits) -> None:
+        """Start the process, and read the description of the file from it."""
         self.path, self._limits, self._end = path, limits, time.monotonic() + limits.seconds
         arguments = [str(READER_PROGRAM), os.path.abspath(path), str(int(limits.memory)), str(math.ceil(limits.seconds))]
         self._process = subprocess.Popen(
-            [sys.executable, "-P", *arguments],
+            [sys.executable, "-P", *arguments],  # -P: no module of the program's folder hides a library
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -150,6 +151,7 @@ class Hdf5File:
             raise build_refusal(self.path.name, "no columns of numbers", "an HDF5 file with datasets of one or two dimensions")
 
         def read(numbers: list[int]) -> Floats:
+            """Return the columns of these indices, shape (rows, columns)."""
             wanted = [columns[number] for number in numbers]
             self._check_columns(wanted)
             return np.stack(self.read([(dataset.path, k) for _, dataset, k in wanted]), axis=1).astype(float, copy=False)
@@ -191,7 +193,11 @@ class Hdf5File:
         return dataset is not None and dataset.is_complete and dataset.shape == shape
 
     def _check_columns(self, columns: Sequence[tuple[str, Dataset, int | None]]) -> None:
-        """Refuse columns that do not fit together, were never written, or are too large: a few bytes can claim any number."""
+        """Refuse columns of different lengths, columns without stored values, and columns too large for the memory.
+
+        The size is checked before it is read, since a few bytes of HDF5 can claim any number of values. Each column is given by
+        its name, dataset and, in a matrix, index.
+        """
         lengths = {name: dataset.shape[0] for name, dataset, _ in columns}
         if len(set(lengths.values())) > 1:
             raise build_refusal(self.path.name, f"columns of {lengths}", "the same number of samples in each")
@@ -201,12 +207,15 @@ class Hdf5File:
         self._limits.check_values(self.path.name, sum(lengths.values()))
 
     def _find_rate(self) -> float | None:
-        """Return the rate in Hz that a table states, or None."""
+        """Return the rate in Hz that the file states by one of RATE_ATTRIBUTES, or None."""
         values = [self.attributes[key] for key in RATE_ATTRIBUTES if key in self.attributes]
         return next((float(value) for value in values if not isinstance(value, str) and value > 0), None)
 
     def _describe_clock(self, index: NDArray[Any], rate: float) -> str:
-        """Describe by how much a recording's times contradict its rate; empty if they do not, or are unusable."""
+        """Describe by how much a recording's times contradict its rate; return "" if they do not, or are unusable.
+
+        ``index`` holds the index of each row, ``rate`` the stated rate in Hz.
+        """
         (times,) = self.read([("time", None)])
         rows, seconds = float(index[-1] - index[0]), float(times[-1] - times[0])
         if rows > 0 and 0 < seconds < math.inf and abs(rows / seconds / rate - 1) > RATE_TOLERANCE:
@@ -221,9 +230,11 @@ class Hdf5File:
             pass
 
     def __enter__(self) -> Self:
+        """Return the file."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """End the process."""
         self.close()
 
     def _receive(self) -> Any:

@@ -31,7 +31,7 @@ class Refused(Exception):  # noqa: N818 - becomes the text of an InvalidSource i
 
 
 def main(path: str, memory: int, seconds: int) -> None:
-    """Describe the file, then serve requests until standard input ends."""
+    """Describe the file, then serve requests until standard input ends; limits in bytes and s."""
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # keeps prints of libraries out of the replies
     limit_process(memory, seconds)
@@ -41,7 +41,10 @@ def main(path: str, memory: int, seconds: int) -> None:
 
 
 def iterate_replies(path: str, memory: int) -> Iterator[object]:
-    """Yield the description of the file, and then the columns of each request; at a fault the reason of the refusal."""
+    """Yield the description of the file, and then the columns of each request; at a fault, yield the reason as a text, then end.
+
+    ``memory`` is the limit in bytes, for messages and for the size of chunks.
+    """
     try:
         import h5py
 
@@ -64,7 +67,10 @@ def iterate_replies(path: str, memory: int) -> Iterator[object]:
 
 
 def limit_process(memory: int, seconds: int) -> None:
-    """Limit memory, processor time and written bytes, where the operating system can (Linux, macOS in part)."""
+    """Limit this process's memory (bytes) and processor time (s), and forbid it to write files and core dumps.
+
+    Limits that the operating system does not have are left out: Linux has all of them, macOS some, Windows none.
+    """
     with suppress(ImportError):
         import resource
 
@@ -79,6 +85,7 @@ def check_links(file: h5py.File) -> None:
     import h5py
 
     def find_elsewhere(name: str, link: object) -> str | None:  # a return value other than None ends the visit
+        """Return the reason of a refusal if a link or its dataset has data outside the file, else None."""
         if isinstance(link, h5py.ExternalLink):
             return f"is refused: {name!r} {STORED_ELSEWHERE}"
         node = file[name] if isinstance(link, h5py.HardLink) else None
@@ -95,6 +102,7 @@ def describe(file: h5py.File, memory: int) -> dict[str, object]:
     datasets: list[dict[str, object]] = []
 
     def add_dataset(path: str, node: h5py.Group | h5py.Dataset) -> str | None:  # a return value other than None ends the visit
+        """Add the description of a numeric dataset; return the reason of a refusal if there is one."""
         if not getattr(node, "shape", None) or len(node.shape) > 2 or node.dtype.kind not in "iuf":
             return None
         chunk = math.prod(node.chunks or (0,)) * node.dtype.itemsize
@@ -130,7 +138,10 @@ def read_gaps(file: h5py.File) -> list[tuple[int, int, str]]:
 
 
 def read_column(file: h5py.File, path: str, column: int | None) -> NDArray[np.generic]:
-    """Return a dataset, or one column of a matrix; floats, and integers that may exceed 64 bits with a sign, as doubles."""
+    """Return a dataset, or one column of a matrix if ``column`` is not None.
+
+    Floats are returned as doubles, and so are unsigned 64-bit integers, which may exceed the range of signed ones.
+    """
     check_filters(path, file[path])
     values: NDArray[np.generic] = file[path][:] if column is None else file[path][:, column]
     if values.dtype.kind != "f" and values.dtype != np.uint64:

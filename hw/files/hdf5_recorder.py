@@ -34,14 +34,14 @@ class UnfailingFile(FileIO):
 
     def write(self, data: Any) -> int:
         """Write all bytes; after a fault, write nothing and report success."""
-        left = memoryview(data).cast("B")
+        left = memoryview(data).cast("B")  # bytes not written yet
         size = len(left)
         try:
             while left and self.fault is None:
                 left = left[super().write(left) :]
         except OSError as fault:
             self.fault = fault
-        self.seek(len(left), os.SEEK_CUR)
+        self.seek(len(left), os.SEEK_CUR)  # as if the bytes left were written
         return size
 
     def truncate(self, size: int | None = None) -> int:
@@ -72,11 +72,12 @@ class Hdf5Recorder:
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
+        """Create the draft file next to ``path``, with empty datasets."""
         import h5py
 
         self.path, self._header = Path(path), header
         if self.path.exists():
-            raise FileExistsError(17, os.strerror(17), str(path))
+            raise FileExistsError(17, os.strerror(17), str(path))  # 17: EEXIST
         name = f".{self.path.name[:50]}.{secrets.token_hex(4)}"
         self._draft, self._gaps, self._overruns = self.path.with_name(name), list[Gap](), 0
         self._disk = UnfailingFile(self._draft, "x+")  # default file permissions, unlike those of tempfile
@@ -143,13 +144,13 @@ class Hdf5Recorder:
             self.discard()
 
     def discard(self) -> None:
-        """Delete the draft; a file that was completed stays."""
+        """Delete the draft; a file that has its name already stays."""
         self._file.close()  # before the disk: HDF5 writes until its file is closed
         self._disk.close()
         self._draft.unlink(missing_ok=True)
 
     def _check_disk(self) -> None:
-        """Raise the error of an earlier write."""
+        """Raise the error of an earlier write if there was one."""
         if self._disk.fault is not None:
             raise self._disk.fault
 
@@ -167,7 +168,9 @@ class Hdf5Recorder:
             self._file.attrs[key] = value
 
     def __enter__(self) -> Self:
+        """Return the recorder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Complete the file."""
         self.close()

@@ -20,7 +20,10 @@ WAV_SUFFIXES = (".wav",)
 
 
 def raw_recording_path(path: Path) -> Path:
-    """Return the path of the raw bytes of an HDF5 recording: the file exists until the recording is complete, or after a kill."""
+    """Return the path of the file of raw bytes next to an HDF5 recording.
+
+    This file exists until the recording is complete, and stays if the program is killed before.
+    """
     return path.with_name(f"{path.name}.probe")
 
 
@@ -30,7 +33,13 @@ def is_from_other_program(path: Path) -> bool:
 
 
 def is_self_describing(path: Path, limits: ReadLimits) -> bool:
-    """Whether a file is a recording of this project, by its suffix or, for HDF5, by its contents. Raises ``InvalidSource``."""
+    """Whether a file is a recording of this project, by its suffix or, for HDF5, by its contents.
+
+    Raises
+    ------
+    InvalidSource
+        An HDF5 file cannot be read.
+    """
     if path.suffix.lower() not in HDF5_SUFFIXES:
         return not is_from_other_program(path)
     with Hdf5File(path, limits) as file:

@@ -49,11 +49,25 @@ class ColumnTable:
     source: dict[str, object] = field(default_factory=dict)
 
     def find(self, key: str, wanted: Column | None) -> tuple[int, Column] | None:
-        """Return the index of a signal's column and its selection; None if it is not selected and no column has its name."""
+        """Return the index of a signal's column and its selection; None if it is not selected and no column has its name.
+
+        Parameters
+        ----------
+        key
+            The signal: inner, outer, force or time.
+        wanted
+            The user's selection; None: by the column's name.
+
+        Raises
+        ------
+        InvalidSource
+            The selected column does not exist, or several have its name.
+        """
         lower = [name.lower() for name in self.names]
         if wanted is None:
             matches = [k for k, name in enumerate(lower) if name == key or (key == "time" and name in TIME_NAMES)]
             return (matches[0], Column(key, key)) if matches else None
+        # the whole text may be a name with blanks; otherwise its last words are a unit
         for name, column in {wanted.text: Column(wanted.text, wanted.text), wanted.name: wanted}.items():
             if lower.count(name.lower()) > 1:
                 raise self.refuse_column(key, repr(name), f"a number where names are alike: {self.describe_columns()}")
@@ -65,6 +79,15 @@ class ColumnTable:
 
     def find_scale(self, key: str, number: int, wanted: Column) -> float:
         """Return the value of the number 1 in a column, V, or s for times.
+
+        Parameters
+        ----------
+        key
+            The signal: inner, outer, force or time.
+        number
+            Index of its column, from 0.
+        wanted
+            The column's selection, perhaps with a unit.
 
         Raises
         ------
@@ -109,7 +132,7 @@ def convert_table(table: ColumnTable, columns: ColumnMap) -> VoltsTransport:
     times = None if time is None else values[:, -1] * table.find_scale("time", *time)
     values = values[:, : len(numbers)]
     saturated = _find_saturated(table, columns, values, scales)
-    values[np.abs(values) >= OVERLOAD_VALUE] = 0.0
+    values[np.abs(values) >= OVERLOAD_VALUE] = 0.0  # marked as saturated; their sizes would count as a wrong unit
     volts, is_complete = np.nan_to_num(values * scales), ~np.isnan(values).any(axis=1)
     _check_volts(table, channels, volts[is_complete])
     rate, index = _compute_clock(table, columns, times, len(values))
@@ -120,7 +143,7 @@ def convert_table(table: ColumnTable, columns: ColumnMap) -> VoltsTransport:
 
 
 def _choose_columns(table: ColumnTable, columns: ColumnMap) -> dict[str, tuple[int, Column]]:
-    """Return index and selection of each column that is read, by signal."""
+    """Return index and selection of each column that is read, by signal. Raises ``InvalidSource`` for a wrong selection."""
     wanted = columns.columns
     matches = {key: table.find(key, wanted.get(key)) for key in (*CHANNEL_NAMES, "time")}
     chosen = {key: match for key, match in matches.items() if match is not None}
@@ -141,17 +164,24 @@ def _choose_columns(table: ColumnTable, columns: ColumnMap) -> dict[str, tuple[i
 
 
 def _find_saturated(table: ColumnTable, columns: ColumnMap, values: Floats, scales: Floats) -> Bools:
-    """Return which values are at the end of the range of the instrument, of the file's type, or of the user's information."""
+    """Return which values (rows, columns) are at the end of a range, of the same shape.
+
+    The range is that of the instrument, which writes OVERLOAD_VALUE, of the file's numbers, or the user's ``range``; ``scales``
+    are the values of the number 1 in each column, V.
+    """
     saturated = np.abs(values) >= OVERLOAD_VALUE
     if table.ends is not None:
         saturated |= (values <= table.ends[0]) | (values >= table.ends[1])
     if columns.range is not None:
-        saturated |= np.abs(values * scales) >= columns.range * (1 - 1e-9)
+        saturated |= np.abs(values * scales) >= columns.range * (1 - 1e-9)  # 1e-9: rounding
     return np.asarray(saturated)
 
 
 def _check_volts(table: ColumnTable, channels: tuple[str, ...], volts: Floats) -> None:
-    """Refuse a table without complete rows, or with voltages of another unit."""
+    """Refuse a table without complete rows, or with voltages so large that their unit must be wrong.
+
+    ``volts`` holds the complete rows, shape (n, channels).
+    """
     if not len(volts):
         raise build_refusal(table.path, "no row with numbers in all columns", "a file with samples")
     largest = np.abs(volts).max(axis=0)
@@ -162,7 +192,17 @@ def _check_volts(table: ColumnTable, channels: tuple[str, ...], volts: Floats) -
 
 
 def _compute_clock(table: ColumnTable, columns: ColumnMap, times: Floats | None, count: int) -> tuple[float, Ints]:
-    """Return the rate in Hz and the index of each row, shape (count,); that of a row without a time is 0."""
+    """Return the rate in Hz and the index of each row, shape (count,); the index of a row without a time is 0.
+
+    Parameters
+    ----------
+    table, columns
+        The table, and the user's information, for a stated rate.
+    times
+        Of the rows, s, NaN where missing; None if the table has no times.
+    count
+        Number of rows.
+    """
     stated_rate = columns.rate if columns.rate is not None else table.rate
     if times is None:
         if stated_rate is None:
@@ -205,7 +245,7 @@ def fit_even_times(times: Floats, rows: Ints, path: str) -> tuple[float, Ints]:
         text = f"{times[reversals[0] + 1]:.9g} s in row {rows[reversals[0] + 1] + 1}"
         raise build_refusal(f"{path}: column time", text, allowed)
     index = np.concatenate([[0], np.cumsum(np.rint(steps / np.median(steps)).astype(np.int64))])
-    interval, begin = np.polyfit(index.astype(float), times - times[0], 1)
+    interval, begin = np.polyfit(index.astype(float), times - times[0], 1)  # straight line: time = begin + interval * index
     deviations = np.abs(times - times[0] - begin - interval * index) / interval
     worst = int(np.argmax(deviations))
     if not deviations[worst] <= MAX_JITTER or (np.diff(index) < 1).any():

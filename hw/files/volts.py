@@ -82,7 +82,7 @@ class VoltsTransport(FileTransport):
         Number of overflows that the device reported.
     """
 
-    def __init__(
+    def __init__(  # see the class for the parameters
         self,
         header: Header,
         index: Ints,
@@ -99,7 +99,10 @@ class VoltsTransport(FileTransport):
 def _iterate_chunks(
     index: Ints, volts: Floats, saturated: Bools, *, gaps: tuple[Gap, ...] | None, overruns: int
 ) -> Generator[Chunk, None, None]:
-    """Yield the samples in chunks; a gap goes with the rows that follow it, all overruns with the first chunk."""
+    """Yield samples, as of ``pack_samples``, in chunks of at most CHUNK_ROWS rows.
+
+    A gap is in the note of the chunk whose rows follow it; all overruns are in the note of the first chunk.
+    """
     for first in range(0, len(index), CHUNK_ROWS):
         rows = slice(first, first + CHUNK_ROWS)
         note = ""
@@ -111,7 +114,7 @@ def _iterate_chunks(
 
 
 class VoltsDecoder:
-    """A decoder that turns chunks of volts into samples."""
+    """A decoder that turns chunks of volts into samples; ``header`` is that of their source."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
@@ -130,7 +133,7 @@ class VoltsDecoder:
             raise InvalidSource(f"{len(data)} bytes of volts: allowed: whole rows of {self._rows.itemsize} bytes")
         rows = np.frombuffer(data, self._rows)
         index, volts = rows["index"].astype(np.int64), rows["volts"].astype(float)
-        first = 0 if self._next is None else self._next
+        first = 0 if self._next is None else self._next  # the index expected next
         steps = np.diff(index, prepend=first - 1)
         if not (np.abs(volts) <= MAX_VOLTS).all() or (steps < 1).any():
             raise InvalidSource(f"volts: values that are no numbers or above {MAX_VOLTS:g} V, or an index that does not increase")
@@ -143,7 +146,7 @@ class VoltsDecoder:
         )  # fmt: skip
 
     def _find_gaps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
-        """Return the gaps at the jumps of an index, whose ``steps`` are from the row before."""
+        """Return the gaps where an index jumps; ``steps`` holds the difference of each index from the one before."""
         jumps = np.flatnonzero(steps > 1)
         if self._next is None:
             jumps = jumps[jumps > 0]  # rows before the first one read are no gap
@@ -151,7 +154,7 @@ class VoltsDecoder:
 
 
 def _decode_note(note: str) -> tuple[tuple[Gap, ...], int]:
-    """Return gaps and overruns of a note. Raises ``InvalidSource``."""
+    """Return the gaps and the number of overruns of a note by ``encode_note``. Raises ``InvalidSource`` for other notes."""
     try:
         contents = json.loads(note)
         gaps = tuple(Gap(int(first), int(count), str(reason)) for first, count, reason in contents["gaps"])

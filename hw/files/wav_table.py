@@ -33,8 +33,8 @@ def read_wav(path: Path) -> ColumnTable:
         )
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("error", message="Reached EOF")
-            warnings.filterwarnings("ignore", message="Chunk")
+            warnings.filterwarnings("error", message="Reached EOF")  # the file was cut
+            warnings.filterwarnings("ignore", message="Chunk")  # texts and marks besides the samples
             rate, data = wavfile.read(path)
     except (ValueError, OSError, EOFError, ArithmeticError, RuntimeError, UserWarning, IndexError) as fault:
         raise build_refusal(path.name, f"no whole WAV file ({type(fault).__name__}: {fault})", "PCM or floating point") from fault
@@ -44,9 +44,10 @@ def read_wav(path: Path) -> ColumnTable:
     if not rate > 0:
         raise build_refusal(path.name, f"{rate} samples a second", "a rate above 0")
     low, high, middle = _CODE_RANGES.get(codes.dtype, (-1.0, 1.0, 0.0))
-    full = middle - low
+    full = middle - low  # codes of the full range, which becomes 1
 
     def read(wanted: list[int]) -> Floats:
+        """Return the channels of these indices, in fractions of the full range, shape (rows, channels)."""
         return np.asarray((codes[:, wanted].astype(float) - middle) / full)
 
     names = tuple(f"channel {k + 1}" for k in range(codes.shape[1]))

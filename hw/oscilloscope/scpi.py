@@ -28,7 +28,7 @@ class Scaling:
     offset: float
 
     def to_volts(self, codes: Floats) -> Floats:
-        """Convert codes to volts."""
+        """Convert the converter's codes to volts, of the same shape."""
         return (codes - self.zero) * self.step + self.offset
 
 
@@ -81,6 +81,7 @@ class Dialect:
             if self is TEKTRONIX:
                 interval, step, zero, offset = fields
                 return _check_scaling(Scaling(interval, step, zero, offset), response)
+            # format, type, points, count, then increment, origin and reference of x (time) and of y (voltage)
             _, _, _, _, interval, _, _, step, origin, reference = fields
         except ValueError as fault:
             raise ProtocolError(f"the oscilloscope's scales are {response!r}: not in the form of its family") from fault
@@ -150,7 +151,7 @@ def find_dialect(identity: str) -> str:
 
 
 def _check_scaling(scaling: Scaling, response: str) -> Scaling:
-    """Return scales that can convert codes to volts. Raises ``ProtocolError`` for others."""
+    """Return scales unchanged if they can convert codes to volts. Raises ``ProtocolError`` for others."""
     finite = np.isfinite([scaling.interval, scaling.step, scaling.zero, scaling.offset]).all()
     if not (finite and scaling.interval > 0 and scaling.step > 0):
         raise ProtocolError(f"the oscilloscope's scales are {response!r}: is the channel switched on?")

@@ -57,6 +57,7 @@ class ScopeTransport:
     """
 
     def __init__(self, resource: Any, name: str, numbers: dict[str, int] = FILM_CHANNELS, rate: float | None = None) -> None:
+        """Set the rate, and take the first acquisition, whose scales the header states."""
         self._resource, self._name, self._numbers = resource, name, numbers
         try:
             with translate_faults(name):
@@ -70,7 +71,7 @@ class ScopeTransport:
             raise
         acquisition = json.loads(self._first.note)
         scaling = [DIALECTS[self._dialect].read_scaling(response) for response in acquisition["scales"]]
-        scale = tuple(channel_scaling.step for channel_scaling in scaling)
+        scale = tuple(channel_scaling.step for channel_scaling in scaling)  # V per code
         maker, model, serial, firmware = (*str(identity).split(","), "", "", "")[:4]
         source: dict[str, object] = {
             "transport": "visa", "serial": serial, "firmware": firmware, "model": f"{maker} {model}", "resource": name,
@@ -139,7 +140,7 @@ class ScopeTransport:
         return DIALECTS[self._dialect]
 
     def _acquire(self) -> Chunk:
-        """Take one acquisition and read all channels of it."""
+        """Take one acquisition and read all its channels; the chunk's note describes how to decode their codes."""
         dialect = self._commands
         self._write(dialect.acquire)
         self._wait(*dialect.finished)
@@ -157,7 +158,7 @@ class ScopeTransport:
             self._resource.write(command)
 
     def _wait(self, query: str, finished: str) -> None:
-        """Wait until the response to a query says that the acquisition is complete. Raises ``Timeout``."""
+        """Wait until the response to a query is ``finished``, that is, the acquisition is complete. Raises ``Timeout``."""
         limit = time.monotonic() + _ACQUISITION_TIMEOUT_S
         while self._resource.query(query).strip() != finished:
             if time.monotonic() > limit:
@@ -176,7 +177,7 @@ class _Acquisition:
 
 
 def _parse_note(note: str, size: int) -> _Acquisition:
-    """Return what a chunk's note says of its ``size`` bytes. Raises ``InvalidSource``."""
+    """Return the contents of a chunk's note. Raises ``InvalidSource`` if it does not fit the chunk's ``size`` bytes."""
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -190,7 +191,7 @@ def _parse_note(note: str, size: int) -> _Acquisition:
 
 
 class WaveformDecoder:
-    """A decoder that turns acquisitions, live or recorded, into samples."""
+    """A decoder that turns acquisitions, live or recorded, into samples; ``header`` is that of their source."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
@@ -218,8 +219,8 @@ class WaveformDecoder:
             columns.append(dialect.decode(data[begin : begin + length], scaling))
             begin += length
         volts, saturated = (np.column_stack(column) for column in zip(*columns, strict=True))
-        gaps = (Gap(self._next, -1, _GAP_REASON),) if self._next else ()
-        first = self._next + len(gaps)
+        gaps = (Gap(self._next, -1, _GAP_REASON),) if self._next else ()  # none before the first acquisition
+        first = self._next + len(gaps)  # a gap of unknown length takes up one index
         self._next = first + lengths[0]
         index = np.arange(first, self._next)
         return Samples(

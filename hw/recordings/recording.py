@@ -43,6 +43,7 @@ class Recorder:
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
+        """Create the file at ``path``, and write ``header`` as its first line."""
         self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115 - closed by close(); unbuffered
         self._begin, self._end = time.monotonic(), 0
         line = json.dumps({"format": FILE_FORMAT, "version": FORMAT_VERSION} | header.as_dict())
@@ -72,14 +73,16 @@ class Recorder:
             self._file.close()
 
     def __enter__(self) -> Self:
+        """Return the recorder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the file."""
         self.close()
 
     def _append_record(self, tag: bytes, chunk: Chunk) -> None:
-        """Append a record with its checksum."""
-        note = chunk.note.encode()[:65535]
+        """Append a record of a chunk, with its checksum; ``tag`` is READ or DONE."""
+        note = chunk.note.encode()[:65535]  # 16 bits state its length
         when = time.monotonic() if chunk.time is None else chunk.time
         head = _RECORD_HEAD.pack(tag, when - self._begin, chunk.stream, len(note), len(chunk.data))
         body = head + note + chunk.data
@@ -118,6 +121,7 @@ class Recording:
     """
 
     def __init__(self, path: Path | str) -> None:
+        """Open the file at ``path``, and read its header."""
         self.path = Path(path)
         self.cut: str | None = None
         self.damaged: list[int] = []
@@ -126,7 +130,7 @@ class Recording:
             raise InvalidSource(f"{path} is not a recording: {reason}")
         try:
             with self.path.open("rb") as file:
-                self.header = _read_header(file.readline(1 << 20), self.path)
+                self.header = _read_header(file.readline(1 << 20), self.path)  # at most 1 MB: another file may have no lines
                 self._data_begins = file.tell()
         except OSError as fault:
             raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
@@ -168,6 +172,7 @@ class Replay(FileTransport):
     """
 
     def __init__(self, path: Path) -> None:
+        """Open the recording at ``path``."""
         self._recording = Recording(path)
         source = {"replayed": str(path)}
         self.header = replace(self._recording.header, source=self._recording.header.source | source)
@@ -222,7 +227,7 @@ class _FirstLine(Header):
 
 
 def _read_header(line: bytes, path: Path) -> Header:
-    """Read the header from a file's first line. Raises ``InvalidSource``."""
+    """Read the header from a file's first line. Raises ``InvalidSource`` if it describes no recording of this version."""
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -260,7 +265,7 @@ def _read_record(file: BinaryIO) -> tuple[bytes, Chunk]:
     if len(head) < _RECORD_HEAD.size:
         return b"", Chunk(b"")
     tag, when, stream, note, length = _RECORD_HEAD.unpack(head)
-    body = file.read(note + length) if length < 1 << 30 else b""
+    body = file.read(note + length) if length < 1 << 30 else b""  # a damaged head may state any length
     crc = file.read(_CRC_FORMAT.size)
     if len(body) < note + length or crc != _CRC_FORMAT.pack(zlib.crc32(head + body)):
         return b"", Chunk(b"")

@@ -33,10 +33,11 @@ class SerialDevice:
         Its name, ``/dev/ttyACM0`` or ``COM3``.
     """
 
-    packet = 0
+    packet = 0  # the board states the size of frames
     wake_seconds = 3.0  # some boards restart when their port is opened
 
     def __init__(self, port: str) -> None:
+        """Store the port; ``open`` opens it."""
         self.place, self.subject, self._received = port, f"serial:{port}", b""
 
     def open(self) -> None:
@@ -113,7 +114,7 @@ class SerialDevice:
         """Do nothing: a port does not halt."""
 
     def close(self, stop: bool = True) -> None:
-        """Stop the stream, if wanted, and release the port."""
+        """Stop the stream if ``stop`` is true, and release the port."""
         if stop:
             with suppress(OSError):  # no flush: it would wait for ever for a board that no longer reads
                 self._port.write(encode_request(STOP))

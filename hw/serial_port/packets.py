@@ -14,19 +14,19 @@ MAX_RESPONSE_BYTES = 256  # bytes of a response's data at most
 
 
 def encode_request(number: int, value: int = 0, data: int = 0) -> bytes:
-    """Encode a request as 14 bytes."""
+    """Encode a request as 14 bytes: its number, a value of 16 bits and data of 32 bits (docs/reference/protocol.md)."""
     body = _REQUEST_HEAD.pack(REQUEST_MAGIC, PACKET_VERSION, number, value, data)
     return body + _CRC_FORMAT.pack(zlib.crc32(body))
 
 
 def encode_response(number: int, data: bytes = b"") -> bytes:
-    """Encode a response as bytes."""
+    """Encode the response to a request as bytes; ``number`` is the request's, with REFUSED_BIT if it is refused."""
     body = _RESPONSE_HEAD.pack(RESPONSE_MAGIC, PACKET_VERSION, number, len(data)) + data
     return body + _CRC_FORMAT.pack(zlib.crc32(body))
 
 
 def find_response(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
-    """Find the response to a request among the received bytes.
+    """Find the response to the request of this number among the received bytes.
 
     Returns
     -------
@@ -42,6 +42,7 @@ def find_response(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | Non
         _, version, response_number, length = _RESPONSE_HEAD.unpack(head)
         end = start + _RESPONSE_HEAD.size + length + _CRC_FORMAT.size
         is_response = version == PACKET_VERSION and response_number & ~REFUSED_BIT == number
+        # these may be bytes of a frame that happen to equal the magic; a later match may be the response
         if not is_response or length > MAX_RESPONSE_BYTES or end > len(buffer):
             continue
         body = buffer[start : end - _CRC_FORMAT.size]

@@ -79,10 +79,11 @@ class ChargeAmplifier:
         calibrated_at
             Frequency of the calibration, Hz; None: gains are nominal.
         """
-        d_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
-        d_capacitance = d_resistance - 1
+        d_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)  # d ln H / d ln R
+        d_capacitance = d_resistance - 1  # d ln H / d ln C
         if calibrated_at is not None:
             calibrated = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
+            # the same difference for both: the -1 of the capacitance cancels
             d_resistance, d_capacitance = d_resistance - calibrated, d_resistance - calibrated
         parts = np.array([d_resistance * self.resistance_tolerance, d_capacitance * self.capacitance_tolerance])
         columns = np.stack([parts.real, parts.imag])
@@ -95,7 +96,19 @@ FilmAmplifiers = tuple[ChargeAmplifier, ChargeAmplifier]  # of the inner and the
 def compute_parts_covariance(
     charges: Complexes, amplifiers: FilmAmplifiers, frequency: float, calibrated_at: float | None = None
 ) -> Floats:
-    """Return the covariance of charges (n,), as (re, im) of each in turn, from eq. SI.2, C^2, shape (2 n, 2 n)."""
+    """Return the covariance of charges that the tolerances of the amplifiers' parts cause, C^2, shape (2 n, 2 n).
+
+    It is that of (re, im) of each charge in turn, from eq. SI.2.
+
+    Parameters
+    ----------
+    charges
+        (n,) complex amplitudes, C.
+    amplifiers
+        Of these charges, n of them.
+    frequency, calibrated_at
+        As of ``ChargeAmplifier.compute_tolerance``, Hz.
+    """
     relative = block_diag(*(amplifier.compute_tolerance(frequency, calibrated_at) for amplifier in amplifiers))
     multiplication = build_multiplication_matrix(charges)
     return np.asarray(multiplication @ relative @ multiplication.T)

@@ -23,7 +23,17 @@ def build_multiplication_matrix(factors: Complexes) -> Floats:
 
 
 def propagate_covariance(function: Callable[[Floats], Floats], values: Floats, covariance: Floats) -> Floats:
-    """Return the covariance of a function's values: delta method, with derivatives by central differences."""
+    """Return the covariance of a function's values by the delta method, with derivatives by central differences.
+
+    Parameters
+    ----------
+    function
+        From (n,) to (m,) values.
+    values
+        (n,) at which it is evaluated.
+    covariance
+        Of ``values``, shape (n, n).
+    """
     step = RELATIVE_STEP * float(np.abs(values).max())
     shifts = step * np.eye(len(values))
     derivatives = np.stack([(function(values + shift) - function(values - shift)) / (2 * step) for shift in shifts], axis=1)
@@ -31,5 +41,8 @@ def propagate_covariance(function: Callable[[Floats], Floats], values: Floats, c
 
 
 def propagate_complex_covariance(function: Callable[[Complexes], Floats], values: Complexes, covariance: Floats) -> Floats:
-    """Return the covariance of a real function of complex values (n,), from that of their (re, im) in turn, (2 n, 2 n)."""
+    """Return the covariance of a real function of complex values (n,).
+
+    ``covariance`` is that of (re, im) of the values in turn, shape (2 n, 2 n).
+    """
     return propagate_covariance(lambda parts: function(parts[0::2] + 1j * parts[1::2]), split_parts(values), covariance)

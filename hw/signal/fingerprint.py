@@ -67,18 +67,18 @@ class Fingerprint:
         return asdict(self)
 
     def is_same(self, other: Fingerprint) -> bool:
-        """Whether both fingerprints are of the same samples."""
+        """Whether both fingerprints are of the same samples, by the longest beginning that both have."""
         beginnings = list(zip(self.noise, other.noise, self.volts, other.volts, strict=False))
         if not beginnings:
             return False
         signs, other_signs, volts, other_volts = beginnings[-1]
         if not signs or not other_signs or not np.allclose(volts, other_volts, rtol=SAME_VOLTS, atol=0):
             return False
-        return (int(signs, 16) ^ int(other_signs, 16)).bit_count() < MIN_DIFFERENT_BITS
+        return (int(signs, 16) ^ int(other_signs, 16)).bit_count() < MIN_DIFFERENT_BITS  # number of signs that differ
 
 
 def _compute_signs(films: Floats) -> str:
-    """Return the signs of the noise's projections on fixed vectors, in hexadecimal; "" if there is no noise."""
+    """Return the signs of projections of both films' noise (n, 2) on fixed vectors, in hexadecimal; "" without noise."""
     noise = np.concatenate([_compute_noise(film) for film in films.T])
     if not noise.any():
         return ""

@@ -83,7 +83,7 @@ def measure(
     Parameters
     ----------
     reading
-        With all its samples.
+        The fit, to which all samples have been added.
     amplifiers
         Of the inner and the outer film.
     sensitivity
@@ -117,7 +117,7 @@ def measure(
 
 
 def _divide_covariance(responses: Complexes, fit: SineFit) -> Floats:
-    """Return the covariance of the films' charges, C^2, shape (4, 4)."""
+    """Return the covariance of the films' charges, C^2, shape (4, 4): that of the fitted volts, divided by the responses."""
     division = build_multiplication_matrix(1 / responses)
     return np.asarray(division @ fit.covariance[:4, :4] @ division.T)
 
@@ -146,7 +146,7 @@ def check_measurement(measurement: Measurement, min_cycles: float) -> Measuremen
 
 
 def _compute_strength(charges: Complexes, covariance: Floats) -> float:
-    """Return the larger of both films' amplitudes over their standard deviations."""
+    """Return the larger of both films' amplitudes over their standard deviations; ``covariance`` is of (re, im) in turn."""
     return float((np.abs(charges) / np.sqrt(np.diag(covariance)[::2])).max())
 
 
@@ -159,7 +159,7 @@ def _compute_force(fit: SineFit, sensitivity: float | None) -> tuple[float | Non
 
 
 def _project_in_phase(charges: Complexes) -> Floats:
-    """Return the components of complex charges in phase with their sum."""
+    """Return the components of complex charges (n,) that are in phase with their sum, shape (n,)."""
     total = charges.sum()
     return np.asarray((charges * np.conj(total) / abs(total)).real)
 

@@ -73,12 +73,13 @@ class ReadingFit:
     """
 
     def __init__(self, frequency: float, force: bool, rows: int = MIN_PIECE_ROWS) -> None:
+        """Start without samples."""
         self._frequency, self._force, self._rows = frequency, force, rows
-        self._waiting: list[Samples] = []
+        self._waiting: list[Samples] = []  # samples that are not fitted yet, ``_count`` rows
         self._begin: list[Samples] = []  # the first rows, for the fingerprint
         self._count, self._piece = 0, rows
         self._fits: list[SineFit] = []
-        self._left_out = 0
+        self._left_out = 0  # rows in stretches too short to be fitted
         self._fault: HardwareError | None = None
         self.losses = Losses()
 
@@ -100,7 +101,7 @@ class ReadingFit:
         self._waiting.append(used)
         self._count += len(used)
         self._piece = max(self._rows, round(MIN_PIECE_CYCLES / self._frequency * block.rate))
-        while self._count >= 2 * self._piece:
+        while self._count >= 2 * self._piece:  # a whole piece stays, so that the last fit is not too short
             self._fit_first(self._piece)
 
     @property
@@ -127,7 +128,7 @@ class ReadingFit:
         return replace(_combine_fits(ordered), left_out=self._left_out)
 
     def _fit_remaining(self) -> None:
-        """Fit the waiting samples: in two halves if they exceed a piece, so that no fit needs more memory than the others."""
+        """Fit the waiting samples, in two halves if they exceed a piece, so that no fit needs more memory than the others."""
         if self._fits and self._count > self._piece:
             self._fit_first(self._count // 2)
         self._try_fit(join_samples(self._waiting))
@@ -144,6 +145,7 @@ class ReadingFit:
         """Fit each stretch between gaps of unknown length; a stretch that is too short is left out unless it is the only one."""
         for part in sorted(_split_stretches(samples), key=len, reverse=True):
             try:
+                # the frequency of an earlier fit is a better start than the nominal one
                 self._fits.append(fit_stretch(part, self._fits[0].frequency if self._fits else self._frequency))
             except TooShort as fault:
                 self._left_out += len(part)
@@ -182,7 +184,7 @@ def _combine_fits(fits: Sequence[SineFit]) -> SineFit:
     Raises
     ------
     NoSine
-        Their frequencies differ by more than 1 %.
+        Their frequencies differ by more than FREQUENCY_TOLERANCE.
     """
     if len(fits) == 1:
         return fits[0]
@@ -213,7 +215,7 @@ def _combine_fits(fits: Sequence[SineFit]) -> SineFit:
         covariance=np.tensordot(weights**2, stack("covariance"), 1),
         offsets=np.tensordot(weights, stack("offsets"), 1),
         offsets_sd=add_independent_sds("offsets_sd"),
-        drift=np.ptp(stack("offsets"), axis=0) + stack("drift").max(axis=0),
+        drift=np.ptp(stack("offsets"), axis=0) + stack("drift").max(axis=0),  # an upper bound: between and within stretches
         noise=np.sqrt(np.tensordot(weights, stack("noise") ** 2, 1)),
         density=np.tensordot(weights, stack("density"), 1),
         variance=float(weights**2 @ stack("variance")),
@@ -230,7 +232,10 @@ def _combine_fits(fits: Sequence[SineFit]) -> SineFit:
 
 
 def _compute_phase_factor(first: SineFit, second: SineFit) -> complex:
-    """Return the factor of modulus 1 that rotates a stretch to the phase of the first; channels are weighted by noise."""
+    """Return the complex factor of modulus 1 that rotates the second stretch's amplitudes to the phase of the first.
+
+    Channels are weighted by the inverse of their noise; without amplitudes the factor is 1.
+    """
     weights = 1 / np.maximum(np.diag(first.density), np.finfo(float).tiny)
     product = complex((np.conj(second.amplitudes) * first.amplitudes * weights).sum())
     return product / abs(product) if product else 1.0

@@ -145,7 +145,11 @@ def fit_stretch(samples: Samples, frequency: float) -> SineFit:
 
 
 def _check_samples(samples: Samples, requested: int) -> None:
-    """Refuse too few of the requested samples, dead channels, and films with equal numbers."""
+    """Refuse samples that are too few, dead channels, and films with equal numbers.
+
+    ``requested`` is the number of samples that the stretch would have without gaps and saturation.
+    """
+    # 4 times the unknowns: two for each harmonic, and the drift polynomial
     min_samples = 4 * (2 * (MAX_HARMONICS + MAX_MAINS_HARMONICS) + DRIFT_COEFFICIENTS)
     if len(samples.index) < max(min_samples, MIN_SAMPLE_FRACTION * requested):
         needed = f"at least {min_samples} and a fraction of {MIN_SAMPLE_FRACTION:g} are needed"
@@ -158,7 +162,7 @@ def _check_samples(samples: Samples, requested: int) -> None:
 
 
 def _find_load_frequency(samples: Samples, span: float, nominal: float) -> float:
-    """Return a first estimate of the load's frequency, Hz."""
+    """Return a first estimate of the load's frequency, Hz: the strongest line near ``nominal``, Hz; ``span`` is in s."""
     _check_frequency(nominal, span, samples.rate)
     search_range = min(0.1 * nominal, SEARCH_RANGE_HZ)
     frequency = find_strongest(samples, nominal - search_range, nominal + search_range) or nominal
@@ -189,7 +193,7 @@ def check_rate(frequency: float, rate: float) -> None:
 
 
 def _check_frequency(frequency: float, span: float, rate: float) -> None:
-    """Refuse a load at the mains, with too few periods, or sampled too slowly."""
+    """Refuse a load at the mains, with too few periods in ``span`` (s), or sampled too slowly; frequency and rate in Hz."""
     check_rate(frequency, rate)
     if frequency * span < MIN_CYCLES:
         raise TooShort(f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {MIN_CYCLES:g} are needed")
@@ -198,12 +202,27 @@ def _check_frequency(frequency: float, span: float, rate: float) -> None:
 
 
 def _count_below_nyquist(frequency: float, rate: float, max_count: int) -> int:
-    """Return how many harmonics of a frequency the sampling rate allows, at least 1."""
+    """Return how many harmonics of a frequency the sampling rate allows, from 1 to ``max_count``; 0.45: below Nyquist's 0.5."""
     return max(1, min(max_count, int(0.45 * rate / frequency)))
 
 
 def _fit_frequencies(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solution]:
-    """Correct the frequencies by Gauss-Newton steps until they converge."""
+    """Correct the frequencies of ``lines`` by Gauss-Newton steps until they converge; return them and the solution.
+
+    Parameters
+    ----------
+    lines
+        The model's, at first estimates of the frequencies.
+    t
+        (n,) times from the middle of the record, s.
+    volts
+        (n, channels).
+
+    Raises
+    ------
+    NoSine
+        A frequency leaves the neighbourhood of its start.
+    """
     start = lines.load
     for _ in range(MAX_NEWTON_STEPS):
         solved = _solve(lines, t, volts)
@@ -211,7 +230,7 @@ def _fit_frequencies(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Sol
             return lines, solved
         hum = None if lines.mains is None else lines.mains + float(solved.step[-1])
         lines = replace(lines, load=lines.load + float(solved.step[0]), mains=hum)
-        if abs(lines.load - start) * 2 * lines.half > 1:
+        if abs(lines.load - start) * 2 * lines.half > 1:  # by more than a line's width, 1 over the record's length
             raise NoSine(f"no sinusoid near {start:.6g} Hz: the fit leaves that frequency; is the load on, its frequency right?")
     return lines, _solve(lines, t, volts)
 
@@ -231,7 +250,24 @@ def _solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
 
 
 def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> Lines:
-    """Add the mains and its harmonics to the model if they stand out of the residuals."""
+    """Return the model's lines, with the mains and its harmonics added if they stand out of the residuals.
+
+    Parameters
+    ----------
+    lines
+        The model's, without mains.
+    samples
+        Not saturated.
+    t
+        (n,) times from the middle of the record, s.
+    solved
+        Solution for these lines.
+
+    Raises
+    ------
+    NoSine
+        The load or one of its harmonics is too close to the mains to be separated.
+    """
     frequency = find_mains(samples, compute_residual(lines, t, samples.volts, solved.coefficients), lines.frequencies)
     if frequency is None:
         return lines
@@ -243,11 +279,12 @@ def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> L
 
 
 def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> SineFit:
-    """Build the result of a fit from its solution and residuals."""
+    """Build the result of a fit from its solution and residuals; parameters as in ``_add_mains``, with mains if detected."""
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
     residuals = compute_residual(lines, t, samples.volts, coefficients)
     density = estimate_density(samples, residuals, lines.load, lines.frequencies, solved.noise)
-    drift_columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)
+    drift_columns = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)  # at 101 times
+    # coefficients alternate between real and imaginary parts of the amplitudes, those of the load first
     waves = coefficients[0 : 2 * lines.harmonics : 2] + 1j * coefficients[1 : 2 * lines.harmonics : 2]
     hums = coefficients[2 * lines.harmonics : 2 * lines.harmonics + 2]  # cosine and sine of the mains
     block_amplitudes, block_variances = fit_blocks(lines, t, samples.volts)

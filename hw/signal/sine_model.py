@@ -51,7 +51,11 @@ class Lines:
         return np.array([h * self.load for h in range(1, self.harmonics + 1)] + mains)
 
     def build_columns(self, t: Floats) -> Floats:
-        """Return cosine and minus sine of each of the s sinusoids, then the polynomials, shape (len(t), 2 s + 4), eq. SI.3."""
+        """Return the model's columns at times t, eq. SI.3, shape (len(t), 2 s + DRIFT_COEFFICIENTS).
+
+        These are cosine and minus sine of each of the s sinusoids in turn, then the polynomials; with the minus sign the
+        coefficients are real and imaginary part of the amplitudes.
+        """
         turns = 2 * np.pi * np.outer(t, self.frequencies)
         waves = np.stack([np.cos(turns), -np.sin(turns)], axis=2).reshape(len(t), -1)
         return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT_COEFFICIENTS - 1)])
@@ -110,7 +114,7 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
     residual_products, derivative_products, column_products, gradient = _sum_products(lines, t, volts, coefficients)
     noise = residual_products / max(len(t) - len(inverse), 1)
     noise_variances = np.maximum(np.diag(noise), np.finfo(float).tiny)
-    # what the columns cannot take up of a change of frequency
+    # without the part of a frequency's effect that other coefficients of the columns can imitate
     derivative_products = derivative_products - np.einsum("apc,pq,bqc->abc", column_products, inverse, column_products)
     information = (derivative_products / noise_variances).sum(axis=2)
     step = np.linalg.solve(information, (gradient / noise_variances).sum(axis=1))
@@ -129,7 +133,15 @@ def build_normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floa
 
 
 def _sum_products(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Sum over all rows the products of residuals, of derivatives by frequency, of these with columns, and with residuals."""
+    """Sum four products over all rows; parameters as in ``solve`` and ``Solution``.
+
+    With indices c of channels, a and b of frequencies by which the model is differentiated, and p of columns, the products are of
+
+    - residuals with each other, shape (c, c),
+    - derivatives with each other, shape (a, b, c),
+    - derivatives with columns, shape (a, p, c),
+    - derivatives with residuals, shape (a, c).
+    """
     sums = []
     for rows in iterate_slices(len(t)):
         columns = lines.build_columns(t[rows])
@@ -150,5 +162,5 @@ def iterate_slices(rows: int) -> Iterator[slice]:
 
 
 def compute_residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
-    """Return the residuals of eq. SI.3, V, of the shape of ``volts``."""
+    """Return the residuals of eq. SI.3, V, of the shape of ``volts``; parameters as in ``solve`` and ``Solution``."""
     return np.concatenate([volts[rows] - lines.build_columns(t[rows]) @ coefficients for rows in iterate_slices(len(t))])

@@ -56,7 +56,19 @@ class Spectrum:
 
 
 def compute_spectrum(samples: Samples, values: Floats, padding: int = PADDING_FACTOR, hann: bool = True) -> Spectrum:
-    """Compute the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed."""
+    """Compute the spectrum of values at the samples' indices; gaps count as zeros, fast samples are summed.
+
+    Parameters
+    ----------
+    samples
+        For index and rate.
+    values
+        (n, channels), V.
+    padding
+        Length with zeros appended, over the record's length.
+    hann
+        Whether to use a Hann window; if not, none.
+    """
     samples_per_bin = max(1, int(samples.rate // REDUCED_RATE_HZ))
     bins = (samples.index - samples.index[0]) // samples_per_bin
     sums = np.stack([np.bincount(bins, weights=column) for column in values.T], axis=1)
@@ -68,7 +80,10 @@ def compute_spectrum(samples: Samples, values: Floats, padding: int = PADDING_FA
 
 
 def find_strongest(samples: Samples, low: float, high: float) -> float | None:
-    """Return the frequency from ``low`` to ``high`` (Hz) of the maximum power, summed over normalised channels, or None."""
+    """Return the frequency from ``low`` to ``high`` (Hz) with the maximum power, or None if the spectrum has none there.
+
+    The power is summed over channels, each scaled to unit variance.
+    """
     centred = samples.volts - samples.volts.mean(axis=0)
     quiet = centred / np.maximum(np.sqrt((centred**2).mean(axis=0)), np.finfo(float).tiny)
     band = compute_spectrum(samples, quiet).select_band(low, min(high, 0.4 * REDUCED_RATE_HZ))
@@ -76,7 +91,17 @@ def find_strongest(samples: Samples, low: float, high: float) -> float | None:
 
 
 def find_mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
-    """Return a first estimate of the mains' frequency in a residual (n, channels), Hz, or None if none is significant."""
+    """Return a first estimate of the mains' frequency, Hz, or None if no line of the mains is significant.
+
+    Parameters
+    ----------
+    samples
+        For index and rate.
+    residual
+        (n, channels) of a fit, V.
+    fitted
+        Frequencies that were fitted, Hz, which are left out of the search.
+    """
     remaining = compute_spectrum(samples, residual).exclude_lines(fitted)
     candidates = []
     for nominal in MAINS_HZ:
@@ -130,7 +155,7 @@ def estimate_density(samples: Samples, residual: Floats, frequency: float, fitte
         return white
     mean_products = (lines.sums.T @ lines.sums.conj()).real / len(lines.frequencies)
     colours = np.diag(mean_products) / total  # power near f over that of white noise of the same variance
-    if np.all(np.abs(colours - 1) < 3 / np.sqrt(count)):
+    if np.all(np.abs(colours - 1) < 3 / np.sqrt(count)):  # 3 standard deviations of a mean of so many lines
         return white
     scale = np.sqrt(np.diag(white) / total)
     return np.asarray(mean_products * np.outer(scale, scale) * (1 + 2 / count))  # enlarged, since few lines are averaged

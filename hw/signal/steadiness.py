@@ -77,16 +77,30 @@ def fit_blocks(lines: Lines, t: Floats, volts: Floats) -> tuple[Complexes, Float
 
 
 def _count_blocks(lines: Lines, rows: int, unknowns: int) -> int:
-    """Return the number of blocks that are long enough to separate all lines."""
+    """Return the number of blocks that are long enough to separate all lines, and have enough rows for the unknowns."""
     frequencies = np.sort(lines.frequencies)
-    slowest = min([lines.load, *np.diff(frequencies)])
+    slowest = min([lines.load, *np.diff(frequencies)])  # Hz, of the load and the beats between neighbouring lines
     return int(
         max(1, min(MAX_BLOCKS, 2 * lines.half * slowest / MIN_BLOCK_CYCLES, rows / (1.5 * MIN_ROWS_PER_UNKNOWN * unknowns)))
     )
 
 
 def _fit_block(lines: Lines, t: Floats, volts: Floats, middle: float, half: float) -> tuple[Complexes, float]:
-    """Fit one block; return its amplitudes, with phases from the record's middle, and their relative variance."""
+    """Fit one block; return its amplitudes (c,), V, with phases from the record's middle, and their relative variance.
+
+    Parameters
+    ----------
+    lines
+        The record's, fitted.
+    t
+        (n,) times of the block's rows from the middle of the record, s.
+    volts
+        (n, c).
+    middle
+        Time of the block's middle from that of the record, s.
+    half
+        Half of the block's length, s.
+    """
     block_lines = Lines(lines.load, lines.harmonics, lines.mains, lines.hums, half)
     normal, right = build_normal_equations(block_lines, t - middle, volts)
     inverse = np.linalg.pinv(normal, hermitian=True)
@@ -133,6 +147,7 @@ def estimate_change(values: Floats, variances: Floats) -> float:
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, len(values)), degree)[:, 1:])
     trend = basis @ (basis.T @ deviations)
     change = 0.0
+    # two tests: a slow trend stands out earlier than in the total, an irregular change in the total only
     if chdtrc(basis.shape[1], float(trend @ trend)) < FALSE_ALARM_PROBABILITY:
         change = float(np.abs(trend * np.sqrt(variances)).max())
     if chdtrc(len(values) - 1, float(deviations @ deviations)) < FALSE_ALARM_PROBABILITY:
@@ -158,7 +173,7 @@ def estimate_spike_error(residuals: Floats, period: float) -> Floats:
         rows = np.flatnonzero(channel_outliers)
         burst_index = np.cumsum(np.diff(rows, prepend=rows[:1]) > period / 2)
         burst_sums = np.bincount(burst_index, channel_sizes[rows])
-        errors.append(np.sqrt((burst_sums**2).sum()) * 2 / len(residuals))
+        errors.append(np.sqrt((burst_sums**2).sum()) * 2 / len(residuals))  # 2 / n: weight of a row in an amplitude
     return np.array(errors)
 
 

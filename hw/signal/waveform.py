@@ -108,7 +108,16 @@ def _divide_harmonics(fit: SineFit, amplifiers: FilmAmplifiers) -> SineFit:
 
 
 def _estimate_bending(fit: SineFit, noise: Floats, has_force: bool) -> tuple[Floats, float]:
-    """Return the error that each channel's nonlinearity may cause, V, and that of a nonlinearity common to all, relative.
+    """Return the error that each channel's nonlinearity may cause, V, and the relative error of one common to all channels.
+
+    Parameters
+    ----------
+    fit
+        With harmonics divided by the amplifiers' responses.
+    noise
+        Variance of a sample of each channel, V^2, shape (channels,).
+    has_force
+        Whether there is a force channel.
 
     A harmonic of the load itself is the same fraction a_h / a_1 of every channel (a_h: amplitude of the h-th harmonic).
     """
@@ -127,7 +136,10 @@ def _estimate_bending(fit: SineFit, noise: Floats, has_force: bool) -> tuple[Flo
 
 
 def _list_warnings(fit: SineFit, channels: tuple[str, ...], common_sd: float, relative_sds: Floats) -> list[str]:
-    """List what the uncertainties count, samples left out, and mains that suggest a wrong sampling rate."""
+    """List warnings: deviations that the uncertainties count, samples left out, and mains that suggest a wrong sampling rate.
+
+    ``common_sd`` and ``relative_sds`` (channels,) are relative standard deviations, common to all amplitudes and of each.
+    """
     warnings = []
     if common_sd > 0:
         warnings.append(f"the load changes or is bent by up to {100 * common_sd:.2g} %: counted in the uncertainties")

@@ -31,6 +31,7 @@ class Firmware:
     """
 
     def __init__(self, signals: Callable[[Floats], Floats], rate: float, scale: tuple[float, ...], packet: int) -> None:
+        """Build a stopped device; for the parameters see ``hw.simulation.virtual.make_virtual_probe``."""
         self.layout, self.rate = FrameLayout(packet, len(scale)), rate
         self._signals, self._scale = signals, np.array(scale, np.float32).astype(float)  # as GET_INFO reports it
         self._max_rate = rate
@@ -38,13 +39,13 @@ class Firmware:
         self._ready = b""
 
     def control(self, request: int, value: int, data: bytes) -> bytes:
-        """Return the response to a vendor request. Raises ``Halted`` when it is refused."""
+        """Return the response to a vendor request with its value and data. Raises ``Halted`` when it is refused."""
         if request == GET_INFO:
             return Info(self.layout.channels, self.rate, self._max_rate, tuple(self._scale), "virtual 1").encode()
         if request == GET_STATUS:
             return Status(self.stream, self.overruns, self.sent, self.index).encode()
         if request == SET_RATE and not self.stream:
-            self.rate = min(self._max_rate, max(1.0, RATE_FORMAT.unpack(data)[0] / 1e3))
+            self.rate = min(self._max_rate, max(1.0, RATE_FORMAT.unpack(data)[0] / 1e3))  # the request is in mHz
         elif request == START and value:
             self.stream, self.index, self.sent, self.overruns, self._ready = value, 0, 0, 0, b""
         elif request == STOP:
@@ -57,12 +58,12 @@ class Firmware:
         """Return the bytes for a read of ``size`` bytes; none while no stream runs."""
         missing = size - len(self._ready)
         if self.stream and missing > 0:
-            self._ready += self.build_frames(-(-missing // self.layout.size))
+            self._ready += self.build_frames(-(-missing // self.layout.size))  # rounded up to whole frames
         data, self._ready = self._ready[:size], self._ready[size:]
         return data
 
     def build_frames(self, count: int, flags: int = 0) -> bytes:
-        """Return the next frames."""
+        """Return the bytes of the next ``count`` frames, all with the same flags."""
         rows = self.layout.rows
         index = self.index + np.arange(count * rows)
         counts = np.rint(self._signals(index / self.rate) / self._scale)

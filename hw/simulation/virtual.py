@@ -3,7 +3,7 @@
 It bypasses libusb and does not test it; the tests under umockdev do.
 """
 
-# ruff: noqa: D102 - the methods of IBackend are documented there
+# pyusb's class IBackend documents the methods and their parameters
 
 from __future__ import annotations
 
@@ -53,36 +53,44 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
     """
 
     def __init__(self, firmware: Firmware, serial: str, pace: bool) -> None:
+        """Connect a simulated device; with ``pace`` its samples come in real time."""
         super().__init__()
         self.serial, self.firmware, self._pace = serial, firmware, pace
         self._begin = time.monotonic()
 
     def enumerate_devices(self) -> Iterator[int]:
+        """Yield the only device: its address stands for it."""
         yield _BUS_ADDRESS
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
+        """Return the descriptor of the device."""
         return SimpleNamespace(**_DEVICE_DESCRIPTOR, address=dev)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
+        """Return the descriptor of configuration 0; ``IndexError`` ends pyusb's search for others."""
         if config:
             raise IndexError(config)
         return SimpleNamespace(**_CONFIGURATION_DESCRIPTOR)
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """Return the descriptor of interface 0; ``IndexError`` ends pyusb's search for others."""
         if intf or alt:
             raise IndexError((intf, alt))
         return SimpleNamespace(**_INTERFACE_DESCRIPTOR)
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """Return the descriptor of the only endpoint, whose packets have the size of a frame."""
         return SimpleNamespace(**_ENDPOINT_DESCRIPTOR, wMaxPacketSize=self.firmware.layout.size)
 
     def open_device(self, dev: int) -> int:
+        """Return the device as its own handle."""
         return dev
 
     def close_device(self, dev_handle: int) -> None:
         """Do nothing: no device is open."""
 
     def get_configuration(self, dev_handle: int) -> int:
+        """Return the number of the only configuration."""
         return 1
 
     def claim_interface(self, dev_handle: int, intf: int) -> None:
@@ -94,17 +102,20 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
     def ctrl_transfer(
         self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: array[int], timeout: int
     ) -> int:
-        if (bmRequestType, bRequest, wValue) == (0x80, 6, 0x0303):
+        """Respond to a control request: put its data into ``data``, or take them from there; return their length."""
+        if (bmRequestType, bRequest, wValue) == (0x80, 6, 0x0303):  # GET_DESCRIPTOR, string 3: the serial number
             text = self.serial.encode("utf-16-le")
             return _fill_buffer(data, struct.pack("BB", 2 + len(text), 3) + text)
         try:
+            # bit 0x80: from the device to the host
             answer = self.firmware.control(bRequest, wValue, bytes(data) if not bmRequestType & 0x80 else b"")
         except Halted as refused:
             raise USBError("Pipe error", -9, errno.EPIPE) from refused
-        self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin
+        self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin  # the stream begins now, at the earliest
         return _fill_buffer(data, answer) if bmRequestType & 0x80 else len(data)
 
     def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: array[int], timeout: int) -> int:
+        """Fill ``buff`` with bytes of the stream, and return their number; time out while no stream runs."""
         data = self.firmware.send(len(buff) * buff.itemsize)
         if not data:
             raise USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
@@ -112,7 +123,7 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
         return _fill_buffer(buff, data)
 
     def _wait(self) -> None:
-        """Wait until the time at which the samples would have been taken."""
+        """Wait until the time at which a real device would have taken the last sample sent, if the probe is in real time."""
         if self._pace:
             time.sleep(max(0.0, self._begin + self.firmware.index / self.firmware.rate - time.monotonic()))
 

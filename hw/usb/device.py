@@ -33,6 +33,7 @@ class UsbDevice:
     wake_seconds = 0.0
 
     def __init__(self, serial: str | None = None, backend: IBackend | None = None) -> None:
+        """Store the choice; ``open`` finds the device."""
         self._serial, self._backend = serial, backend
         self.subject = f"probe {serial or 'on USB'}"
 
@@ -87,7 +88,7 @@ class UsbDevice:
             self._device.clear_halt(self._endpoint)
 
     def close(self, stop: bool = True) -> None:
-        """Stop the stream, if wanted, and release the device, whatever state it is in."""
+        """Stop the stream if ``stop`` is true, and release the device, whatever state it is in."""
         if stop:
             with suppress(HardwareError):
                 self.request(STOP)
@@ -116,8 +117,8 @@ class UsbDevice:
 def _salvage_packets(buffer: array[int], packet: int) -> bytes:
     """Return the bytes that a failed read received before the fault; the frames' checksums exclude wrong ones.
 
-    pyusb does not report their number. Trailing zeros are cut only to a multiple of the packet size, because one checksum in 256
-    ends in a received zero.
+    pyusb does not report how many bytes came; the buffer was filled with zeros before. The zeros at its end are cut off, except
+    those in the last packet that holds other bytes, because one checksum in 256 ends in a zero that was received.
     """
     size = len(buffer.tobytes().rstrip(b"\0"))
     return buffer[: -(-size // packet) * packet].tobytes()

@@ -52,7 +52,7 @@ def classify_fault(fault: Exception) -> type[HardwareError]:
 
 
 def translate_fault(fault: Exception, subject: str) -> HardwareError:
-    """Translate an exception of pyusb into a ``HardwareError``; the caller raises it from the fault."""
+    """Translate an exception of pyusb into a ``HardwareError``, which the caller raises; ``subject`` names the device."""
     kind = classify_fault(fault)
     text = " ".join(str(fault).split()) or type(fault).__name__
     return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDIES[kind]} ({text})")

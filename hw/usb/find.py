@@ -72,7 +72,7 @@ def open_libusb() -> IBackend:
 
 
 def _build_uninitialised_error(reason: str) -> NotFound:
-    """Return the error for a libusb that is there but has no access to USB."""
+    """Build the error for a libusb that can be loaded but has no access to USB, for the given reason."""
     return NotFound(
         f"libusb failed to initialise ({reason}): is there USB on this machine, or in this container (--device /dev/bus/usb)?"
     )
@@ -143,6 +143,7 @@ def release(devices: list[usb.core.Device]) -> None:
 def _read_serial(device: usb.core.Device) -> FoundDevice:
     """Read a device's serial number; unlike pyusb's property this keeps the reason of a failure."""
     try:
+        # 0x80, 6: GET_DESCRIPTOR; its first byte is its length, its second its type
         descriptor = bytes(device.ctrl_transfer(0x80, 6, _STRING_DESCRIPTOR | device.iSerialNumber, _ENGLISH_US, 255))
     except (usb.core.USBError, NotImplementedError) as fault:
         return FoundDevice(device, "", fault)

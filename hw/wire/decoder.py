@@ -25,6 +25,7 @@ class FrameDecoder:
     """
 
     def __init__(self, header: Header) -> None:
+        """Start before the first byte; ``header`` states channels, scale and the size of frames."""
         self.header = header
         self.layout = wire.FrameLayout(header.size, len(header.scale))
         self.skipped = 0  # bytes outside valid frames
@@ -32,9 +33,10 @@ class FrameDecoder:
         self._dtype = self.layout.dtype
         self._scale = np.array(header.scale)
         self._buffered = b""
+        # index of the stream's sample 0 in ``Samples``, and index within the stream of the sample expected next
         self._stream, self._offset, self._next = header.stream, 0, 0
         self._note = ""
-        self._unknown: list[Gap] = []
+        self._unknown: list[Gap] = []  # gaps of restarts, until samples follow them
         self._bytes_without_frame = 0
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
@@ -72,7 +74,7 @@ class FrameDecoder:
         if self._next:
             self._unknown.append(Gap(self._offset + self._next, -1, self._note or "the device restarted"))
             self._note = ""
-        self._offset += self._next + bool(self._next)
+        self._offset += self._next + bool(self._next)  # 1 more for the gap, unless the stream had no samples
         self._stream, self._next, self._buffered = stream, 0, b""
 
     def _find_valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
@@ -92,7 +94,7 @@ class FrameDecoder:
         return np.concatenate(valid_frames) if valid_frames else np.empty(0, self._dtype), position
 
     def _count_leading_valid(self, candidates: NDArray[np.void], view: memoryview) -> int:
-        """Return how many frames of the candidates are valid before the first that is not."""
+        """Return how many frames of the candidates are valid before the first that is not; ``view`` holds their bytes."""
         has_valid_header = (candidates["magic"] == wire.FRAME_MAGIC) & (candidates["version"] == wire.PROTOCOL_VERSION)
         has_valid_header &= candidates["channels"] == self.layout.channels
         has_valid_header &= (candidates["rows"] > 0) & (candidates["rows"] <= self.layout.rows)
@@ -110,7 +112,7 @@ class FrameDecoder:
         gaps = self._list_gaps(frames, begin, end)
         if len(frames):
             self._next = int(end[-1])
-        filled = np.arange(self.layout.rows) < rows[:, None]
+        filled = np.arange(self.layout.rows) < rows[:, None]  # (frames, rows): a frame may be filled in part
         codes = frames["codes"][filled]
         flagged = (frames["flags"][:, None] & (wire.SATURATED_FLAG << np.arange(self.layout.channels))) != 0
         index: Ints = (begin[:, None] + np.arange(self.layout.rows))[filled] + self._offset
@@ -126,8 +128,14 @@ class FrameDecoder:
         )
 
     def _select_in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:
-        """Drop frames of other streams and overlapping ones; return the others with their first and end indices."""
-        is_of_stream = (frames["stream"] == self._stream) & (frames["index"] < 2**62)
+        """Drop frames of other streams and those that overlap earlier ones.
+
+        Returns
+        -------
+        tuple
+            The other frames, the index of the first row of each, and that after its last row.
+        """
+        is_of_stream = (frames["stream"] == self._stream) & (frames["index"] < 2**62)  # larger ones overflow int64 in sums
         begin = frames["index"].astype(np.int64)
         end = begin + frames["rows"]
         earlier_ends = np.maximum.accumulate(np.concatenate([[self._next], np.where(is_of_stream, end, 0)]))[:-1]
@@ -136,7 +144,10 @@ class FrameDecoder:
         return frames[keep], begin[keep], end[keep]
 
     def _list_gaps(self, frames: NDArray[np.void], begin: Ints, end: Ints) -> tuple[Gap, ...]:
-        """Return the gaps before the frames, restarts first; a restart's gap is kept until samples follow it."""
+        """Return the gaps before the frames, those of restarts first; a restart's gap is kept until samples follow it.
+
+        ``begin`` and ``end`` are the indices of each frame's first row and of that after its last, within the stream.
+        """
         if not len(begin):
             return ()
         gaps, self._unknown = self._unknown, []

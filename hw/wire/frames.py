@@ -45,6 +45,7 @@ class FrameLayout:
     channels: int
 
     def __post_init__(self) -> None:
+        """Refuse sizes and numbers of channels that the protocol does not allow."""
         if not (MIN_FRAME_BYTES <= self.size <= MAX_FRAME_BYTES and 2 <= self.channels <= len(CHANNEL_NAMES)):
             raise ProtocolError(
                 f"frames of {self.size} bytes, {self.channels} channels: allowed: 32 to 1024 bytes, 2 or 3 channels"

@@ -48,12 +48,12 @@ class Info:
 
     def encode(self) -> bytes:
         """Encode the response as bytes."""
-        scale = (*self.scale, 0.0, 0.0)[:4]
+        scale = (*self.scale, 0.0, 0.0)[:4]  # the format holds four channels; unused ones are 0
         return _INFO_FORMAT.pack(
             PROTOCOL_VERSION,
             self.channels,
             self.frame_size,
-            round(1e3 * self.rate),
+            round(1e3 * self.rate),  # mHz
             round(1e3 * self.highest_rate),
             *scale,
             self.firmware.encode("ascii"),

@@ -91,7 +91,7 @@ class ProbeDevice(Protocol):
         """End a halt of the endpoint."""
 
     def close(self, stop: bool = True) -> None:
-        """Stop the stream, if wanted, and release the device, whatever state it is in; never raises."""
+        """Stop the stream if ``stop`` is true, and release the device, whatever state it is in; never raises."""
 
 
 class StreamTransport:
@@ -115,6 +115,7 @@ class StreamTransport:
     """
 
     def __init__(self, device: ProbeDevice, rate: float | None = None, patience: Patience = DEFAULT_PATIENCE) -> None:
+        """Open the device and set the rate; the stream starts at the first read."""
         if rate is not None and not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
             raise InvalidSource(f"rate = {rate} Hz: allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:.0f} Hz")
         self._device, self._patience = device, patience
@@ -162,10 +163,10 @@ class StreamTransport:
         """Stop a running stream, set the rate and return the header."""
         self._stop_stream()
         if rate is not None:
-            self._device.request(SET_RATE, data=round(1e3 * rate))
+            self._device.request(SET_RATE, data=round(1e3 * rate))  # mHz
         info = Info.decode(self._device.request(GET_INFO))
         layout = FrameLayout(self._device.packet or info.frame_size, info.channels)
-        frames = max(1, round(self._patience.span * info.rate / layout.rows))
+        frames = max(1, round(self._patience.span * info.rate / layout.rows))  # in one read
         self._read_size = min(frames, self._patience.largest // layout.size) * layout.size
         source = self._device.describe() | {
             "firmware": info.firmware, "started": make_timestamp(), "scale": list(info.scale)
@@ -185,7 +186,7 @@ class StreamTransport:
                     raise
 
     def _recover(self, fault: HardwareError) -> str:
-        """Recover the stream and return the reason of the gap; raise if recovery fails."""
+        """Recover the stream after a fault; return the reason of the gap, "" if none is expected; raise if recovery fails."""
         kind, place = type(fault), self._device.place
         if kind is Timeout and not self._is_stream_lost():
             if time.monotonic() - self._last_data_time > self._patience.silence:
@@ -215,14 +216,14 @@ class StreamTransport:
             return False
 
     def _resume(self) -> None:
-        """Continue the stream if the device still counts it; start another if not."""
+        """Continue the stream if the device still runs it; start another if not, with the next number from 1 to 65535."""
         if Status.decode(self._device.request(GET_STATUS)).stream != self._stream:
             self._stream = self._stream % 0xFFFF + 1
             self._device.request(START, self._stream)
         self._last_data_time = time.monotonic()
 
     def _reopen(self, fault: HardwareError) -> None:
-        """Open the device again; raise if that fails for too long."""
+        """Open the device again; raise if that fails for ``Patience.absence`` s. ``fault`` is the reason for opening it."""
         self._device.close(stop=False)
         end = time.monotonic() + self._patience.absence
         while True:

@@ -78,7 +78,7 @@ class Amplifier(Frozen):
 
     def build_films(self) -> FilmAmplifiers:
         """Build the inner film's and the outer film's amplifier."""
-        common = self.model_dump(exclude={"inner", "outer"})
+        common = self.model_dump(exclude={"inner", "outer"})  # values of both amplifiers, unless one film overrides them
         overrides = [{} if film is None else film.model_dump(exclude_none=True) for film in (self.inner, self.outer)]
         return ChargeAmplifier(**common | overrides[0]), ChargeAmplifier(**common | overrides[1])
 
@@ -179,7 +179,7 @@ class Reference(Frozen):
 
     @model_validator(mode="after")
     def _check_modulus(self) -> Self:
-        """Refuse a modulus of a pin or ring, a missing one of tissue, and a leak of tissue."""
+        """Refuse a pin or ring with a modulus, a block of tissue without one, and a block of tissue with a leak."""
         if (self.youngs_modulus is None) == (self.on == "tissue"):
             entry = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
             raise InputError("youngs_modulus", entry, "given for on = 'tissue', and for nothing else")
@@ -189,7 +189,7 @@ class Reference(Frozen):
 
     @property
     def leak_sd(self) -> float:
-        """Standard deviation of the inner film's fraction of the load due to leakage; 0 on tissue."""
+        """Standard deviation of the fraction of a pin's or ring's load that the other block carries; 0 on tissue."""
         return 0.0 if self.on == "tissue" else DEFAULT_LEAK_SD if self.leak is None else self.leak
 
     @property
@@ -225,14 +225,14 @@ def read_builtin_bench() -> Bench:
 
 
 def read_bench(path: Path | str) -> Bench:
-    """Read a bench file. Raises ``InputError``."""
+    """Read a bench file. Raises ``InputError`` if it cannot be read or is not valid."""
     contents = read_tables(path, "bench file", "a TOML file like probe_design/data/bench.toml")
     check_kind(contents, str(path), "bench file", "a bench file, like probe_design/data/bench.toml")
     return bench_from_dict(contents)
 
 
 def bench_from_dict(data: JsonObject) -> Bench:
-    """Build a bench from the tables of a bench file. Raises ``InputError``."""
+    """Build a bench from the tables of a bench file. Raises ``InputError`` for an invalid entry."""
     try:
         return Bench.model_validate(data, context={"units_required": True})
     except ValidationError as refused:

@@ -60,16 +60,28 @@ class BlockPrediction:
     rule: LoadRule | None = None
 
     def compute_variance(self, reference: Reference) -> float:
-        """Return the variance of ``log_ratio`` due to the block's modulus and the solver's error (uniform in its bound)."""
+        """Return the variance of ``log_ratio`` due to the block's modulus and the solver's error.
+
+        The solver's error is uniformly distributed from -bound to bound, so that its variance is bound^2 / 3.
+        """
         return (self.modulus_derivative * reference.tolerance) ** 2 + self.bound**2 / 3
 
     def apply_force(self, force: float, name: str, linear: bool) -> BlockPrediction:
-        """Return the prediction under a force, N, with the effect of finite strain added to the bound.
+        """Return the prediction under a force, with the effect of finite strain added to the bound.
+
+        Parameters
+        ----------
+        force
+            Load on the block, N.
+        name
+            Of the block, for messages.
+        linear
+            Whether to allow a force above the limit of linear elasticity, if its effect can be estimated.
 
         Raises
         ------
         Refusal
-            The force is above the limit of linear elasticity; ``linear`` allows any force with a known estimate.
+            The force is above the limit of linear elasticity, and is not allowed by ``linear``.
         """
         if self.rule is None:
             return self
@@ -78,6 +90,7 @@ class BlockPrediction:
             remedy = f", {LINEAR_REMEDY}" if is_known else ""
             allowed = f"up to {limit.force:.3g} N ({explain_limit(limit, LINEARITY_ACCURACY)}){remedy}"
             raise Refusal("load", Words(f"{force:.3g} N on the {name}"), allowed)
+        # finite strain may reduce the ratio to (1 - change) times itself: -ln(1 - change) is added to the bound on ln ratio
         return replace(self, bound=self.bound - math.log1p(-self.rule.bound_ratio_change(force)))
 
 
@@ -121,7 +134,10 @@ class BlockPredictions:
         return [find_largest_load(rule, LINEARITY_ACCURACY, promise=False).force for rule in rules]
 
     def apply_forces(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> BlockPredictions:
-        """Return the predictions under forces (N) on all references; see ``BlockPrediction.apply_force``."""
+        """Return the predictions under forces (N), one for each reference; see ``BlockPrediction.apply_force``.
+
+        Only references that are blocks of tissue have a prediction; the forces on pins and rings are ignored.
+        """
         loads = [(force, reference.name) for force, reference in zip(forces, references, strict=True) if reference.on == "tissue"]
         blocks = (block.apply_force(*load, linear) for block, load in zip(self.blocks, loads, strict=True))
         return replace(self, blocks=tuple(blocks))
@@ -140,6 +156,7 @@ class BlockPredictions:
             return self.unmeasured.get(name, workshop.modulus) * value
         if name.endswith("poisson_ratio"):
             return workshop.poisson_ratio
+        # any other variable is a length
         return self.length_sds[name] if workshop.length is None else workshop.length
 
 
@@ -192,6 +209,7 @@ def compute_inner_fractions(log_ratios: Floats, references: Sequence[Reference])
         All references; a pin presses the inner film only, a ring the outer one.
     """
     fractions = np.array([float(reference.on == "inner") for reference in references])
+    # from ln(F_inner / F_outer) to F_inner / (F_inner + F_outer)
     fractions[[reference.on == "tissue" for reference in references]] = expit(log_ratios)
     return fractions
 
@@ -220,10 +238,18 @@ def _solve_block(scene: Scene) -> tuple[Converged, float]:
 
 
 def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
-    """Predict one block, with derivatives with respect to the named numbers of the scene."""
+    """Predict ln(F_inner / F_outer) on one block, with its derivatives.
+
+    Parameters
+    ----------
+    scene
+        Of the probe on the block.
+    names
+        Keys of the scene's numbers with respect to which to differentiate; the block's modulus is added as the last.
+    """
     solution, log_ratio = _solve_block(scene)
     gradient = compute_gradients(scene, solution.sample)
-    log_derivatives = gradient.derivatives["ratio"][0] / gradient.values["ratio"][0]
+    log_derivatives = gradient.derivatives["ratio"][0] / gradient.values["ratio"][0]  # d ln(ratio) = d ratio / ratio
     derivative_by_name = dict(zip(gradient.variables, log_derivatives, strict=True))
     modulus_derivative = float(derivative_by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
     derivatives = [derivative_by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names]
@@ -237,7 +263,7 @@ def differentiate_area_ratio(probe: Probe, name: str) -> float:
 
     It converts a ratio of stresses to one of forces. The outer area is that of the ring between hole and outer radius.
     """
-    ring = probe.outer_area / math.pi
+    ring = probe.outer_area / math.pi  # r_outer^2 - r_hole^2, with r_hole = r_inner + gap
     hole = 2 * probe.hole_radius / ring
     derivatives = {"probe.inner_radius": 2 / probe.inner_radius + hole, "probe.gap": hole}
     return (derivatives | {"probe.outer_radius": -2 * probe.tube_radius / ring}).get(name, 0.0)

@@ -64,12 +64,13 @@ class ReferenceReadings:
         predictions
             Without load, if they are known already.
         linear
-            Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+            Whether to accept loads above the limit of linear elasticity: finite strain may change a prediction by more than the
+            fraction ``load_limits.LOAD_SHARE`` of ``LINEARITY_ACCURACY``. The change is counted in any case.
 
         Raises
         ------
         InputError
-            There is not one reading for each reference, or a load is 30 times the expected one or a 30th of it.
+            There is not one reading for each reference, or a load differs from the expected one by ``IMPLAUSIBLE_FACTOR``.
         Refusal
             The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
         """
@@ -145,7 +146,7 @@ def calibrate(
     predictions
         For the blocks of tissue, if they are known already.
     linear
-        Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
 
     Raises
     ------
@@ -162,6 +163,7 @@ def calibrate(
         raise InputError(error.key, error.value, "; ".join([error.allowed, *readings.lag_warnings])) from None
     gains = count_rate_error_of_gains(gains, measurements, bench)
     offsets = np.array([measurement.fit.offsets[:2] for measurement in measurements])
+    # standard error of the mean; a single reading has no scatter, and its fit's standard deviation stands in
     scatter = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
         scene=scene,
@@ -177,7 +179,7 @@ def calibrate(
 
 
 def _compute_mean_frequency(measurements: Sequence[Measurement]) -> float:
-    """Return the mean frequency of the loads, Hz. Raises ``InputError`` if they differ."""
+    """Return the mean frequency of the loads, Hz. Raises ``InputError`` if they differ by more than FREQUENCY_TOLERANCE."""
     frequencies = [measurement.fit.frequency for measurement in measurements]
     mean = float(np.mean(frequencies))
     if np.ptp(frequencies) > FREQUENCY_TOLERANCE * mean:

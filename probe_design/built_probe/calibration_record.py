@@ -97,13 +97,14 @@ class CalibrationRecord(Frozen):
 
     @model_validator(mode="after")
     def _check_shapes(self) -> CalibrationRecord:
-        """Refuse arrays that do not fit each other, a singular matrix, and what is no covariance."""
+        """Refuse arrays whose shapes do not fit each other, a singular matrix, and a covariance with a negative eigenvalue."""
         gains = self.build_gains()
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
-        v = len(self.variables)
+        v = len(self.variables)  # number of the design's variables
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
             entry = Words("of a shape that its covariance or slopes do not fit")
             raise InputError("calibration.matrix", entry, "what calibrate has written")
+        # rounding may leave an eigenvalue slightly below 0; 1e-12 allows it for a covariance of zeros, too
         if np.linalg.eigvalsh(gains.remove_force_scale_error().covariance).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
             raise InputError("calibration.covariance", Words("no covariance"), "what calibrate has written")
         return self
@@ -175,7 +176,7 @@ def write_record(path: Path, contents: CalibrationRecord) -> Path:
 
 
 def read_record(path: Path | str) -> CalibrationRecord:
-    """Read a record. Raises ``InputError``."""
+    """Read a calibration record. Raises ``InputError`` if the file is not one of this format and version."""
     data = read_tables(path, "calibration", "a calibration that `probe-design calibrate` has written")
     if (data.get("format"), data.get("version")) != (RECORD_FORMAT, RECORD_VERSION):
         header = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")

@@ -74,10 +74,22 @@ class FieldReading:
 
 
 def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
-    """Return the relative standard deviation of a ratio due to the reading's noise, for exact gains and amplifiers."""
+    """Return the relative standard deviation of a ratio due to the reading's noise alone.
+
+    Parameters
+    ----------
+    measurement
+        Of both films.
+    scene
+        For its film.
+    bench
+        For the nominal gains.
+    gains
+        Of a calibration, here taken as exact; None: nominal.
+    """
     exact_gains = replace(Gains.from_bench(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
     films, noise = compute_film_forces(measurement, scene)
-    log_ratio_derivatives = np.array([1.0, -1.0]) / exact_gains.compute_forces(films)
+    log_ratio_derivatives = np.array([1.0, -1.0]) / exact_gains.compute_forces(films)  # of ln(F_inner / F_outer)
     return float(np.sqrt(log_ratio_derivatives @ exact_gains.compute_forces_covariance(films, noise) @ log_ratio_derivatives))
 
 
@@ -107,13 +119,27 @@ def build_reading_json(
 def build_reading_without_prediction(
     measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, *, origin: JsonObject, fingerprint: Fingerprint
 ) -> JsonObject:
-    """Build the JSON object of `read` for a reading without a prediction."""
+    """Build the JSON object of `read` for a reading whose scene was not evaluated.
+
+    Parameters
+    ----------
+    measurement
+        Of both films.
+    scene
+        For the probe.
+    bench
+        Of the measurement.
+    gains
+        Of a calibration; None: nominal.
+    origin, fingerprint
+        As for ``build_reading_json``.
+    """
     result = compute_reading(measurement, scene, bench, Result("none", 0.0), gains)
     return build_reading_json(result, compute_ratio_noise(measurement, scene, bench, gains), origin, scene, fingerprint)
 
 
 def read_placement(source: JsonObject) -> Any:
-    """Return the placement in a recording's source, not validated, or None."""
+    """Return the placement in a recording's source (its table of origins), not validated; None if there is none."""
     place = source.get("placement")
     if not isinstance(place, str):  # HDF5 stores it as text
         return place
@@ -153,6 +179,7 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
     if not isinstance(contents.get("calibration_sha256"), str | None):
         raise InputError(f"{name}: calibration_sha256", contents["calibration_sha256"], f"a text, as {READING_ORIGIN}")
     relative_sd, place = ratio_sd / ratio, contents.get("placement")
+    # the noise is a part of the whole uncertainty, so that rounding must not make it larger
     noise = 0.0 if contents.get("ratio_noise") is None else min(_get_number(contents, "ratio_noise", name), relative_sd)
     return FieldReading(
         ratio=ratio,
@@ -215,7 +242,7 @@ def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> No
 
 
 def _check_probe(contents: JsonObject, name: str, scene: Scene) -> None:
-    """Refuse a reading of a probe that differs from the scene's."""
+    """Refuse the JSON object of a reading whose probe differs from the scene's; ``name`` is the file's."""
     numbers = contents.get("probe")
     if not isinstance(numbers, dict):
         raise InputError(f"{name}: probe", Words("missing" if "probe" not in contents else "no table"), READ_AGAIN_HINT)
@@ -225,13 +252,16 @@ def _check_probe(contents: JsonObject, name: str, scene: Scene) -> None:
 
 
 def compute_spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
-    """Return the relative standard deviations of readings that are then treated as independent, eq. BP.5."""
+    """Return the relative standard deviations with which the readings may be treated as independent, eq. BP.5.
+
+    The shared error of a reading is enlarged by sqrt(k), with k readings of the same calibration.
+    """
     count = Counter(reading.calibration for reading in readings)
     return tuple(math.sqrt(reading.noise**2 + count[reading.calibration] * reading.shared**2) for reading in readings)
 
 
 def _get_number(contents: JsonObject, key: str, name: str) -> float:
-    """Return the number of a key. Raises ``InputError``; ``name`` is the file's."""
+    """Return the number of a key; ``name`` is the file's. Raises ``InputError`` if it is missing or no number."""
     value = contents.get(key)
     if not _is_number(value):
         raise InputError(f"{name}: {key}", Words("missing") if key not in contents else value, f"a number, as {READING_ORIGIN}")
@@ -244,7 +274,7 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 def _get_placement(place: Any, name: str) -> tuple[float, float]:
-    """Return x and y of a placement, m. Raises ``InputError``; ``name`` is the file's."""
+    """Return x and y of a placement, m; ``name`` is the file's. Raises ``InputError`` if it is no pair of finite lengths."""
     values = place if isinstance(place, list) else []
     if len(values) != 2 or not all(_is_number(value) and abs(value) <= MAX_PLACEMENT_M for value in values):
         raise InputError(f"{name}: placement", place, f"x and y in m, up to {MAX_PLACEMENT_M:g} m, as {READING_ORIGIN}")

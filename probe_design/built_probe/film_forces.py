@@ -22,18 +22,33 @@ PYROELECTRIC_COEFFICIENT = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
 
 
 def measure_samples(samples: Samples, bench: Bench, calibrated_at: float | None = None) -> Measurement:
-    """Measure a reading; gaps and saturated samples are counted and left out. Raises ``HardwareError``."""
+    """Measure a reading; gaps and saturated samples are counted and left out.
+
+    Parameters
+    ----------
+    samples
+        Of the channels.
+    bench
+        Of the reading.
+    calibrated_at
+        Frequency at which gains were calibrated, Hz, or None.
+
+    Raises
+    ------
+    HardwareError
+        As ``measure_reading``.
+    """
     reading = ReadingFit.from_samples(samples, bench.load.frequency, bench.force is not None)
     return measure_reading(reading, bench, calibrated_at)
 
 
 def measure_reading(reading: ReadingFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
-    """Measure a reading that was fitted while it came, with the errors of the force channel's lag and the sampling rate.
+    """Measure a reading from its finished fit, and add the errors of the force channel's lag and of the sampling rate.
 
     Parameters
     ----------
     reading
-        With all its samples.
+        The fit, to which all samples have been added.
     bench
         Of the reading.
     calibrated_at
@@ -57,7 +72,7 @@ def measure_strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Meas
     HardwareError
         The reading has gaps, saturation, too few cycles, no load, or a drift of temperature.
     InputError
-        The load is 30 times the expected one.
+        The load is ``IMPLAUSIBLE_FACTOR`` times the expected one.
     """
     measurement = check_measurement(measure_samples(samples.require_complete(), bench), bench.load.least_cycles)
     check_pressed(float(compute_film_forces(measurement, scene)[0].sum()), scene, bench)
@@ -80,7 +95,9 @@ def build_observation(measurement: Measurement, reference: Reference, scene: Sce
 
 
 def compute_film_forces(measurement: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:
-    """Return both films' charges over the nominal charge per force, N, (2,), and their covariance, N^2, (2, 2).
+    """Return both films' forces in newtons of nominal gain, shape (2,), and their covariance, N^2, shape (2, 2).
+
+    These are the charges in phase with the load, divided by the nominal charge per force.
 
     Parameters
     ----------
@@ -113,6 +130,6 @@ def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Float
 
 
 def compute_newtons_per_kelvin(scene: Scene) -> Floats:
-    """Return the force on each film whose charge equals that of warming it by 1 K, N/K, shape (2,)."""
+    """Return for each film the force that gives the same charge as warming by 1 K, N/K, shape (2,)."""
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     return np.asarray(PYROELECTRIC_COEFFICIENT * areas / abs(compute_charge_per_force(scene)))

@@ -78,7 +78,10 @@ def estimate_consistent_gains(
 
 
 def _check_force(observations: Sequence[Observation], bench: Bench) -> None:
-    """Refuse readings that all differ from the force channel in the same way: a common cause, not a film, is wrong."""
+    """Refuse readings whose films' sums are all too large, or all too small, against the force channel.
+
+    As a single faulty film would not change all of them alike, the force channel or a unit is wrong.
+    """
     if bench.force is None or any(observation.force is None for observation in observations):
         return
     sums, forces = np.array([(observation.films.sum(), observation.force) for observation in observations], dtype=float).T
@@ -93,9 +96,10 @@ def _check_force(observations: Sequence[Observation], bench: Bench) -> None:
 
 
 def _widen_leaks(observations: Sequence[Observation], bench: Bench) -> tuple[list[Observation], tuple[str, ...]]:
-    """Raise the leak of a pin or ring to what the other channel shows; warn if cross-talk and leak do not explain it.
+    """Return the observations, the leak of each pin or ring raised to the fraction in the other film's channel; and warnings.
 
-    A ``leak`` stated by the bench is used until a pin or ring shows more than it and cross-talk explain.
+    A leak is the fraction of a pin's or ring's load that the other block carries. A ``leak`` that the bench states is raised only
+    if cross-talk and leak together do not explain the fraction; then a warning reports it.
     """
     widened, warnings, assumed = [], [], []
     for observation in observations:
@@ -127,7 +131,7 @@ def _widen_leaks(observations: Sequence[Observation], bench: Bench) -> tuple[lis
 
 
 def _estimate_if_agreeing(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench) -> Gains | None:
-    """Return the gains if readings determine them and agree with each other, else None."""
+    """Return the gains if the readings determine them and agree with each other, else None."""
     try:
         gains = estimate_gains(observations, predictions, bench)
     except InputError:
@@ -136,10 +140,14 @@ def _estimate_if_agreeing(observations: Sequence[Observation], predictions: Bloc
 
 
 def _check_swaps(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench, misfit: str) -> None:
-    """Raise ``InputError`` if exchanged cables or references explain the readings."""
+    """Raise ``InputError`` if exchanged cables or references would explain why readings contradict each other.
+
+    ``misfit`` describes the contradiction in words; the other parameters are those of ``estimate_consistent_gains``.
+    """
     references = [item.reference for item in observations]
 
     def agrees(swap: Swap) -> bool:
+        """Return whether the readings agree with each other and with the bench once a swap is undone."""
         gains = _estimate_if_agreeing(_undo_swap(observations, swap), predictions, bench)
         return gains is not None and not _list_strange_gains(gains, bench)
 
@@ -167,7 +175,9 @@ def _undo_swap(observations: Sequence[Observation], swap: Swap) -> list[Observat
 def _estimate_without_blocks(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench) -> Gains | None:
     """Estimate the gains from pin, ring and force channel, if these agree with each other and with the films' sums on blocks.
 
-    The sum needs no prediction: it excludes that a drifting force channel or a warming film is the cause, not the probe.
+    The sum of both films' forces on a block needs no prediction. If it agrees with the force channel, the contradiction comes
+    from the probe, and neither from a drifting force channel nor from a film that warms. None is returned if they do not agree,
+    or if readings of pin, ring or force channel are missing.
     """
     pin_and_ring = [item for item in observations if item.reference.on != "tissue"]
     if not pin_and_ring or any(item.force is None for item in observations):
@@ -179,8 +189,8 @@ def _estimate_without_blocks(observations: Sequence[Observation], predictions: B
 
 
 def _find_odd_references(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench) -> list[Reference]:
-    """Find the references each of which, if left out, leaves readings that agree."""
-    odd_references, block_index = [], 0
+    """Find each reference without whose reading all others agree with each other, with the predictions and with the bench."""
+    odd_references, block_index = [], 0  # index of the prediction for the present observation, if it is on tissue
     for k, observation in enumerate(observations):
         blocks = list(predictions.blocks)
         if observation.reference.on == "tissue":
@@ -205,7 +215,10 @@ def _build_contradiction(misfit: str, odd_references: Sequence[Reference]) -> In
 
 
 def _list_strange_gains(gains: Gains, bench: Bench) -> list[str]:
-    """List the gains that differ from nominal by more than the bench allows, with the force sensor as stated or confirmed."""
+    """List the gains that differ from nominal by more than the bench allows, as texts; both, if only their mean does.
+
+    If no known load has confirmed the force channel, the gains are compared as if the bench stated its sensitivity correctly.
+    """
     scale = gains.force_scale
     values, stated = np.diag(gains.matrix), gains
     if not scale.confirmed:
@@ -219,13 +232,13 @@ def _list_strange_gains(gains: Gains, bench: Bench) -> list[str]:
         for name, value, deviation in zip(FILM_NAMES, values, deviations, strict=True)
         if abs(deviation) > MAX_DEVIATION_SD
     ]
-    if not strange and abs(deviations.sum()) / np.sqrt(2) > MAX_DEVIATION_SD:
+    if not strange and abs(deviations.sum()) / np.sqrt(2) > MAX_DEVIATION_SD:  # sqrt(2): sd of a sum of two unit deviations
         return ["both alike {:.3g} and {:.3g}".format(*values)]
     return strange
 
 
 def _check_plausible(gains: Gains, bench: Bench) -> Gains:
-    """Return the gains unchanged if they are what the bench states. Raises ``InputError``."""
+    """Return the gains unchanged. Raises ``InputError`` if they differ from nominal by more than the bench allows."""
     strange = _list_strange_gains(gains, bench)
     if not strange:
         return gains

@@ -58,6 +58,7 @@ def estimate_gains(observations: Sequence[Observation], predictions: BlockPredic
 
     problem = _GainProblem(tuple(observations), predictions, bench)
     start = problem.build_start()
+    # the mean gain's residual is an assumption, not a datum
     data_count = len(problem.compute_residuals(start)) - len(problem.compute_mean_gain_residual(start))
     if data_count <= len(start):
         raise _build_unresolved_error(np.inf)
@@ -189,7 +190,10 @@ class _GainProblem:
         return derivatives
 
     def compute_residuals(self, unknowns: Floats) -> Floats:
-        """Return the residuals: readings, predictions, leaks, cross-talk, mean gain, known loads, force channel and its scale."""
+        """Return the residuals, each over its standard deviation.
+
+        In this order: readings, predictions, leaks, cross-talk, mean gain, known loads, force channel, its scale.
+        """
         matrix, loads, log_ratios, leaks, log_scale = self._split(unknowns)
         fractions = compute_inner_fractions(log_ratios, self.references) + self._leak_effects @ leaks
         films = np.stack([fractions, 1 - fractions], axis=1) * loads[:, None] @ matrix.T
@@ -197,12 +201,12 @@ class _GainProblem:
             (self._whitening @ (self._films - films)[..., None]).ravel(),
             np.linalg.solve(self._prediction_root, log_ratios - self.predictions.log_ratios),
             leaks,
-            matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9),
+            matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9),  # the bench may state a cross-talk of 0
             self.compute_mean_gain_residual(unknowns),
         ]
         if self.has_known_load:
             known, forces, tolerances = self._known_loads
-            parts.append((np.log(loads[known] / forces) - log_scale) / tolerances)
+            parts.append((np.log(loads[known] / forces) - log_scale) / tolerances)  # ``loads`` are k times the true ones
         if self.has_force:
             forces, force_sds = self._forces
             parts += [(forces - loads) / force_sds, unknowns[-1:]]
@@ -215,7 +219,17 @@ class _GainProblem:
         return np.array([(np.trace(self.compute_matrix(unknowns)) / 2 - 1) / compute_mean_gain_sd(self.bench)])
 
     def build_force_scale(self, unknowns: Floats, derivatives: Floats, covariance: Floats) -> ForceScale:
-        """Build the estimated scale of the force channel."""
+        """Build the estimated scale of the force channel.
+
+        Parameters
+        ----------
+        unknowns
+            Of the fit, the last of them ln k over its prior standard deviation.
+        derivatives
+            Of the entries of M with respect to the unknowns, shape (4, unknowns).
+        covariance
+            Of the unknowns.
+        """
         if not self.has_force:
             return ForceScale()
         sd = float(np.sqrt(covariance[-1, -1]))  # over the prior's
@@ -226,8 +240,11 @@ class _GainProblem:
         )
 
     def shift_residuals(self, derivatives: Floats) -> Floats:
-        """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v)."""
-        first_row = 2 * len(self.observations)
+        """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v).
+
+        ``derivatives`` are those of the predictions, shape (blocks, v).
+        """
+        first_row = 2 * len(self.observations)  # the predictions' residuals follow two residuals for each reading
         shifts = np.zeros((len(self.compute_residuals(self.build_start())), derivatives.shape[1]))
         shifts[first_row : first_row + len(derivatives)] = np.linalg.solve(self._prediction_root, derivatives)
         return shifts
@@ -265,7 +282,10 @@ class _GainProblem:
 
     @cached_property
     def _prediction_root(self) -> Floats:
-        """Cholesky factor of the predictions' covariance: each block's own error, and the workshop's error shared by all."""
+        """Lower Cholesky factor of the predictions' covariance, shape (blocks, blocks).
+
+        Each block has its own error; the errors of the workshop are common to all blocks.
+        """
         blocks = zip(self.predictions.blocks, (item for item in self.references if item.on == "tissue"), strict=True)
         block_variances = np.array([prediction.compute_variance(reference) for prediction, reference in blocks])
         workshop_errors = self.predictions.derivatives * self.predictions.compute_tolerances(self.bench.workshop)

@@ -122,6 +122,7 @@ class Gains:
 
     def add_warming(self, kelvin: float) -> Gains:
         """Add a change of temperature (1 sd, K) since the calibration: each film's gain, a row of M, drifts independently."""
+        # shape (2, 4): the change of M's entries, row by row, for one sd of the inner and of the outer film's temperature
         drift = GAIN_CHANGE_PER_KELVIN * kelvin * np.kron(np.eye(2), np.ones((2, 1))).T @ np.diag(self.matrix.ravel())
         return replace(self, covariance=self.covariance + drift.T @ drift)
 
@@ -136,10 +137,13 @@ class Gains:
 
     @property
     def errors_as_drawn(self) -> Floats:
-        """Independent errors of the entries, 1 sd, without the workshop's tolerances: for a probe as drawn, shape (4, 4)."""
+        """Independent errors of M's entries for a probe exactly as drawn, shape (4, 4): each column one error of 1 sd.
+
+        The effect of the workshop's tolerances is subtracted from the covariance, and its square root taken.
+        """
         workshop_errors = self.slopes * self.workshop
         variances, directions = np.linalg.eigh(self.covariance - workshop_errors @ workshop_errors.T)
-        return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)))
+        return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)))  # rounding may leave variances below 0
 
     def compute_forces(self, films: Floats) -> Floats:
         """Return the film forces f, N, from readings y, N, shape (2,)."""

@@ -48,9 +48,9 @@ def check_expected(load: float, relative_sd: float, low: float, high: float, sou
     Raises
     ------
     InputError
-        The load is 30 times too large or too small.
+        The load is too large or too small by ``IMPLAUSIBLE_FACTOR``.
     """
-    nearest = min(max(load, low), high)
+    nearest = min(max(load, low), high)  # expected load nearest to the one that was read
     factor = load / nearest
     size = f"{factor:.3g} times" if factor > 1 else f"1/{1 / factor:.3g} of" if factor > 0 else "not"
     text = f"{source} {load:.3g} N, {size} the load of {nearest:.3g} N that was to be pressed"
@@ -63,7 +63,7 @@ def check_expected(load: float, relative_sd: float, low: float, high: float, sou
 def describe_remedy(factor: float) -> str:
     """Describe the likely cause, and the remedy, of films that show ``factor`` times the expected load."""
     decades = math.log10(factor) if 0 < factor < math.inf else math.inf
-    power = round(decades) if abs(decades) < 20 else 0
+    power = round(decades) if abs(decades) < 20 else 0  # no unit is wrong by so much, and infinity cannot be rounded
     likely = f"{UNIT_SLIPS[power]} " if power in UNIT_SLIPS and abs(decades - power) < MAX_DISTANCE_DECADES else ""
     places = "units of the columns, the bench's [force] sensitivity and [amplifier] capacitance, d31 to d33 of [probe.film]"
     return f"{likely}Check the {places}, or write the load that was pressed into [load] of the scene"
@@ -90,9 +90,11 @@ def check_scene_load(
     Raises
     ------
     InputError
-        The load is 30 times too large or too small, or would press the probe through the tissue of a scene without load.
+        The load is too large or too small by ``IMPLAUSIBLE_FACTOR``, or, if the scene has no load, would press the probe through
+        the tissue.
     """
     if measurement.force is None:
+        # 1e-300: a sum of 0 gives a large number, not a division by zero
         load, relative_sd, source = films_sum, films_sum_sd / max(abs(films_sum), 1e-300), FILMS_SHOW
     else:
         load, relative_sd, source = measurement.force / scale.factor, 0.0, FORCE_CHANNEL_SHOWS
@@ -122,7 +124,7 @@ def check_reference_loads(observations: Sequence[Observation], predictions: Bloc
     Raises
     ------
     InputError
-        A load is 30 times too large or too small.
+        A load is too large or too small by ``IMPLAUSIBLE_FACTOR``.
     """
     limits = predictions.list_linear_limits()
     high = compute_expected_load(scene) or max(limits, default=None)
@@ -134,10 +136,13 @@ def check_reference_loads(observations: Sequence[Observation], predictions: Bloc
 
 
 def _check_reference_load(observation: Observation, low: float, high: float) -> list[str]:
-    """Return a warning if any; an error names the reference. A contradiction with the force channel is left to the fit."""
+    """Compare the load on one reference with the expected one, ``low`` to ``high``, N; return a warning if it is doubtful.
+
+    An error names the reference. Where the films contradict the force channel, the fit of the gains reports it.
+    """
     source = FILMS_SHOW
     if observation.force is not None:
-        factor, source = observation.films.sum() / max(observation.force, 1e-300), FORCE_CHANNEL_SHOWS
+        factor, source = observation.films.sum() / max(observation.force, 1e-300), FORCE_CHANNEL_SHOWS  # a force may be 0
         if not 1 / SUSPECT_FACTOR < factor < SUSPECT_FACTOR:
             return []
     known = observation.reference.known_force
@@ -148,7 +153,7 @@ def _check_reference_load(observation: Observation, low: float, high: float) -> 
 
 
 def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
-    """Refuse a load, N, that is 30 times the largest expected one, so that a wrong unit is reported before its consequences.
+    """Refuse a load, N, far above the largest expected one, so that a wrong unit is reported before its consequences.
 
     Raises
     ------
@@ -158,7 +163,7 @@ def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
     expected = compute_expected_load(scene)
     if expected is not None:
         max_load = max([expected, *(reference.known_force or 0.0 for reference in bench.reference)])
-        check_expected(load, 0.0, min(load, max_load), max_load, FILMS_SHOW)
+        check_expected(load, 0.0, min(load, max_load), max_load, FILMS_SHOW)  # no lower limit: only too large a load is refused
 
 
 def compute_expected_load(scene: Scene, predicted: Result | None = None) -> float | None:
@@ -172,14 +177,24 @@ def compute_expected_load(scene: Scene, predicted: Result | None = None) -> floa
 def check_film_sum(films_sum: float, films_sum_sd: float, measurement: Measurement, bench: Bench, scale: ForceScale) -> list[str]:
     """Compare both films' sum with the force channel, since the films carry the whole load; return warnings.
 
-    ``films_sum_sd`` does not count the error that a calibration shares with the force channel. All are in N.
+    Parameters
+    ----------
+    films_sum, films_sum_sd
+        Sum of both films' forces, N, and its standard deviation. The latter leaves out the error that a calibration shares with
+        the force channel.
+    measurement
+        For the force channel.
+    bench
+        For its tolerance.
+    scale
+        The force channel's scale of a calibration.
 
     Raises
     ------
     Flawed
-        They differ by more than five standard deviations.
+        They differ by more than ``CONTRADICTION_SD`` standard deviations.
     InputError
-        One is 30 times the other.
+        One is ``IMPLAUSIBLE_FACTOR`` times the other.
     """
     if measurement.force is None or measurement.force_sd is None or bench.force is None:
         return []

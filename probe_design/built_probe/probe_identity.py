@@ -49,7 +49,7 @@ def describe_probe_difference(numbers: Mapping[str, float], scene: Scene) -> str
 
 
 def read_board_serial(source: Mapping[str, object]) -> str | None:
-    """Read the serial number of the board from a source of samples; None if unknown."""
+    """Return the serial number of the board from the description of a source of samples; None if unknown."""
     transport, serial = source.get("transport"), source.get("serial")
     if transport in BOARDLESS_TRANSPORTS or (
         transport == "serial" and "port" not in source
@@ -102,6 +102,6 @@ def find_common_serial(boards: Mapping[str, str | None]) -> str | None:
 
 
 def _format_names(names: list[str]) -> str:
-    """Format names for a message, at most three of them."""
+    """Format names for a message, at most ``MAX_SHOWN_NAMES`` of them."""
     suffix = f" and {len(names) - MAX_SHOWN_NAMES} more" if len(names) > MAX_SHOWN_NAMES else ""
     return ", ".join(names[:MAX_SHOWN_NAMES]) + suffix

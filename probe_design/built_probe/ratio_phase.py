@@ -35,7 +35,7 @@ SD_PER_BOUND = 3**-0.5  # standard deviation of an even distribution within a bo
 
 
 def add_ratio_phase(result: Result, scene: Scene, accuracy: float, frequency: float | None) -> Result:
-    """Add the phase of the ratio at a frequency (Hz) to a scene's result.
+    """Return a scene's result with the phase of its ratio at a frequency (Hz) added; unchanged if ``frequency`` is None.
 
     If the phase is null, a warning gives the reason. Without lossy materials it is 0 and nothing is solved; nothing is refused.
     """
@@ -68,7 +68,15 @@ def compute_ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) ->
 
 
 def compare_ratio_phase(value: float, value_sd: float, predicted: Result) -> tuple[float | None, list[str]]:
-    """Return the difference of a phase from its prediction in standard deviations, and a warning if it is above 5."""
+    """Return the difference of a phase from its prediction in standard deviations, and a warning if it is significant.
+
+    Parameters
+    ----------
+    value, value_sd
+        The phase as read and its standard deviation, rad.
+    predicted
+        Result with the predicted phase; without one, None and no warning are returned.
+    """
     expected, error = predicted.ratio_phase, predicted.ratio_phase_error
     if expected is None or error is None:
         return None, []
@@ -82,5 +90,6 @@ def compare_ratio_phase(value: float, value_sd: float, predicted: Result) -> tup
 def _compute_phase(charges: Complexes, matrix: Floats) -> Floats:
     """Return the phase of the ratio of both films' forces, counted from the ratio's sign, rad, shape (1,)."""
     inner, outer = np.linalg.solve(matrix, charges)
+    # its phase is that of inner / outer; a negative ratio is not counted as a phase of pi
     product = inner * np.conj(outer)
     return np.array([np.angle(product if product.real >= 0 else -product)])

@@ -143,7 +143,7 @@ def compute_reading(
     Flawed
         A film is dead or reversed, or the films contradict the force channel.
     InputError
-        The load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_plausibility``.
+        The load differs from the scene's by ``IMPLAUSIBLE_FACTOR``, as with a wrong unit: see ``load_plausibility``.
     """
     used_gains = Gains.from_bench(bench) if gains is None else gains
     films, noise = compute_film_forces(measurement, scene, tolerance=True)
@@ -223,12 +223,24 @@ def _get_sds(covariance: Floats) -> Floats:
 
 
 def _compute_sum_sd(covariance: Floats) -> float:
-    """Return the standard deviation of both films' sum."""
+    """Return the standard deviation of both films' sum from their covariance; rounding may leave a variance below 0."""
     return math.sqrt(max(float(covariance.sum()), 0.0))
 
 
 def _warn_of_exchange(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
-    """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged."""
+    """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged.
+
+    Parameters
+    ----------
+    films
+        Both films' readings, N of nominal gain, shape (2,).
+    gains
+        To convert them to forces.
+    predicted, z
+        The predicted ratio and the reading's difference from it in standard deviations; None if unknown.
+    areas
+        End areas of the inner and the outer block, m^2.
+    """
     if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTION_SD:
         return []
     stresses = [gains.compute_forces(pair) / areas for pair in (films, films[::-1])]
@@ -239,7 +251,10 @@ def _warn_of_exchange(films: Floats, gains: Gains, predicted: float | None, z: f
 
 
 def _compute_z(read: float | None, read_sd: float | None, predicted: float | None, predicted_sd: float | None) -> float | None:
-    """Return the difference of a reading from its prediction over its standard deviation; None if one of these is unknown."""
+    """Return the difference of a reading from its prediction over the standard deviation of both; None if one is unknown.
+
+    ``read_sd`` and ``predicted_sd`` are their standard deviations, in the same unit.
+    """
     if read is None or read_sd is None or predicted is None or predicted_sd is None:
         return None
     return (read - predicted) / math.hypot(read_sd, predicted_sd)
@@ -250,7 +265,20 @@ def _predict_at_load(
 ) -> list[tuple[float | None, float | None]]:
     """Return for each film the predicted stress at the load of the reading and its standard deviation, Pa; None if unknown.
 
-    ``scale_sd`` is the relative standard deviation of the force channel's ``scale``.
+    Without a force channel the load is the scene's.
+
+    Parameters
+    ----------
+    measurement
+        For the force channel.
+    scene
+        For the areas of the blocks.
+    bench
+        For the force channel's tolerance.
+    predicted
+        Result for the scene.
+    scale, scale_sd
+        The force channel's scale of a calibration, and its relative standard deviation.
     """
     if predicted.stress_inner is None or predicted.stress_outer is None or predicted.error_estimate is None:
         return [(None, None)] * 2
@@ -264,7 +292,7 @@ def _predict_at_load(
 
 
 def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
-    """List losses, the measurement's warnings, and what a missing calibration or ratio means."""
+    """List warnings: samples lost, those of the measurement, and the consequences of a missing calibration or ratio."""
     lost = {
         "gaps": measurement.losses.gaps,
         "overruns": measurement.losses.overruns,
@@ -284,9 +312,10 @@ def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, 
 
 
 def _compute_ratio(forces: Floats, covariance: Floats, area_ratio: float) -> tuple[float | None, float | None]:
-    """Return the ratio of stresses and its standard deviation, enlarged by 1/(1 - x) with x the outer force's relative one.
+    """Return the ratio of stresses and its standard deviation; None if the outer force is below its own standard deviation.
 
-    ``area_ratio`` is the outer area over the inner.
+    The delta method understates the deviation where the outer force is uncertain: it is enlarged by 1 / (1 - x), where x is the
+    relative standard deviation of the outer force. ``area_ratio`` is the outer area over the inner.
     """
     outer_sd = float(np.sqrt(covariance[1, 1]))
     if outer_sd >= abs(forces[1]):

@@ -81,18 +81,30 @@ def find_swaps(films: Floats, expected: Floats, max_error: float, agrees: Callab
 
 
 def compute_max_fraction_error(bench: Bench) -> float:
-    """Return the largest error of a film's fraction of the load that the bench allows; a gain error g shifts it by g / 4."""
+    """Return the largest error of a film's fraction of the load that the bench allows.
+
+    It is a generous limit: an error g of one gain shifts a fraction by at most g / 4.
+    """
     return MAX_DEVIATION_SD * (bench.channels.gain + bench.channels.cross_talk)
 
 
 def _compute_error(fractions: Floats, expected: Floats, swap: Swap) -> float:
-    """Return the largest difference between a fraction and its expected value with a swap undone."""
+    """Return the largest difference between a reading's fraction and its expected value once a swap is undone."""
     read = 1 - fractions if swap.channels else fractions
     return float(np.abs(read - expected[list(swap.order)]).max())
 
 
 def _iterate_candidates(fractions: Floats, expected: Floats) -> Iterator[list[Swap]]:
-    """Yield lists of equally simple swaps, the simplest first."""
+    """Yield lists of equally simple swaps, the simplest first.
+
+    First come single exchanges, of the channels or of two references; then both together; last the references in the order of
+    their fractions.
+
+    Parameters
+    ----------
+    fractions, expected
+        The inner film's fraction of the load on each reference, as read and as expected, shape (n,).
+    """
     unchanged = tuple(range(len(fractions)))
     pairs, pairs_of_exchanged = (_rank_pairs(inner, expected) for inner in (fractions, 1 - fractions))
     yield [Swap(True, unchanged), *(Swap(False, order) for order in pairs)]
@@ -101,9 +113,10 @@ def _iterate_candidates(fractions: Floats, expected: Floats) -> Iterator[list[Sw
 
 
 def _rank_pairs(fractions: Floats, expected: Floats) -> list[Order]:
-    """Return the swaps of two references that bring the fractions closest to the expected ones, the best first."""
+    """Return the orders with two references swapped that bring the fractions closest to the expected ones, the best first."""
 
     def compute_misfit(order: Order) -> float:
+        """Return the sum of squared differences from the expected fractions, if the references were in this order."""
         return float(np.sum((fractions - expected[list(order)]) ** 2))
 
     places = range(len(fractions))
@@ -112,7 +125,7 @@ def _rank_pairs(fractions: Floats, expected: Floats) -> list[Order]:
 
 
 def _assign_by_rank(fractions: Floats, expected: Floats) -> Order:
-    """Assign the references to the readings by the rank of their fractions."""
+    """Return for each reading, shape (n,), the index of the reference whose expected fraction has the same rank."""
     order = np.empty(len(fractions), dtype=int)
     order[np.argsort(fractions)] = np.argsort(expected)
     return tuple(order.tolist())
@@ -150,8 +163,9 @@ def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
 
 
 def find_dead_film(films: Floats, expected: Floats) -> str | None:
-    """Return the name of a film with less than 10 % of the expected force on every reference that should press it, or None.
+    """Return the name of a film that shows almost nothing on every reference that should press it, or None.
 
+    Almost nothing is less than ``DEAD_FILM_FRACTION`` of the expected force.
     If this holds for both films, None is returned: their cables may be exchanged.
 
     Parameters

@@ -63,7 +63,8 @@ def count_rate_error(measurement: Measurement, bench: Bench, calibrated_at: floa
     bench
         For the drive's frequency and the amplifiers.
     calibrated_at
-        Frequency of the calibration, Hz, at the same rate: the error that the gains have absorbed is subtracted.
+        Frequency of the calibration, Hz, recorded at the same sampling rate, or None. The gains have absorbed the error at this
+        frequency, which is therefore subtracted.
     """
     change = _differentiate_responses(bench, measurement.fit.frequency)
     if calibrated_at is not None:
@@ -82,7 +83,7 @@ def count_rate_error_of_gains(gains: Gains, measurements: Sequence[Measurement],
 
 
 def _estimate_rate_sd(measurement: Measurement, bench: Bench) -> float:
-    """Return the relative standard deviation of the sampling rate."""
+    """Return the relative standard deviation of the sampling rate, delta in eq. BP.10."""
     return max(bench.load.frequency_tolerance, abs(measurement.fit.frequency / bench.load.frequency - 1))
 
 
@@ -106,7 +107,9 @@ def _warn_of_wrong_rate(measurement: Measurement, bench: Bench) -> list[str]:
 
 
 def count_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
-    """Add the loss that the force channel's lag may cause to a measurement, and a warning if it is more than 0.1 %.
+    """Add the loss of amplitude that the force channel's lag may cause to a measurement.
+
+    A warning is added if the loss is above ``MIN_WARNED_LOSS``.
 
     Parameters
     ----------
@@ -118,7 +121,7 @@ def count_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
     Raises
     ------
     Flawed
-        The lag is above 0.2 rad.
+        The lag is above ``MAX_FORCE_LAG_RAD``.
     """
     if measurement.force is None or bench.force is None:
         return measurement
@@ -146,7 +149,7 @@ def compute_force_lag(measurement: Measurement, bench: Bench) -> tuple[float, fl
         + propagate_complex_covariance(_compute_sum_phase, force, measurement.fit.covariance[4:6, 4:6])[0, 0]
         + (angular_frequency * bench.sampling.skew_tolerance) ** 2
     )
-    return math.remainder(lag, math.pi), math.sqrt(variance)
+    return math.remainder(lag, math.pi), math.sqrt(variance)  # modulo pi: a reversed sensor adds pi
 
 
 def _compute_sum_phase(values: Complexes) -> Floats:
@@ -194,7 +197,7 @@ def compute_film_lag(measurement: Measurement, bench: Bench) -> tuple[float, flo
 
 def _describe_late_film(measurement: Measurement, bench: Bench, lag: float) -> str:
     """Describe which film lags; a force channel shows which of both is out of phase."""
-    late, early = reversed(FILM_NAMES) if lag > 0 else FILM_NAMES
+    late, early = reversed(FILM_NAMES) if lag > 0 else FILM_NAMES  # a positive lag: the inner film leads
     text = f"the {late} film lags the {early} film"
     if measurement.force is None or bench.force is None:
         return text

@@ -60,8 +60,12 @@ class BuiltProperties:
     def build_amplifiers(self, nominal: tuple[ChargeAmplifier, ChargeAmplifier]) -> tuple[ChargeAmplifier, ChargeAmplifier]:
         """Return both amplifiers as built."""
         inner, outer = (
-            replace(amplifier, resistance=amplifier.resistance * r, capacitance=amplifier.capacitance * c)
-            for amplifier, r, c in zip(nominal, self.resistance, self.capacitance, strict=True)
+            replace(
+                amplifier,
+                resistance=amplifier.resistance * resistance_factor,
+                capacitance=amplifier.capacitance * capacitance_factor,
+            )
+            for amplifier, resistance_factor, capacitance_factor in zip(nominal, self.resistance, self.capacitance, strict=True)
         )
         return inner, outer
 
@@ -97,6 +101,8 @@ def build_signals(
     random = np.random.default_rng(seed)
 
     def compute_volts(times: Floats) -> Floats:
+        """Return the volts of inner, outer and force channel at times, s, shape (n, 3)."""
+        # 0.7 rad: an arbitrary phase; factors: the force channel has little hum and no drift, the outer film less than the inner
         wave = np.exp(2j * np.pi * frequency * times[:, None] + 0.7j)
         load = (fundamental * wave + 0.01 * second_harmonic * wave**2).real  # with a second harmonic of 1 %
         hum = built.hum * np.array([1.0, 0.7, 0.1]) * np.cos(2 * np.pi * built.mains * times)[:, None]
@@ -145,13 +151,14 @@ class VirtualBench:
     seed: int = 0
 
     def build_scene_signals(self, result: Result) -> Callable[[Floats], Floats]:
-        """Build the signals on the scene's tissue, from its result."""
+        """Build the signals on the scene's tissue, as a function of time, from the scene's evaluated result."""
         if result.stress_inner is None or result.stress_outer is None:
             raise Refusal("scene", result.evaluator, "one whose film stresses are computed")
         probe = self.scene.probe
         inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])
         x, y = self.scene.placement.x, self.scene.placement.y
+        # the bits of the position seed the noise
         return self._build_signals(
             forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist()
         )  # other noise elsewhere
@@ -166,7 +173,7 @@ class VirtualBench:
         return tuple(self._build_signals(item, 1 + run * len(forces) + k) for k, item in enumerate(forces))
 
     def _build_signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:
-        """Build the signals under both films' forces, N; each run has its own noise."""
+        """Build the signals under both films' forces, N; each tuple of numbers ``run`` has its own noise."""
         return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run])
 
 

@@ -18,7 +18,7 @@ class TissueListRequest(Request):
     """List the built-in tissues."""
 
     def run(self) -> None:
-        """Print names and descriptions."""
+        """Print the tissues' names and descriptions."""
         from probe_design.data.tissues import read_tissues
 
         descriptions = {name: entry.about for name, entry in read_tissues().items()}
@@ -35,7 +35,7 @@ class TissueShowRequest(Request):
     name: Name
 
     def run(self) -> None:
-        """Print one tissue."""
+        """Print one tissue, as JSON or as a table for a scene file."""
         from probe_design.data.tissues import find_tissue
 
         entry = find_tissue(self.name)
@@ -74,7 +74,7 @@ class MaterialShowRequest(Request):
     ] = None
 
     def run(self) -> None:
-        """Print one material."""
+        """Print one material, as JSON or as a table for a scene file."""
         entry = find_material(self.name, thinner=self.thinner, ratio=self.ratio)
         if self.as_json:
             print_json(entry.as_dict())

@@ -111,7 +111,7 @@ class EstimateRequest(LimitedRequest):
                     raise InputError(
                         key.removesuffix("_file").replace("_", "-"), value, "nothing beside --reading, whose files have it"
                     )
-            assert isinstance(self.scene, Path)  # as always on the command line
+            assert isinstance(self.scene, Path)  # on the command line a scene is always a file's name
             setup = HardwareSetup.from_files(self.scene, self.bench, self.calibration)
             columns, rate = ColumnMap.from_texts(self.column), None if self.rate is None else read_rate(self.rate)
             scene, readings, notes = collect_field_readings(setup, texts, columns, rate, self.any_probe)
@@ -125,7 +125,7 @@ class EstimateRequest(LimitedRequest):
         )
 
     def _read_readings(self, scene: Scene) -> tuple[Reading, ...]:
-        """Return the readings of --ratio or --readings."""
+        """Return the readings that --ratio or --readings gives; exactly one of both is allowed."""
         if (self.ratio is None) == (self.readings_file is None):
             problem = Words("missing") if self.ratio is None else Words(f"{self.ratio} beside --readings")
             raise InputError("ratio", problem, "exactly one of --ratio, --readings and --reading")
@@ -179,7 +179,19 @@ def _collect_readings(
     readings: tuple[Reading, ...] | Path | str | None,
     *noise_and_stiffness: str | float | None,
 ) -> tuple[Reading, ...]:
-    """Return given readings, those of a file, or the one reading of a ratio."""
+    """Return ``readings`` if these are given, those of a file if it is a file's name, or the one reading of a ratio.
+
+    Parameters
+    ----------
+    scene
+        For its placement, and for the keys of a file.
+    ratio
+        Of one reading, or None.
+    readings
+        Readings, the name of their file, or None.
+    noise_and_stiffness
+        Noise of the ratio, stiffness and noise of the stiffness.
+    """
     from probe_design.estimation.measurements import build_single_reading, read_readings
 
     noise, stiffness, stiffness_noise = noise_and_stiffness

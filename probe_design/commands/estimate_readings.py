@@ -38,7 +38,9 @@ LOAD_EXCESS_FACTOR = 1.05  # times the scene's load: a reading under a larger lo
 def collect_field_readings(
     setup: HardwareSetup, texts: tuple[str, ...], columns: ColumnMap, rate: float | None, any_probe: bool
 ) -> tuple[Scene, tuple[Reading, ...], list[str]]:
-    """Return the scene, the readings and warnings; the scene's load is raised to the largest measured load.
+    """Read all files of readings; return the scene, the readings and warnings.
+
+    If a measured load is clearly above the scene's, the returned scene has the largest measured load.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def collect_field_readings(
         entry = read_result(path)
         if entry is None:
             entry = _read_recording(path, setup, columns, rate)
-            serials |= setup.collect_serials({})
+            serials |= setup.collect_serials({})  # that of the calibration, if there is one
         serials[str(path)] = clean_serial(entry.get("serial"))
         measured.append(parse_field_reading(entry, path.name, setup.scene))
         expected = compute_expected_load(setup.scene)
@@ -87,8 +89,8 @@ def collect_field_readings(
 
 
 def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
-    """Return the file and the place entries of a text of the form ``READING_FORM``."""
-    if os.path.exists(text):
+    """Return the file and, by their keys, the texts of the place in a text of the form ``READING_FORM``."""
+    if os.path.exists(text):  # a file's name may contain commas
         return Path(text), {}
     name, *places = text.split(",")
     entries = {}
@@ -101,7 +103,17 @@ def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
 
 
 def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: float | None) -> JsonObject:
-    """Return the JSON object of `read` for a recording, without the prediction."""
+    """Return the JSON object of `read` for a recording, without the prediction.
+
+    Parameters
+    ----------
+    path
+        Of the recording, or of a file of another program.
+    setup
+        Scene, bench and calibration.
+    columns, rate
+        Of a file of another program, as for ``collect_field_readings``.
+    """
     gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
     frequency = None if setup.calibration is None else setup.calibration.frequency
     with Reader.open(f"replay:{path}", rate, columns, get_reading_limits()) as reader:
@@ -114,7 +126,19 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
 
 
 def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: dict[str, str]) -> Reading:
-    """Return one reading, at its given place, else at the place stored in its file, else at the scene's."""
+    """Return one reading at its place: that of the command line, else that stored in its file, else the scene's.
+
+    Parameters
+    ----------
+    scene
+        For its placement.
+    measured
+        The reading as measured.
+    spread
+        Its relative standard deviation.
+    place
+        The place on the command line: texts by keys of ``PLACE_KEYS``.
+    """
     x, y = measured.placement or (scene.placement.x, scene.placement.y)
     x, y = (POSITION_QUANTITY.read(key, place[key]) if key in place else default for key, default in (("x", x), ("y", y)))
     placed_scene = scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})})
@@ -126,7 +150,10 @@ def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: d
 
 
 def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: list[str]) -> Scene:
-    """Return the scene under the largest measured load, if that is clearly above the scene's load; add a warning then."""
+    """Return the scene under the largest measured load if that is clearly above the scene's, else the scene unchanged.
+
+    A line is appended to ``warnings`` if the load is replaced.
+    """
     largest_force = max(abs(reading.force) for reading in measured)
     force = scene.load.force
     if force is None or not math.isfinite(largest_force) or largest_force <= LOAD_EXCESS_FACTOR * force:
@@ -136,13 +163,14 @@ def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: li
 
 
 def join_reading_texts(texts: tuple[str, ...], other_files: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the texts of all --reading options, and of the files that follow the last one.
+    """Return the texts of all readings: those of --reading, and the further files that follow the last of these options.
 
     Raises
     ------
     InputError
-        Files without --reading.
+        There are further files but no --reading, so that they look like a second scene.
     """
     if other_files and not texts:
+        # the file of the scene is counted, too
         raise InputError("scene", Words(f"{len(other_files) + 1} files"), "one scene; --reading before the files of readings")
     return (*texts, *other_files)

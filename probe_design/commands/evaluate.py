@@ -118,7 +118,7 @@ class CurveRequest(LimitedRequest):
     picture: Annotated[Picture, Option("Draw the curve to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
-        """Compute the curve at moduli that contain both ends exactly."""
+        """Compute the curve at moduli that are evenly spaced on a logarithmic scale and contain both ends exactly."""
         import numpy as np
 
         from probe_design.terminal.console import show_steps
@@ -130,7 +130,7 @@ class CurveRequest(LimitedRequest):
         scene = load_scene(self.scene)
         check_picture(self.picture)
         moduli = np.geomspace(self.low, self.high, self.points)
-        moduli[0], moduli[-1] = self.low, self.high
+        moduli[0], moduli[-1] = self.low, self.high  # free of rounding
         with show_steps(f"curve of {self.scene}") as tell:
             result = self.call(curve, scene=scene, moduli=moduli, tell=tell)
         present(result, build_curve_table, self.as_json, self.picture, draw=partial(_draw_curve, scene=scene))
@@ -160,7 +160,7 @@ class TolerancesRequest(LimitedRequest):
     picture: Annotated[Picture, Option("Draw the budget to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
-        """Compute the budget of uncertainties."""
+        """Compute the budget of uncertainties, and print it."""
         from probe_design.built_probe.bench import read_bench
         from probe_design.terminal.console import show_spinner
         from probe_design.terminal.workshop_tables import build_tolerance_table, write_tolerance_lines

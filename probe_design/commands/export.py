@@ -51,7 +51,7 @@ class ExportRequest(Request):
     bench: Annotated[Path | str | None, Option("TOML file of load, amplifier and references, for that page.")] = None
 
     def run(self) -> None:
-        """Write the files and report."""
+        """Write the files, and print which ones, with the sizes assumed and the effect of rounding."""
         from probe_design.terminal.console import show_steps, warn, write_message
         from probe_design.terminal.workshop_tables import write_rounding_lines
 
@@ -120,7 +120,17 @@ def export(
 
 
 def _build_fixture_writers(scene: Scene, name: str, bench: Path | str | None) -> dict[str, Writer]:
-    """Return the writers of the fixture, and of the calibration page with the name of the scene's file."""
+    """Return the writers of the fixture's parts and of the calibration page, by file name.
+
+    Parameters
+    ----------
+    scene
+        With the probe as built.
+    name
+        Of the scene's file; "" for a scene that was not read from a file.
+    bench
+        File of the bench; None: the built-in one.
+    """
     from probe_design.built_probe.bench import read_bench, read_builtin_bench
     from probe_design.measuring.protocol_page import build_writers
 

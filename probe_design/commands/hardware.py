@@ -70,7 +70,7 @@ class ReadRequest(SourceRequest):
                 calibration_frequency = setup.calibration.frequency
 
             def compare(measurement: Measurement) -> StressReading:
-                """Return the reading of a measurement, compared with the prediction."""
+                """Return the stresses of a measurement, compared with the prediction."""
                 return compute_reading(measurement, setup.scene, setup.bench, predicted, gains)
 
             check_rate(frequency, reader.header.rate)
@@ -239,7 +239,10 @@ class DoctorRequest(SourceRequest):
             raise SystemExit(1)
 
     def _test_channels(self, setup: HardwareSetup, is_plugged: bool) -> list[Finding]:
-        """Return the findings of a test of a probe's channels; none where no probe is connected."""
+        """Return the findings of a test of a probe's channels; none where no probe is connected.
+
+        ``is_plugged`` states whether a probe was detected on USB.
+        """
         from hw.common.errors import HardwareError, InvalidSource
         from probe_design.commands.hardware_sources import build_openers, list_new_recordings
         from probe_design.commands.reference_readings import simulate_on_scene
@@ -247,13 +250,15 @@ class DoctorRequest(SourceRequest):
         from probe_design.doctor.self_test import run_self_test
 
         (recording,) = list_new_recordings(self, 1)
+        # a device is to be read, none is named, and the default, the probe on USB, is not there: nothing to test
         if self.is_live and self.device is None and not is_plugged:
             return []
         try:
+            # a relative accuracy of 0.01 is enough for the signals of a virtual probe
             (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, 0.01),), 1, pace=False)
             with opener() as reader:
                 samples = setup.describe_recording(reader).collect(self.duration, recording)
-        except InvalidSource:
+        except InvalidSource:  # a mistake on the command line, not a fault of the probe
             raise
         except HardwareError as fault:
             return [Finding("reading", "fault", str(fault))]

@@ -76,19 +76,30 @@ def build_device_opener(source: SourceRequest) -> Opener:
 
 
 def _read_device_options(source: SourceRequest) -> tuple[float | None, ColumnMap]:
-    """Return --rate in Hz and --column."""
+    """Return the values of --rate, Hz or None, and of --column."""
     return None if source.rate is None else read_rate(source.rate), ColumnMap.from_texts(source.column)
 
 
 def _open_recording(source: SourceRequest, path: Path, rate: float | None, columns: ColumnMap) -> Reader:
-    """Open a recording. Together with a device, --rate and --column belong to the device if the recording states its own."""
+    """Open a recording.
+
+    If a device is read, too, and the recording states its own rate and columns, --rate and --column are meant for the device.
+    """
     if source.has_source and is_self_describing(path, get_reading_limits()):
         rate, columns = None, DEFAULT_COLUMNS
     return Reader.open(f"replay:{path}", rate, columns, get_reading_limits())
 
 
 def list_recorded_files(source: SourceRequest, count: int) -> tuple[Path | None, ...]:
-    """Return the existing recording of each reading or None: those of --replay, then with --resume the last attempts."""
+    """Return for each of ``count`` readings its existing recording, or None if it is still to be read.
+
+    The files of --replay are those of the first readings; with --resume the recordings of last attempts follow.
+
+    Raises
+    ------
+    InputError
+        There are more recordings than readings, or fewer and no other source.
+    """
     if len(source.replay) > count or (len(source.replay) < count and not source.has_source):
         raise InputError("replay", Words(f"{len(source.replay)} files"), f"{count}: one for each reading, in their order")
     if count == 1 and source.replay and source.has_source:
@@ -98,7 +109,10 @@ def list_recorded_files(source: SourceRequest, count: int) -> tuple[Path | None,
 
 
 def name_recording(source: SourceRequest, k: int, count: int, attempt: int = 1) -> Path | None:
-    """Return the name of a reading's recording, numbered if there are several readings, and from the second attempt on."""
+    """Return the name of the recording of reading ``k`` (from 0) of ``count`` by --record, or None without that option.
+
+    The name has a number if there are several readings, and one of the attempt from the second on.
+    """
     if source.record is None:
         return None
     number = [str(k + 1)] if count > 1 else []
@@ -132,7 +146,7 @@ def list_new_recordings(source: SourceRequest, count: int) -> tuple[Path | None,
 
 
 def _find_last_attempt(source: SourceRequest, k: int, count: int) -> Path | None:
-    """Return the recording of a reading's last attempt, or None if there is none."""
+    """Return the existing recording of the last attempt at reading ``k`` (from 0) of ``count``, or None if there is none."""
     paths = (name_recording(source, k, count, attempt) for attempt in range(MAX_ATTEMPTS, 0, -1))
     return next(
         (
@@ -198,14 +212,14 @@ class HardwareSetup:
         return reader
 
     def build_virtual_bench(self, source: SourceRequest) -> VirtualBench:
-        """Return the virtual probe with the deviations of --built."""
+        """Return the virtual probe on its bench, with the deviations of --built from the drawing."""
         scene = express_by_outer_radius(self.scene)
         new_values = dict(_read_change(scene, text) for text in source.built)
         return VirtualBench(self.scene, scene.replace(new_values), self.bench, seed=source.seed)
 
 
 def get_reading_limits() -> ReadLimits:
-    """Return --memory and --time as limits for reading a recording."""
+    """Return the limits of --memory and --time as limits for reading a recording."""
     return ReadLimits(get_limits().memory, get_limits().seconds)
 
 
@@ -218,6 +232,7 @@ def hash_raw_data(samples: Samples, recording: Path | None) -> Raw:
     )
     if file is not None:
         return Raw(compute_sha256(file), file.name)
+    # in fixed types and byte order, so that the hash is the same on every computer
     return Raw(hashlib.sha256(samples.index.astype("<i8").tobytes() + samples.volts.astype("<f8").tobytes()).hexdigest())
 
 
@@ -232,7 +247,7 @@ def describe_device(samples: Samples) -> str:
 
 
 def _open_virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
-    """Open the virtual probe that plays given signals."""
+    """Open the virtual probe with given signals, a function of time; with ``pace`` it sends them in real time."""
     return Reader.open(make_virtual_probe(signals, SAMPLE_RATE_HZ, channels=CHANNEL_COUNT, scale=VOLTS_PER_COUNT, pace=pace))
 
 

@@ -17,7 +17,7 @@ CONTEXT_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 
 
 
 class Interrupted(Exception):  # noqa: N818 - it is no error
-    """Ctrl-C as an exception that click passes on unchanged; for a KeyboardInterrupt click prints an empty line."""
+    """An interrupt (Ctrl-C) as an exception that click passes on unchanged; at a KeyboardInterrupt click prints a line."""
 
 
 @contextmanager
@@ -33,6 +33,7 @@ class CommandGroup(click.Group):
     """A group whose commands are imported when they are used. An unknown command is refused with the list of known ones."""
 
     def __init__(self, prefix: str = "", **options: Any) -> None:
+        """Keep ``prefix``, the words before the commands' names in ``COMMANDS``, such as "tissue "; pass ``options`` to click."""
         super().__init__(**options)
         self._prefix = prefix
 
@@ -42,7 +43,7 @@ class CommandGroup(click.Group):
         return [name for name in names if name and " " not in name]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Build a command from its request."""
+        """Return the command of a name, built from its request at the first call, or None if there is no such command."""
         full_name = f"{self._prefix}{cmd_name}"
         if cmd_name not in self.list_commands(ctx):
             return None
@@ -124,7 +125,7 @@ def run() -> int:
 
 
 def _report_fault(fault: BaseException) -> int:
-    """Print one line about an exception, and return the exit code; an unexpected one is reported as a defect."""
+    """Print one line about an exception, and return the exit code; an unexpected exception is reported as a defect."""
     if isinstance(fault, SystemExit):
         return int(fault.code or 0)
     if isinstance(fault, click.ClickException):
@@ -140,7 +141,7 @@ def _report_fault(fault: BaseException) -> int:
             f"memory = all that the system gives this process: allowed: more, or a question that takes less: {smaller_requests}",
             2,
         )
-    from geometry.common.errors import ProbeError  # takes 0.2 s, which --help does not need
+    from geometry.common.errors import ProbeError  # imported only here: it takes 0.2 s, which --help does not need
     from hw.common.errors import HardwareError
 
     if isinstance(fault, ProbeError | HardwareError):

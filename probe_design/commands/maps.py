@@ -247,8 +247,8 @@ class LoadRequest(LimitedRequest):
 
 
 def _read_load(text: str) -> tuple[float | None, float | None]:
-    """Return (force, None) or (None, indentation) of a text, in N and m."""
-    for k, kind in enumerate((Force, Indentation)):
+    """Return (force, None), N, or (None, indentation), m, from a text that states one of both with its unit."""
+    for k, kind in enumerate((Force, Indentation)):  # annotated types, whose second argument reads a text
         try:
             value = float(get_args(kind)[1].read("to", text))
         except InputError:
@@ -259,7 +259,7 @@ def _read_load(text: str) -> tuple[float | None, float | None]:
 
 
 def _choose_lengths(values: ArrayLike | None, default: Floats) -> Floats:
-    """Return given lengths as an array of shape (n,), or the default."""
+    """Return ``values`` as an array of shape (n,), or ``default`` if they are None."""
     import numpy as np
 
     return default if values is None else np.atleast_1d(np.asarray(values, dtype=float))

@@ -32,7 +32,7 @@ class CommandName:
     summary: str
 
     def load_request(self) -> type[Request]:
-        """Import the request."""
+        """Import and return the class of the request."""
         module, _, name = self.request.partition(":")
         request: type[Request] = getattr(import_module(f"probe_design.commands.{module}"), name)
         return request

@@ -83,7 +83,7 @@ class OptimizeRequest(LimitedRequest):
     force: Force = False
 
     def run(self) -> None:
-        """Search, verify, write the files and report; exit with 1 where no gain counts."""
+        """Print the template, or check the options and optimise for a design file or a scene."""
         from probe_design.populations.design_file import Design, read_design_source
 
         if self.template:
@@ -104,7 +104,17 @@ class OptimizeRequest(LimitedRequest):
         self._optimize(question, folder, settings)
 
     def _optimize(self, question: Scene | Design, folder: Path, settings: JsonMapping) -> None:
-        """Search, verify, write the files and report; exit with 1 where no gain counts."""
+        """Search, verify, write the files and report; exit with 1 where no gain counts.
+
+        Parameters
+        ----------
+        question
+            The initial scene, or the design with its tumours.
+        folder
+            For the files.
+        settings
+            Values of ``SCENE_OPTIONS`` for a scene; empty for a design.
+        """
         from probe_design.design_report.build import build_report
         from probe_design.design_search.pareto import compute_front
         from probe_design.populations.design_file import Design
@@ -135,9 +145,10 @@ class OptimizeRequest(LimitedRequest):
             raise SystemExit(1)
 
     def _check_output(self, start: Scene | Design, folder: Path) -> str:
-        """Check the output folder and CAD before the search rather than after it.
+        """Check the output folder and CAD before the search rather than after it; return the digest of the question.
 
-        Returns a digest of the scene or design, and of every option that the result depends on.
+        It is computed from the scene or design and every option on which the result depends. A folder that holds the result of
+        another question is refused.
         """
         from importlib.metadata import version
 
@@ -206,7 +217,10 @@ def optimize(
 
 
 def _run_search(question: Scene | Design, tell: Stages, settings: JsonMapping) -> PopulationOptimum | TumourOptimum:
-    """Run the search for the tumour of a scene or for the tumours of a design file; the latter states its own settings."""
+    """Run the search for the tumour of a scene, with ``settings``, or for the tumours of a design, which has its own settings.
+
+    ``tell`` is called with the name of a stage, the number of steps done and their total.
+    """
     from probe_design.design_search.population_study import optimize_for_population
     from probe_design.design_search.tumour_study import optimize_for_tumour
 
@@ -216,8 +230,8 @@ def _run_search(question: Scene | Design, tell: Stages, settings: JsonMapping) -
 
 
 def refuse_options(options: Mapping[str, object]) -> None:
-    """Refuse options that do not apply to a design file."""
-    for key, value in options.items():
+    """Refuse ``options``, by name, if there are any: none of them applies to a design file."""
+    for key, value in options.items():  # the first one is reported
         raise InputError(key, value, "none for a design file, whose tables state it")
 
 

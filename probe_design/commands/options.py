@@ -23,7 +23,10 @@ class FileName(click.Path):
     """The name of a file or folder in UTF-8, as libraries, records and pages cannot store any other."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path. An empty name is refused, as it would otherwise mean the current folder."""
+        """Return the path of a file's name.
+
+        An empty name is refused, as it would otherwise mean the current folder, and so is a name that is not UTF-8.
+        """
         key = "path" if param is None else get_label(param)
         try:
             value.encode()
@@ -52,7 +55,7 @@ def build_command(name: str, request: type[Request], summary: str) -> click.Comm
 
 
 def run_request(request: Request) -> None:
-    """Run a request under its limits; what it makes records the command line."""
+    """Run a request under its limits; the provenance of all its output records the command line."""
     from geometry.provenance.block import record_command
     from probe_design.terminal.console import use_quiet
 
@@ -67,7 +70,7 @@ def run_request(request: Request) -> None:
 
 
 def get_label(parameter: click.Parameter) -> str:
-    """Return the longest name of a parameter, without dashes."""
+    """Return the name of a parameter for messages: the longest one, without dashes."""
     return max(parameter.opts, key=len).lstrip("-")
 
 
@@ -103,7 +106,7 @@ def build_parameter(name: str, field: FieldInfo) -> click.Parameter:
 
 
 def _choose_type(types: list[Any], field: FieldInfo) -> click.ParamType[Any]:
-    """Return click's type of a field's words."""
+    """Return click's type for the text of a field on the command line, by the field's types and notes."""
     for part in types:
         if get_origin(part) is Literal:
             return click.Choice(get_args(part))
@@ -113,5 +116,5 @@ def _choose_type(types: list[Any], field: FieldInfo) -> click.ParamType[Any]:
 
 
 def _complete_words(words: tuple[str, ...]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
-    """Return the function by which click completes one of some words."""
+    """Return the function that completes the begin of one of ``words``, in the form in which click calls it."""
     return lambda context, parameter, prefix: [word for word in words if word.startswith(prefix)]

@@ -80,7 +80,19 @@ def print_result(
     as_json: bool,
     lines: Callable[[], Iterable[str]] = lambda: (),
 ) -> None:
-    """Print a result as one JSON object, or as tables with lines of text below; only what is printed is built."""
+    """Print a result as one JSON object, or as tables with lines of text below; only what is printed is built.
+
+    Parameters
+    ----------
+    build_json
+        Builds the JSON object.
+    tables
+        Builds the tables.
+    as_json
+        Whether to print JSON.
+    lines
+        Builds the lines.
+    """
     from geometry.common.errors import to_one_line
     from probe_design.terminal.console import show_table
 

@@ -37,14 +37,33 @@ class ReferenceReading:
 def read_references(
     setup: HardwareSetup, source: SourceRequest, references: Sequence[Reference], run: int
 ) -> tuple[ReferenceReading, ...]:
-    """Return one reading on each reference; each is checked as soon as it is complete."""
+    """Return one reading on each reference; each is checked as soon as it is complete.
+
+    Parameters
+    ----------
+    setup
+        Scene, bench and calibration.
+    source
+        Where samples come from.
+    references
+        To be read, in this order.
+    run
+        Number of the series of readings; the noise of a virtual probe differs from series to series.
+
+    Raises
+    ------
+    InputError
+        A file of the source is not allowed, or two files hold the same samples.
+    HardwareError
+        A reading cannot be used.
+    """
     from hw.signal.fingerprint import Fingerprint
     from probe_design.built_probe.field_readings import check_different
     from probe_design.commands.hardware_sources import build_openers, list_new_recordings, list_recorded_files
 
     count = len(references)
     recorded = list_recorded_files(source, count)
-    list_new_recordings(source, count)
+    list_new_recordings(source, count)  # called for its checks: new files must not exist and must be writable
     openers = build_openers(source, lambda: simulate_on_references(setup, source, references, run), count, pace=False)
     reference_readings = tuple(
         _read_reference(setup, source, reference, index_and_count=(k, count), opener=opener, recorded=path)
@@ -66,7 +85,23 @@ def _read_reference(
     opener: Opener,
     recorded: Path | None,
 ) -> ReferenceReading:
-    """Return one valid reading on a reference. A flawed reading of a device is repeated, a flawed recording refused."""
+    """Return one valid reading on a reference. A flawed reading of a device is repeated, a flawed recording refused.
+
+    Parameters
+    ----------
+    setup
+        Scene, bench and calibration.
+    source
+        Where samples come from.
+    reference
+        To be read.
+    index_and_count
+        Index of this reading, from 0, and number of readings.
+    opener
+        Opens the reader.
+    recorded
+        An existing recording of this reading, or None.
+    """
     from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
     from probe_design.built_probe.film_forces import measure_strict_reading
@@ -122,14 +157,17 @@ def _ask_for(reference: Reference, label: str, source: SourceRequest) -> None:
 
 
 def simulate_on_scene(setup: HardwareSetup, source: SourceRequest, accuracy: float) -> Any:
-    """Return the signals of a virtual probe that is pressed on the scene."""
+    """Return the signals, as a function of time, of a virtual probe on the scene's tissue, predicted to ``accuracy``."""
     bench = setup.build_virtual_bench(source)
     prediction = choose_prediction(source.duration)(bench.scene, accuracy, True, setup.bench.load.frequency)
     return bench.build_scene_signals(prediction)
 
 
 def choose_prediction(length: float | None) -> Callable[..., Any]:
-    """Return the function that predicts a scene: for a long reading one that runs in a child process, to free its memory."""
+    """Return the function that predicts a scene for a reading of ``length`` s, or of a whole recording (None).
+
+    For a long reading it runs in a child process, so that its memory is free again when the reading starts.
+    """
     from probe_design.built_probe import reading
     from probe_design.measuring import prediction_process
 
@@ -138,7 +176,10 @@ def choose_prediction(length: float | None) -> Callable[..., Any]:
 
 
 def simulate_on_references(setup: HardwareSetup, source: SourceRequest, references: Sequence[Reference], run: int) -> Any:
-    """Return the signals of a virtual probe on given references, in their order."""
+    """Return the signals, functions of time, of a virtual probe on references of the bench, in the bench's order.
+
+    ``run`` numbers the series of readings, each with its own noise.
+    """
     from probe_design.built_probe.reading import predict_scene
     from probe_design.built_probe.virtual_probe import compute_load
 

@@ -77,11 +77,11 @@ class Number:
         return core_schema.no_info_plain_validator_function(self._read)
 
     def _read(self, entry: object) -> float:
-        """Return the number that a text or number states, or refuse it."""
+        """Return the number that ``entry``, a text or a number, states; raise ``PydanticCustomError`` for anything else."""
         try:
             value = (read_fraction if self.percent else read_number)("number", entry, self.allowed)
         except InputError:
-            value = float("nan")
+            value = float("nan")  # within no range, and so refused below
         if not self.is_allowed(value):
             raise PydanticCustomError("quantity", "{allowed}", {"allowed": self.allowed})
         return value
@@ -110,7 +110,7 @@ class Request(BaseModel):
         raise NotImplementedError
 
     def call(self, function: Callable[..., ResultT], **others: object) -> ResultT:
-        """Call a function with those of its parameters that are fields of this request, and with others."""
+        """Call a function: parameters that are fields of this request have their values, others are keywords ``others``."""
         names = inspect.signature(function).parameters.keys() & type(self).model_fields.keys()
         return function(**{name: getattr(self, name) for name in names} | others)
 
@@ -157,7 +157,7 @@ def find_option(field: FieldInfo) -> Option:
 
 
 def iterate_types(annotation: Any) -> Iterator[Any]:
-    """Yield the types and the notes of which an annotation consists, such as ``Annotated[float, Quantity(...)] | None``."""
+    """Yield the types and the notes within an annotation such as ``Annotated[float, Quantity(...)] | None``."""
     if get_origin(annotation) is Literal or not get_args(annotation):
         yield annotation
         return
@@ -171,13 +171,13 @@ def find_types(field: FieldInfo) -> list[Any]:
 
 
 def find_range(field: FieldInfo) -> tuple[int, int]:
-    """Return the lower and upper limit of a whole number."""
+    """Return the lower and upper limit of a field that is a whole number, from its pydantic notes ``ge`` and ``le``."""
     low, high = (next(getattr(note, key) for note in field.metadata if hasattr(note, key)) for key in ("ge", "le"))
     return low, high
 
 
 def describe_allowed(field: FieldInfo) -> str:
-    """Describe what a field may be."""
+    """Describe in words the values that a field may have."""
     parts = find_types(field)
     for part in parts:
         if isinstance(part, Quantity | Number):
@@ -205,16 +205,20 @@ def format_default(field: FieldInfo) -> str:
 
 
 def use_request(request: type[Request]) -> Callable[[Callable[P, ResultT]], Callable[P, ResultT]]:
-    """Return a decorator by which a function takes checks and help of those parameters that are fields of a request."""
+    """Return a decorator that gives a function the checks and the help of a request's fields.
+
+    Parameters of the function that have the name of a field are checked like this field, and its help is added to the docstring.
+    """
 
     def decorate(function: Callable[P, ResultT]) -> Callable[P, ResultT]:
-        """Return the function with checks and help."""
+        """Return the function with the request's checks and help."""
         signature, fields = inspect.signature(function), list_fields(request)
 
         @functools.wraps(function)
         def check_and_call(*values: P.args, **keywords: P.kwargs) -> ResultT:
             """Check the parameters that are fields of the request, and call the function."""
             bound = signature.bind(*values, **keywords)
+            # parameters that the caller left out keep the function's own default, unchecked
             given = {name: value for name, value in bound.arguments.items() if name in fields}
             checked = request.build(given)
             bound.arguments.update({name: getattr(checked, name) for name in given})
@@ -229,7 +233,7 @@ def use_request(request: type[Request]) -> Callable[[Callable[P, ResultT]], Call
 
 
 def _describe_parameter(name: str, field: FieldInfo) -> str:
-    """Return the entry of a parameter in a docstring."""
+    """Return the entry of a parameter in the section Parameters of a docstring."""
     default = format_default(field)
     quantities = [f", {part.si}" for part in find_types(field) if isinstance(part, Quantity)]
     heading = f"{name} : {describe_allowed(field)}{''.join(quantities)}{f'; default: {default}' if default else ''}"

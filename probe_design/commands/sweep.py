@@ -93,7 +93,7 @@ class TradeoffRequest(LimitedRequest):
     linear: Linear = False
 
     def run(self) -> None:
-        """Measure, write the files and report."""
+        """Measure time and errors, write the files, and print the tables."""
         from geometry.common.files import check_writable
         from probe_design.terminal.console import show_stages, warn, write_message
         from probe_design.tradeoffs.report import build_choice_table, build_summary_table, write_files
@@ -116,7 +116,7 @@ class TradeoffRequest(LimitedRequest):
 
 
 def _describe_broken_row(row: Row) -> str:
-    """Return a warning about an evaluator whose true error is above its stated error."""
+    """Return a warning about an evaluator whose true error is above its stated error, in one row of the table."""
     setting = row.evaluator if row.accuracy is None else f"{row.evaluator} at {row.accuracy:g}"
     reason = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
     return f"{row.scene}: {setting} {reason}"

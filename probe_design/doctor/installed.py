@@ -32,6 +32,8 @@ SCOPE_REMEDY = "for oscilloscopes: pip install 'probe-design[scope]'"
 
 
 class _Version(Structure):
+    """The structure ``libusb_version`` of libusb's C interface."""
+
     _fields_ = [(name, c_uint16) for name in ("major", "minor", "micro", "nano")] + [("rc", c_char_p), ("describe", c_char_p)]
 
 
@@ -61,7 +63,7 @@ def find_usb_probes() -> list[Any]:
 
 
 def _run_safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
-    """Run a check; an exception becomes a finding."""
+    """Run a check; an exception becomes a finding under ``name``."""
     try:
         return check()
     except Exception as fault:  # any library on any machine: reported, and the next check runs

@@ -36,6 +36,7 @@ def run_self_test(samples: Samples, scene: Scene, bench: Bench) -> list[Finding]
     findings += [Finding(f"{name} channel", "fault", "shows no change", "connect it; is its amplifier on?") for name in dead]
     clipped = _check_clipping(samples)
     findings += clipped
+    # the sinusoid is fitted only to enough samples and at least 3 periods of the load
     usable = int(np.count_nonzero(~samples.saturated.any(axis=1)))
     span = float(samples.times[-1] - samples.times[0]) * bench.load.frequency
     if dead or usable < MIN_ROWS or span < 3:
@@ -80,7 +81,11 @@ def _check_clipping(samples: Samples) -> list[Finding]:
 
 
 def _measure_flat_fraction(volts: Floats) -> float:
-    """Return the fraction of samples at an extreme value if it is well above that of a quantised sine; otherwise 0."""
+    """Return the fraction of samples at the highest or lowest value if the wave seems to be cut off, otherwise 0.
+
+    An uncut sine of amplitude A, in steps s of the converter, has the fraction arccos(1 - s / A) / pi within one step of an
+    extreme. The wave counts as cut off if the fraction is above ``FLAT_FACTOR`` times this one plus 0.01, an allowance for noise.
+    """
     swing = float(np.ptp(volts))
     if swing == 0:
         return 0.0
@@ -90,26 +95,31 @@ def _measure_flat_fraction(volts: Floats) -> float:
 
 
 def _estimate_step(volts: Floats) -> float:
-    """Return the converter's step: the smallest difference of two values."""
-    values = np.unique(volts[:20_000])
+    """Return the converter's step, V: the smallest difference of two values; 0 if all are equal."""
+    values = np.unique(volts[:20_000])  # so many samples contain neighbouring codes, and are sorted quickly
     return float(np.diff(values).min()) if len(values) > 1 else 0.0
 
 
 def _check_noise(samples: Samples, fit: SineFit, bench: Bench) -> list[Finding]:
-    """Compare the noise with its minimum: kT/C noise of the feedback, and the converter's step over the root of 12."""
+    """Compare each film's noise with its minimum.
+
+    The minimum is the thermal (kT/C) noise of the amplifier's feedback together with the rounding of the converter, whose
+    standard deviation is its step over the root of 12.
+    """
     findings = []
     for k, name in enumerate(samples.channels[:2]):
         expected = float(
             np.hypot(
+                # sqrt(kT / C): thermal noise of the feedback resistor, over all frequencies
                 np.sqrt(BOLTZMANN_CONSTANT * ROOM_TEMPERATURE_K / bench.amplifier.build_films()[k].capacitance),
                 _estimate_step(samples.volts[:, k]) / 12**0.5,
             )
         )
-        times = fit.noise[k] / expected
-        text = f"{fit.noise[k]:.2g} V rms, {times:.2g} times the minimum of resistor and converter, {expected:.2g} V"
-        if times < MIN_NOISE_RATIO:
+        noise_ratio = fit.noise[k] / expected
+        text = f"{fit.noise[k]:.2g} V rms, {noise_ratio:.2g} times the minimum of resistor and converter, {expected:.2g} V"
+        if noise_ratio < MIN_NOISE_RATIO:
             findings.append(Finding(f"noise, {name}", "fault", text, "too quiet: is the film connected, is anything averaged?"))
-        elif times > MAX_NOISE_RATIO:
+        elif noise_ratio > MAX_NOISE_RATIO:
             findings.append(Finding(f"noise, {name}", "doubtful", text, "shield film and cable, look for loose plugs"))
         else:
             findings.append(Finding(f"noise, {name}", "good", text))
@@ -117,7 +127,19 @@ def _check_noise(samples: Samples, fit: SineFit, bench: Bench) -> list[Finding]:
 
 
 def _check_load(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
-    """Check that each channel shows the load clearly."""
+    """Check that each channel shows the load clearly; a film that is hardly pressed by prediction is not a fault.
+
+    Parameters
+    ----------
+    samples
+        For the names of the channels.
+    fit
+        Of the load in all channels.
+    scene
+        For the predicted stresses.
+    bench
+        For the force channel's sensitivity.
+    """
     findings = []
     strengths = _compute_strengths(fit)
     load_on = bool((strengths > CLEAR_STRENGTH).any())
@@ -142,7 +164,10 @@ def _check_load(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> l
 
 
 def _is_load_expected(film: int, fit: SineFit, scene: Scene) -> bool:
-    """Whether one film, 0 inner or 1 outer, must show the load clearly, given the other film's amplitude."""
+    """Whether one film, 0 inner or 1 outer, must show the load clearly, by prediction and the other film's amplitude.
+
+    Without a prediction it must.
+    """
     try:
         result = predict_scene(scene, PREDICTION_ACCURACY, linear=True)
     except ProbeError:
@@ -155,20 +180,24 @@ def _is_load_expected(film: int, fit: SineFit, scene: Scene) -> bool:
 
 
 def _compute_deviations(fit: SineFit) -> Floats:
-    """Return the standard deviations of the load's amplitudes, V, (channels,)."""
+    """Return the standard deviations of the load's amplitudes, V, shape (channels,)."""
     return np.sqrt(np.diag(fit.covariance)[::2])
 
 
 def _compute_strengths(fit: SineFit) -> Floats:
-    """Return the load's amplitudes over their standard deviations, (channels,)."""
+    """Return the load's amplitudes over their standard deviations, shape (channels,)."""
     return np.asarray(np.abs(fit.amplitudes) / np.maximum(_compute_deviations(fit), np.finfo(float).tiny))
 
 
 def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) -> list[Finding]:
-    """Compare signs and phases of the films with the force channel, or with each other without one."""
+    """Compare sign and phase of each film with the force channel or, without one, of the inner film with the outer.
+
+    With a force channel the sign of the film's charge per force counts, too: a load must give a charge of this sign.
+    """
     strengths = _compute_strengths(fit)
     if (strengths[:2] < NOISE_STRENGTH).any():
         return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]
+    # whether the sign of the load is known, from a force channel that shows it clearly
     known = "force" in samples.channels and bench.force is not None and strengths[2] > CLEAR_STRENGTH
     try:
         charges = fit.amplitudes[:2] / [amplifier.response(fit.frequency) for amplifier in bench.amplifier.build_films()]
@@ -191,8 +220,8 @@ def _check_polarity(samples: Samples, fit: SineFit, scene: Scene, bench: Bench) 
 
 
 def _check_mains(samples: Samples, fit: SineFit) -> Finding:
-    """Check that the mains do not drown the load."""
-    if samples.rate < 110:
+    """Check that the mains are not much stronger than the load."""
+    if samples.rate < 110:  # too slow for 50 Hz: twice that, and a tenth more
         return Finding("mains", "doubtful", f"not detectable at {samples.rate:g} samples a second", "more than 120 Hz")
     if fit.mains is None:
         return Finding("mains", "good", "none detected")

@@ -60,9 +60,9 @@ def fit_reading(
             if not len(block):
                 continue
             recent.append(block)
-            while recent[0].index[-1] < block.index[-1] - last * block.rate:
+            while recent[0].index[-1] < block.index[-1] - last * block.rate:  # older than what is shown
                 recent.pop(0)
-            elapsed = (int(block.index[-1]) + 1) / block.rate
+            elapsed = (int(block.index[-1]) + 1) / block.rate  # s: indices start at 0
             next_show = last_shown + max(SHOW_INTERVAL_S, SHOW_INTERVAL_FRACTION * elapsed)
             if elapsed >= next_show + (BEHIND_INTERVAL_S if reader.is_behind else 0.0):
                 last_shown = elapsed

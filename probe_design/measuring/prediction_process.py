@@ -17,7 +17,9 @@ Arguments = tuple[Scene, float, bool, float]  # of ``predict_scene``
 
 
 def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: float) -> Result:
-    """Return ``reading.predict_scene`` from a child process; if no process can be started, compute it in this one.
+    """Return the result of ``reading.predict_scene`` from a child process; if that fails, compute it in this process.
+
+    For the parameters see ``reading.predict_scene``.
 
     Raises
     ------
@@ -33,7 +35,7 @@ def predict_in_process(scene: Scene, accuracy: float, linear: bool, frequency: f
 
 
 def run(request: tuple[Arguments, Limits]) -> Result:
-    """Compute the prediction in the child process."""
+    """Compute the prediction in the child process: arguments of ``predict_scene``, and the limits of the solver."""
     arguments, limits = request
     with use_limits(limits):
         return predict_scene(*arguments)

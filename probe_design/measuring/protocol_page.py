@@ -80,7 +80,21 @@ def build_writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[
 
 
 def draw_page(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: str, path: Path) -> Path:
-    """Write the page as a PDF, or as a picture by the path's suffix; return ``path``."""
+    """Write the page as a PDF, or as a picture by the path's suffix; return ``path``.
+
+    Parameters
+    ----------
+    probe
+        As drawn.
+    bench
+        For load, channels and references.
+    expected
+        Expected signals on its references.
+    name
+        Name of the scene's file, which the printed commands contain.
+    path
+        Of the new file.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -91,7 +105,7 @@ def draw_page(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], na
     for column, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):
         _draw_section(figure.add_axes((0.05 + 0.46 * column, 0.69, 0.44, 0.215)), probe, part, title)
     _draw_table(figure, expected[:MAX_ROWS])
-    foot = 0.645 - 0.0185 * (min(len(expected), MAX_ROWS) + 2)
+    foot = 0.645 - 0.0185 * (min(len(expected), MAX_ROWS) + 2)  # y below the table, as a fraction of the page's height
     for line, text in enumerate(_list_steps(bench, expected, name)):
         mono = text.startswith("   $")
         figure.text(0.07, foot - 0.0168 * line, text, fontsize=8.3 if mono else 9, family="monospace" if mono else None)
@@ -117,7 +131,19 @@ def _format_headline(probe: Probe, name: str) -> str:
 
 
 def _draw_section(axes: Axes, probe: Probe, part: str, title: str) -> None:
-    """Draw the section of the probe on pin or ring, with the sleeve up (dashed) and down."""
+    """Draw the section of the probe on a fixture's part, with the sleeve up (dashed) and down; lengths in mm, z upwards.
+
+    Parameters
+    ----------
+    axes
+        To draw on.
+    probe
+        As drawn.
+    part
+        "pin" or "ring".
+    title
+        Above the picture.
+    """
     sizes = fixture.find_fixture_sizes(probe)
     for name, polygons in build_section_outlines(probe).items():
         for polygon in polygons:
@@ -144,7 +170,7 @@ def _build_pressing_outlines(sizes: fixture.FixtureSizes, part: str) -> list[lis
     boxes = [(-foot, foot, low - fixture.FOOT_HEIGHT_MM, low), (-sizes.carrier, sizes.carrier, low, top)]
     inner, outer = sizes.ring
     boxes += [(-sizes.pin, sizes.pin, top, 0.0)] if part == "pin" else [(-outer, -inner, top, 0.0), (inner, outer, top, 0.0)]
-    return [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in boxes]
+    return [[(x_low, z_low), (x_high, z_low), (x_high, z_high), (x_low, z_high)] for x_low, x_high, z_low, z_high in boxes]
 
 
 def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
@@ -172,7 +198,8 @@ def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
 
 
 def _list_steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[str]:
-    """List the steps; lines with a $ are commands."""
+    """List the lines of the protocol's steps; lines with a $ are commands, with ``name``, the scene's file."""
+    # 20 % more than the minimum number of periods
     seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
     slack, play = fixture.RING_ALIGNMENT_MM, fixture.SLEEVE_PLAY_MM
     load, count, channels = 1e3 * expected[0].load, len(expected), bench.channels

@@ -55,7 +55,7 @@ class Changes:
 
     @classmethod
     def from_drawing(cls, scene: Scene, bench: Bench, predictions: BlockPredictions, name: str) -> Changes:
-        """Start from the design as drawn, with known predictions, to change one variable."""
+        """Start from the design as drawn, to change the variable ``name``; ``predictions`` are for the design as drawn."""
         nominal = np.array([_get_nominal(predictions, name)])
         return cls(express_by_outer_radius(scene), bench, (name,), nominal, nominal, predictions)
 
@@ -76,18 +76,25 @@ class Changes:
         values = np.array([value + step if _is_additive(name) else value * np.exp(step) for name, value, step in moves])
         try:
             return replace(self, values=values, predictions=self._predict(values))
-        except (ValueError, ProbeError):  # pydantic's and ours
+        except (ValueError, ProbeError):  # ValueError: pydantic's, for an invalid scene
             return None
 
     def compute_residual(self, deviation: Deviation) -> Floats:
-        """Return the deviation that remains with the changed design, shape (k,)."""
+        """Return the deviation that remains with the changed design, shape (k,): readings less predictions on k blocks.
+
+        The predictions follow the changed design. A gain shifts all readings by its logarithm; the calibration, which assumed the
+        drawing, shifts them by its bias.
+        """
         residual = deviation.logs - self.predictions.log_ratios
         for name, value, nominal in zip(self.names, self.values, self.nominal, strict=True):
             residual = residual - np.log(value) if name == GAIN_NAME else residual + deviation.get_bias(name) * (value - nominal)
         return np.asarray(residual)
 
     def compute_derivatives(self, deviation: Deviation, names: tuple[str, ...] = ()) -> Floats:
-        """Return the deviation's derivatives with respect to steps of ``names``, or of its own variables, shape (k, n)."""
+        """Return the deviation's derivatives with respect to steps of variables, shape (k, n).
+
+        These are ``names``; if empty, the changed variables.
+        """
         return np.stack([self._compute_derivative(deviation, name) for name in names or self.names], axis=1)
 
     def _compute_derivative(self, deviation: Deviation, name: str) -> Floats:
@@ -98,7 +105,7 @@ class Changes:
         if name == BLOCK_MODULI:  # already with respect to ln of the blocks' moduli
             return derivative
         value = dict(zip(self.names, self.values, strict=True)).get(name, _get_nominal(self.predictions, name))
-        return (derivative - deviation.get_bias(name)) * (1.0 if _is_additive(name) else value)
+        return (derivative - deviation.get_bias(name)) * (1.0 if _is_additive(name) else value)  # d value = value d ln(value)
 
     def _predict(self, values: Floats) -> BlockPredictions:
         """Predict the blocks for changed values of the variables."""
@@ -133,7 +140,7 @@ class Fit:
 
 
 def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
-    """Fit the variables' values to a deviation, starting from the present ones."""
+    """Fit the variables' values to a deviation by damped Gauss-Newton steps, starting from the values in ``changes``."""
     errors = deviation.build_errors(*changes.names)
     chi_square = _compute_chi_square(changes, deviation, errors)
     for k in range(MAX_STEPS):
@@ -154,7 +161,7 @@ def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
 
 
 def predict_chi_square(fit: Fit, deviation: Deviation, second_name: str) -> float:
-    """Predict the chi-square with a second variable, by linear theory about a fit of one."""
+    """Predict the chi-square if a second variable were fitted, too, by linear theory about a fit of one variable."""
     names = (*fit.changes.names, second_name)
     model = _build_linear_model(fit.changes, deviation, deviation.build_errors(*names), names)
     return float(model.compute_chi_square(fit.changes.compute_residual(deviation)))
@@ -163,7 +170,10 @@ def predict_chi_square(fit: Fit, deviation: Deviation, second_name: str) -> floa
 def _build_linear_model(
     changes: Changes, deviation: Deviation, errors: LinearGaussian, names: tuple[str, ...] = ()
 ) -> LinearGaussian:
-    """Return the deviation's dependence on steps of ``names``, or of the changed variables, of which nothing is known before."""
+    """Return the linear model of a deviation: its errors, and as unknowns the steps of variables, with a very wide prior.
+
+    The variables are ``names``; if empty, the changed ones.
+    """
     derivatives = changes.compute_derivatives(deviation, names)
     return errors.add_unknowns(derivatives, np.full(derivatives.shape[1], UNKNOWN_STEP_SD))
 
@@ -174,7 +184,17 @@ def _compute_sds(model: LinearGaussian, n: int) -> Floats:
 
 
 def _halve_step(changes: Changes, deviation: Deviation, errors: LinearGaussian, step: Floats) -> Changes | None:
-    """Return the changes after a step, which is halved until chi-square decreases, or None."""
+    """Return the changed design after a step, halved until chi-square decreases; None if it never does.
+
+    Parameters
+    ----------
+    changes
+        The design before the step.
+    deviation, errors
+        Of the readings from the predictions as drawn.
+    step
+        Of each variable, shape (n,); it is halved at most ``MAX_HALVINGS`` - 1 times.
+    """
     initial = _compute_chi_square(changes, deviation, errors)
     for halving in range(MAX_HALVINGS):
         candidate = changes.apply_steps(step / 2**halving)

@@ -76,7 +76,7 @@ class Check(Record):
     unresolved
         Variables that the readings do not determine, or that the calibration has absorbed.
     tested
-        The variables of which this check detects a deviation of five tolerances, each with its detection limit.
+        The variables whose deviation by ``DETECTED_TOLERANCES`` this check detects, each with its detection limit.
     untested
         The other variables, each with the reason.
     cancelling
@@ -136,7 +136,7 @@ def check(
     predictions
         For the blocks of tissue, if they are known already.
     linear
-        Whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
     report
         Called with a line of text at each step.
 
@@ -197,7 +197,13 @@ class Comparison:
     predictions: BlockPredictions
 
     def compute_deviation(self, films: Films) -> Deviation:
-        """Compare readings, one of each block, with the predictions. Raises ``InputError``: a film is dead or reversed."""
+        """Return the deviation of readings, one of each block, from the predictions.
+
+        Raises
+        ------
+        InputError
+            A film is dead or reversed.
+        """
         film_forces = np.array([self.gains.compute_forces(reading) for reading, _ in films])
         force_sds = np.sqrt([np.diag(self.gains.compute_forces_covariance(*reading)) for reading in films])
         check_films(film_forces, self._expected_fractions, force_sds)
@@ -254,7 +260,7 @@ def _compute_log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple
 
 
 def _build_blocks(scene: Scene, bench: Bench, deviation: Deviation) -> tuple[BlockDeviation, ...]:
-    """Build the comparison of each block, in ratios of stresses."""
+    """Build the comparison of each block, as ratios of stresses: a ratio of forces times the outer area over the inner."""
     areas = scene.probe.outer_area / scene.probe.inner_area
     ratios, predictions = np.exp(deviation.logs) * areas, np.exp(deviation.drawn) * areas
     read_sd, variance = deviation.reading_sd, np.diag(deviation.build_errors().covariance)

@@ -29,13 +29,13 @@ class VariableCoverage:
     tolerance
         Of the workshop, a standard deviation, SI.
     found_from
-        Detection limit: the deviation that is detected with a probability of 0.5, SI; None if there is none.
+        Detection limit: the deviation that is detected with the probability ``MIN_POWER``, SI; None if there is none.
     effect
-        Largest relative change of a block's ratio by a deviation of five tolerances.
+        Largest relative change of a block's ratio by a deviation of ``DETECTED_TOLERANCES``.
     power
         Probability that the check detects this deviation.
     reason
-        Why the power is below 0.5; empty if the variable is tested.
+        Why the power is below ``MIN_POWER``; empty if the variable is tested.
     """
 
     variable: str
@@ -47,7 +47,7 @@ class VariableCoverage:
 
     @property
     def tested(self) -> bool:
-        """Whether a deviation of five tolerances is detected with a probability of at least 0.5."""
+        """Whether the check detects a deviation of ``DETECTED_TOLERANCES`` with a probability of at least ``MIN_POWER``."""
         return not self.reason
 
 
@@ -66,7 +66,7 @@ def compute_coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> t
 
 
 def _test_variable(deviation: Deviation, name: str, tolerance: float) -> VariableCoverage:
-    """Compute how well a check tests one variable."""
+    """Compute how well a check tests one variable; ``tolerance`` is its standard deviation, SI."""
     column = deviation.workshop[name]
     probability = compute_power(deviation, {name: DETECTED_TOLERANCES}) if np.any(column != 0) else 0.0
     reason = "" if probability >= MIN_POWER else _explain_hidden(deviation, name, tolerance)
@@ -75,10 +75,13 @@ def _test_variable(deviation: Deviation, name: str, tolerance: float) -> Variabl
 
 
 def _find_threshold(deviation: Deviation, name: str, tolerance: float) -> float | None:
-    """Return the deviation detected with a probability of 0.5, by bisection of its logarithm, since the power rises with it."""
+    """Return the deviation of a variable, SI, that is detected with the probability ``MIN_POWER``, or None if there is none.
+
+    As the probability rises with the deviation, the logarithm of the deviation is bisected.
+    """
     if not np.any(deviation.workshop[name] != 0) or compute_power(deviation, {name: MAX_TOLERANCES}) < MIN_POWER:
         return None
-    low, high = 0.0, np.log(MAX_TOLERANCES)
+    low, high = 0.0, np.log(MAX_TOLERANCES)  # of the deviation in tolerances: from 1 tolerance on
     for _ in range(BISECTION_STEPS):
         middle = (low + high) / 2
         low, high = (low, middle) if compute_power(deviation, {name: float(np.exp(middle))}) >= MIN_POWER else (middle, high)
@@ -87,7 +90,7 @@ def _find_threshold(deviation: Deviation, name: str, tolerance: float) -> float 
 
 
 def _explain_hidden(deviation: Deviation, name: str, tolerance: float) -> str:
-    """Explain what hides a variable: the one source of uncertainty without which it is detected, or several together."""
+    """Explain why a variable's deviation is not detected: the one source of uncertainty that hides it, or several together."""
     drawn = deviation.workshop[name] + deviation.get_bias(name) * tolerance  # as if the calibration had not depended on it
     if np.any(deviation.get_bias(name) != 0) and _is_detected(
         replace(deviation, workshop={**deviation.workshop, name: drawn}), name
@@ -102,7 +105,7 @@ def _explain_hidden(deviation: Deviation, name: str, tolerance: float) -> str:
 
 
 def _iterate_reduced(deviation: Deviation, name: str) -> Iterator[tuple[str, Deviation]]:
-    """Yield each source of uncertainty, as the reason, with the deviation without it."""
+    """Yield for each source of uncertainty a text that names it as the reason, and the deviation without this source."""
     noise = f"not observable at this noise: noise and gains make {_format_reading_sd(deviation)} of a ratio"
     yield noise, deviation.shrink_errors("noise", "gains")
     yield "the tolerances of other variables hide it, which do the same to the ratios", _isolate_variable(deviation, name)
@@ -115,7 +118,7 @@ def _isolate_variable(deviation: Deviation, name: str) -> Deviation:
 
 
 def _is_detected(deviation: Deviation, name: str) -> bool:
-    """Whether a deviation of five tolerances is detected with a probability of at least 0.5."""
+    """Whether a variable's deviation of ``DETECTED_TOLERANCES`` is detected with a probability of at least ``MIN_POWER``."""
     return bool(np.any(deviation.workshop[name] != 0)) and compute_power(deviation, {name: DETECTED_TOLERANCES}) >= MIN_POWER
 
 

@@ -52,7 +52,7 @@ class Deviation:
     workshop: Mapping[str, Floats] = field(default_factory=dict)
 
     def build_errors(self, *excluded: str) -> LinearGaussian:
-        """Return the errors of ``difference`` of covariance C, eq. PC.1, without the tolerances of the named variables."""
+        """Return the errors of ``difference``, whose covariance is C of eq. PC.1, without those variables' tolerances."""
         columns = [column for name, column in self.workshop.items() if name not in excluded]
         return LinearGaussian.from_shared_errors(np.column_stack([self.gains, *columns]), self.noise + self.model)
 
@@ -81,7 +81,8 @@ class Deviation:
         return self.calibration_bias.get(name, np.zeros(len(self.logs)))
 
     def shrink_errors(self, *names: str) -> Deviation:
-        """Return the deviation with negligible errors of these attributes, ``noise``, ``gains`` and ``model``."""
+        """Return the deviation with the errors of the named attributes (of ``noise``, ``gains``, ``model``) made negligible."""
+        # noise and model are variances; of gains, standard deviations, the square is more than enough
         return replace(self, **{name: EXACT_FACTOR**2 * getattr(self, name) for name in names})
 
     def drop_block(self, k: int) -> Deviation:
@@ -102,7 +103,7 @@ class CancellingPair:
     variables
         Their names.
     tolerances
-        The deviations in tolerances, the larger one 5; the opposite signs as well.
+        Their deviations in tolerances, the larger of them ``DETECTED_TOLERANCES``; with both signs reversed the same holds.
     """
 
     variables: tuple[str, str]
@@ -115,6 +116,9 @@ def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> floa
     Eq. PC.1 allows these variables their tolerances, too: along their own deviations, whose information S has the eigenvalues
     s_i, it divides squares of unit variance by 1 + s_i. What is left is a chi-square (PC.4).
 
+    S is the information matrix of ``_compute_information``. The squares are those of normal variables, one along each eigenvector
+    of S; their means are the deviations times sqrt(s_i). The rest is the sum over all other directions.
+
     Parameters
     ----------
     deviation
@@ -125,6 +129,7 @@ def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> floa
     information, directions = np.linalg.eigh(_compute_information(deviation, list(tolerances)))
     is_determined = information > MIN_INFORMATION
     information = information[is_determined]  # s_i of eq. PC.4
+    # along each eigenvector: the mean of the normal variable, and its noise at equal steps of probability, on a grid
     means = np.sqrt(information) * (directions.T @ np.array(list(tolerances.values())))[is_determined]
     noise = np.stack(np.meshgrid(*[NORMAL_QUANTILES] * len(means), indexing="ij"), axis=-1) if len(means) else np.zeros(0)
     limit = float(chdtri(len(deviation.logs), SIGNIFICANCE_LEVEL))  # of chi-square, above which the probe fails
@@ -134,14 +139,18 @@ def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> floa
 
 
 def list_undetected(deviation: Deviation) -> tuple[str, ...]:
-    """List the variables of which a deviation of five tolerances is detected with a probability below 0.5."""
+    """List the variables whose deviation of ``DETECTED_TOLERANCES`` is detected with a probability below ``MIN_POWER``."""
     return tuple(name for name in _list_movable(deviation) if compute_power(deviation, {name: DETECTED_TOLERANCES}) < MIN_POWER)
 
 
 def find_cancelling_pairs(deviation: Deviation) -> tuple[CancellingPair, ...]:
-    """Find the pairs that hide each other, the least detectable first; at least one of each is detected alone."""
+    """Find the pairs of variables that cancel each other's effect, the least detectable first.
+
+    At least one variable of each pair is detected if it deviates alone.
+    """
     hidden, pairs = list_undetected(deviation), []
     for pair in combinations(_list_movable(deviation), 2):
+        # the joint deviation with the least information, scaled to DETECTED_TOLERANCES for the larger of both
         direction = np.linalg.eigh(_compute_information(deviation, pair))[1][:, 0]
         direction = direction * DETECTED_TOLERANCES / np.abs(direction).max()
         if set(pair) <= set(hidden) or np.abs(direction).min() < MIN_PAIR_TOLERANCES:
@@ -158,6 +167,9 @@ def _list_movable(deviation: Deviation) -> list[str]:
 
 
 def _compute_information(deviation: Deviation, names: Sequence[str]) -> Floats:
-    """Return the information matrix of n variables in units of their tolerances, (n, n): chi-square is its quadratic form."""
+    """Return the information matrix S of n variables, shape (n, n): deviations x, in tolerances, have the chi-square x^T S x.
+
+    The tolerances of these variables are not counted among the errors.
+    """
     columns = np.stack([deviation.workshop[name] for name in names], axis=1)
     return deviation.build_errors(*names).compute_information(columns)

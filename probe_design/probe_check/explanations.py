@@ -78,7 +78,13 @@ class VariablePair:
 
 
 def compute_explanations(deviation: Deviation, predictions: BlockPredictions) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
-    """Fit each variable alone by linear theory; return the explanations, best first, and the names of undetermined variables."""
+    """Fit each variable alone by linear theory.
+
+    Returns
+    -------
+    tuple
+        The explanations by variables that the readings determine, best first, and the names of the other variables.
+    """
     derivatives = dict(zip(predictions.variables, predictions.derivatives.T, strict=True))
     derivatives |= {GAIN_NAME: np.ones(len(deviation.logs))}
     nominal = dict(zip(predictions.variables, predictions.nominal.tolist(), strict=True)) | {GAIN_NAME: 1.0}
@@ -100,7 +106,7 @@ def fit_variables(
     *,
     report: ProgressCallback = ignore_progress,
 ) -> tuple[Fit, ...]:
-    """Fit each of these variables alone with changed designs, best first; ``report`` reports progress."""
+    """Fit each of the named variables alone with changed designs, best first; ``report`` is called with a line at each."""
     fits = []
     for k, name in enumerate(names, 1):
         report(f"what would explain it: {name}, {k} of {len(names)}")
@@ -115,7 +121,21 @@ def fit_pairs(
     *,
     report: ProgressCallback = ignore_progress,
 ) -> tuple[VariablePair, ...]:
-    """Fit the most promising pairs, best first, from the fits of single variables; none for fewer than three blocks."""
+    """Fit the most promising pairs of variables with changed designs, best first.
+
+    Two variables can always explain two readings, so that there are no pairs for fewer than three blocks.
+
+    Parameters
+    ----------
+    deviation
+        Of all blocks.
+    predictions
+        For the probe as drawn.
+    fits
+        Of single variables, from which the pairs start.
+    report
+        Called with a line of text at each step.
+    """
     if len(deviation.logs) < 3:
         return ()
     starts: dict[frozenset[str], tuple[float, Fit, str]] = {}  # of a pair of names, from the better of both variables' fits
@@ -133,13 +153,13 @@ def fit_pairs(
 
 
 def list_indistinguishable(explained: Sequence[Explanation]) -> tuple[str, ...]:
-    """List the best explanation's name and those that the readings do not distinguish from it."""
+    """List the variables of the best explanation, the first one given, and of those that the readings do not distinguish."""
     max_chi_square = explained[0].chi_square + INDISTINGUISHABLE_CHI_SQUARE
     return tuple(explanation.variable for explanation in explained if explanation.chi_square < max_chi_square)
 
 
 def build_explanation(fit: Fit, deviation: Deviation, index: int = 0) -> Explanation:
-    """Build the explanation by one of a fit's variables."""
+    """Build the explanation by one of a fit's variables, that of this index."""
     nominal, freedom = float(fit.changes.nominal[index]), len(deviation.logs) - len(fit.changes.names)
     change, uncertainty = float(fit.changes.values[index]) - nominal, float(fit.uncertainties[index])
     return _explain(fit.changes.names[index], change, uncertainty, nominal, chi_square=fit.chi_square, freedom=freedom)
@@ -152,7 +172,17 @@ def _build_pair(fit: Fit, deviation: Deviation) -> VariablePair:
 
 
 def _fit_variable(deviation: Deviation, name: str, shift: Floats, nominal: float) -> Explanation:
-    """Fit one variable by eq. PC.3, and compute the remaining chi-square."""
+    """Fit one variable by eq. PC.3, and compute the remaining chi-square.
+
+    Parameters
+    ----------
+    deviation
+        Of all blocks.
+    name, nominal
+        The variable and its value as drawn, SI.
+    shift
+        D of eq. PC.3, the change of the deviation per unit of the variable, shape (k,).
+    """
     model, freedom = deviation.build_errors(name).add_unknowns(shift[:, None], np.array([np.inf])), len(deviation.logs) - 1
     change, uncertainty = model.compute_posterior_mean(deviation.difference)[0], model.compute_posterior_sd(np.ones(1))
     chi_square = float(model.compute_chi_square(deviation.difference))
@@ -160,6 +190,6 @@ def _fit_variable(deviation: Deviation, name: str, shift: Floats, nominal: float
 
 
 def _explain(name: str, change: float, uncertainty: float, nominal: float, *, chi_square: float, freedom: int) -> Explanation:
-    """Build an explanation from a fit's chi-square and degrees of freedom."""
+    """Build an explanation; a fit without degrees of freedom explains everything, with the p-value 1."""
     p_value = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Explanation(name, change, uncertainty, nominal, chi_square, p_value, explains=p_value >= SIGNIFICANCE_LEVEL)

@@ -64,7 +64,7 @@ def decide_verdict(
     predictions
         Predictions for the probe as drawn.
     swaps
-        Descriptions of exchanges of cables or blocks each of which would explain it.
+        Descriptions of exchanges of cables or blocks; each exchange alone would explain the deviation.
     coverage
         How well each variable is tested.
     report
@@ -89,7 +89,7 @@ def decide_verdict(
 
 
 def _decide_within(coverage: Sequence[VariableCoverage]) -> tuple[str, str]:
-    """Return verdict and reason for readings that agree with the drawing."""
+    """Return verdict and reason for readings that agree with the drawing; ``coverage`` is how well each variable is tested."""
     if any(entry.tested for entry in coverage):
         return VERDICT_WITHIN, ""
     reason = "no deviation by five tolerances would be detected, so that readings that agree do not confirm the probe"
@@ -120,7 +120,7 @@ def _decide_several(pairs: Sequence[VariablePair], odd_blocks: Sequence[str]) ->
 
 
 def _find_odd_blocks(deviation: Deviation, bench: Bench) -> list[str]:
-    """Find the blocks each of which, if left out, leaves a probe within the tolerances; needs three blocks or more."""
+    """Find each block without whose reading the others are within the tolerances; none if there are fewer than three blocks."""
     if len(bench.blocks) < 3:
         return []
     return [block.name for k, block in enumerate(bench.blocks) if deviation.drop_block(k).p_value >= SIGNIFICANCE_LEVEL]

@@ -107,6 +107,7 @@ class _SilentStream(io.TextIOBase):
     """Standard error that discards the text of libraries about an interrupt; rich can still erase its own output."""
 
     def __init__(self, stream: Any) -> None:
+        """Replace ``stream``, and keep the stream that rich writes to."""
         self.rich_proxied_file = getattr(stream, "rich_proxied_file", stream)  # where rich writes to
 
     def write(self, text: str) -> int:
@@ -123,8 +124,8 @@ def _is_clearing_up() -> bool:
 
 
 def _is_importing(frame: FrameType | None) -> bool:
-    """Return whether the module of a library is being imported."""
-    in_library = False
+    """Return whether the module of a library is being imported at this frame or one of its callers."""
+    in_library = False  # a frame further in is the body of a library's module
     while frame is not None:
         code = frame.f_code
         if in_library and code.co_filename.startswith("<frozen importlib"):

@@ -49,5 +49,5 @@ def build_check_report(check: Check, scene: Scene, json_object: dict[str, object
 
 
 def show_below_title(table: Table) -> tuple[Part, ...]:
-    """Return the title and the table as parts of the page; nothing for a table without rows."""
+    """Return a table's title and the table below it as parts of the page; nothing for a table without rows."""
     return (Text(f"{table.title[0].upper()}{table.title[1:]}:"), table) if table.rows else ()

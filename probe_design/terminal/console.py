@@ -26,7 +26,7 @@ _IS_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 @contextmanager
 def use_quiet(is_quiet: bool) -> Iterator[None]:
-    """Write neither progress nor notes inside the block, but results, warnings and requests to the user."""
+    """If ``is_quiet``, write no progress and no notes inside the block; results, warnings and prompts are always written."""
     token = _IS_QUIET.set(is_quiet)
     try:
         yield
@@ -52,14 +52,14 @@ def warn(warnings: Iterable[str]) -> None:
 
 
 def show_table(table: Table) -> None:
-    """Write a table to standard output; on a narrow terminal the lines are longer, so that no number is cut."""
+    """Write a table to standard output; on a narrow terminal its lines exceed the width, so that no number is cut."""
     from probe_design.terminal.whole_table import WholeTable
 
     make_console(stderr=False).print(WholeTable(table), soft_wrap=True)
 
 
 def make_console(stderr: bool = True) -> Console:
-    """Return the rich console of standard error or output; invalid sizes in ``COLUMNS`` and ``LINES`` are ignored."""
+    """Return the rich console of standard error, or else output; invalid sizes in ``COLUMNS`` and ``LINES`` are ignored."""
     from rich.console import Console
 
     sizes = (os.environ.get(name) for name in ("COLUMNS", "LINES"))

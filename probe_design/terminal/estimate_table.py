@@ -75,14 +75,14 @@ def build_estimate_table(estimate: Estimate) -> Table:
 
 
 def _describe_noise(estimate: Estimate) -> str:
-    """Describe the noise of the readings, and the uncertainty of other numbers."""
+    """Describe the noise of the readings, and the uncertainty of nuisances, the other uncertain numbers of the scene."""
     min_noise, max_noise = min(estimate.noise), max(estimate.noise)
     nuisances = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
     return ", ".join([f"noise {min_noise:g}{f' to {max_noise:g}' if max_noise > min_noise else ''} on the ratio", *nuisances])
 
 
 def _describe_optional(unknown: str, interval: Interval | None, otherwise: str) -> str:
-    """Describe an interval; ``otherwise`` stands for None."""
+    """Describe an interval of an unknown in its unit; without an interval, return ``otherwise``."""
     return otherwise if interval is None else _describe_interval(unknown, interval)
 
 
@@ -93,10 +93,10 @@ def _describe_interval(unknown: str, interval: Interval) -> str:
 
 
 def _describe_strength(interval: Interval | None, otherwise: str) -> str:
-    """Describe an interval of the strength, m^3, in mm^3; ``otherwise`` stands for None."""
+    """Describe an interval of the strength, given in m^3, in mm^3; without an interval, return ``otherwise``."""
     if interval is None:
         return otherwise
-    low, high = (None if end is None else f"{end * 1e9:.4g}" for end in interval)
+    low, high = (None if end is None else f"{end * 1e9:.4g}" for end in interval)  # 1e9 mm^3 are 1 m^3
     return f"{_join_ends(low, high)} mm^3" if low or high else "open"
 
 

@@ -64,7 +64,7 @@ def build_doctor_table(findings: Sequence[Finding], versions: dict[str, str | No
 
 
 def list_findings(findings: Sequence[Finding]) -> list[str]:
-    """Return what is at fault and what is doubtful, and the remedies, one line each."""
+    """Return a line of the findings that are faults, one of those that are doubtful, and a line for each remedy."""
     lines = []
     for state, heading in (("fault", "at fault"), ("doubtful", "doubtful")):
         names = ", ".join(finding.name for finding in findings if finding.state == state)
@@ -145,7 +145,7 @@ def write_sentences(check: Check) -> list[str]:
 
 
 def _describe_pair(pair: CancellingPair) -> str:
-    """Describe two deviations that cancel, in tolerances."""
+    """Describe a pair of variables whose deviations cancel, with the deviations in tolerances."""
     return " with ".join(f"{_shorten(name)} {size:+.2g}" for name, size in zip(pair.variables, pair.tolerances, strict=True))
 
 
@@ -155,9 +155,10 @@ def _shorten(variable: str) -> str:
 
 
 def _format_deviation(variable: str, size: float) -> str:
-    """Return a deviation of a variable, SI, as text in its unit."""
+    """Return a deviation of a variable, given in SI units, as text in the unit of its kind."""
     if variable.endswith("poisson_ratio"):
         return f"{size:.2g}"
+    # rounded to two digits, since format_modulus shows all
     return format_modulus(float(f"{size:.2g}")) if variable.endswith("modulus") else f"{1e3 * size:.2g} mm"
 
 

@@ -29,7 +29,7 @@ Show = Callable[[Samples], None]
 
 
 def compute_live_window(frequency: float) -> float:
-    """Return the window for a live number, s, at a frequency of the load, Hz."""
+    """Return the duration of samples from which a live number is computed, s, for a frequency of the load, Hz."""
     return max(MIN_PERIODS / frequency, MIN_WINDOW_S)
 
 
@@ -60,7 +60,19 @@ def _format_line(samples: Samples, reading: StressReading) -> str:
 
 
 def _build_picture(samples: Samples, reading: StressReading, ratios: list[float], console: Console) -> Group:
-    """Build a table of the latest numbers, with curves of the films' voltages and of the ratio."""
+    """Build the live picture: a table of the latest numbers, and curves of the films' voltages and of the ratio.
+
+    Parameters
+    ----------
+    samples
+        The latest ones.
+    reading
+        Computed from them.
+    ratios
+        Of all live readings so far.
+    console
+        For its width and encoding.
+    """
     table = Table(show_header=False, box=None)
     for _ in range(2):
         table.add_column(overflow="fold")  # a number is folded, never cut, on a narrow terminal
@@ -99,16 +111,16 @@ def draw_chart(curves: Sequence[Floats], width: int = 60, height: int = 8) -> st
     height
         lines.
     """
-    columns = max(2 * (width - LABEL_WIDTH - 1), 2)
+    columns = max(2 * (width - LABEL_WIDTH - 1), 2)  # of dots, two in each character right of the labels and one blank
     low, high = min(float(line.min()) for line in curves), max(float(line.max()) for line in curves)
-    span = high - low if high > low else max(abs(high), 1e-30)
+    span = high - low if high > low else max(abs(high), 1e-30)  # above 0 for constant curves, too
     grid = np.zeros((4 * height, columns), dtype=bool)
     for curve in curves:
         positions = np.linspace(0, len(curve) - 1, columns)
         values = np.interp(positions, np.arange(len(curve)), curve)
         rows = np.rint((high - values) / span * (4 * height - 1)).astype(int).clip(0, 4 * height - 1)
         for column, (first, last) in enumerate(zip(rows, np.append(rows[1:], rows[-1]), strict=True)):
-            grid[min(first, last) : max(first, last) + 1, column] = True
+            grid[min(first, last) : max(first, last) + 1, column] = True  # joins this dot to the next one's row
     cells = (grid.reshape(height, 4, columns // 2, 2) * DOT_BITS[:, None, :]).sum(axis=(1, 3))
     labels = [f"{high:.4g}", *[""] * (height - 2), f"{low:.4g}"]
     return "\n".join(

@@ -62,7 +62,7 @@ def list_plan_lines(plan: Plan) -> list[str]:
 
 
 def build_curve_table(curve: Curve) -> Table:
-    """Return a curve as a table of at most 25 rows; null values are dashes."""
+    """Return a curve as a table of at most ``CURVE_ROWS`` rows; null values are dashes."""
     columns = {
         "youngs_modulus, Pa": (curve.youngs_modulus, 4),
         "ratio": (curve.ratio, 6),
@@ -74,7 +74,7 @@ def build_curve_table(curve: Curve) -> Table:
 
 
 def build_scan_table(scan: Scan) -> Table:
-    """Return a scan as a table of at most 41 rows; null values are dashes."""
+    """Return a scan as a table of at most ``SCAN_ROWS`` rows; null values are dashes."""
     cross_axis = "y" if scan.along == "x" else "x"
     line_text = f"along {scan.along} at {cross_axis} = {scan.at * 1e3:.6g} mm"
     columns = {
@@ -95,7 +95,7 @@ def build_threshold_table(maps: Detectability) -> Table:
     diameters = [1e3 * diameter for diameter in maps.diameter]
 
     def find_ends(verdicts: Iterable[object]) -> tuple[float | None, float | None]:
-        """Return the smallest and the largest diameter with a positive verdict."""
+        """Return the smallest and the largest diameter, mm, whose verdict is true; None twice if there is none."""
         chosen = [diameter for diameter, verdict in zip(diameters, verdicts, strict=True) if verdict]
         return (chosen[0], chosen[-1]) if chosen else (None, None)
 
@@ -109,7 +109,7 @@ def build_threshold_table(maps: Detectability) -> Table:
 
 
 def build_load_table(curve: LoadCurve) -> Table:
-    """Return a load curve as a table of at most 25 rows; null values are dashes."""
+    """Return a load curve as a table of at most ``CURVE_ROWS`` rows; null values are dashes."""
     title = f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s"
     columns = {
         "force, N": (curve.force, 4),

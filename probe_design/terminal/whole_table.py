@@ -25,10 +25,11 @@ class WholeTable:
     """
 
     def __init__(self, table: Table) -> None:
+        """Wrap ``table`` for printing by rich."""
         self._table = table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Render the table. Each column gets the width of its longest word or number as minimum, as rich cuts them otherwise."""
+        """Render the table. Each column is at least as wide as its longest word or number, which rich would cut otherwise."""
         grid = self._build_grid(0 if console.is_terminal else _MAX_LABEL_WIDTH)
         wide_options = options.update(width=_UNLIMITED_WIDTH)
         if console.is_terminal and Measurement.get(console, wide_options, grid).maximum > options.max_width:
@@ -39,7 +40,10 @@ class WholeTable:
             yield Segment(text, part.style, part.control)
 
     def _build_grid(self, max_label_width: int) -> Grid:
-        """Build rich's table, with the widest word or unbroken cell of each column as its minimum width."""
+        """Build rich's table, with the widest word or unbroken cell of each column as its minimum width.
+
+        A column of sentences is broken at words only if a cell is wider than ``max_label_width``, in characters.
+        """
         table = self._table
         grid = Grid(title=table.title or None, caption=table.caption or None, caption_justify="left")
         for k, heading in enumerate(table.headings):

@@ -21,12 +21,12 @@ OUTPUT_NAMES = {
 
 
 def build_tolerance_table(budget: ToleranceBudget) -> Table:
-    """Return a budget as a table, the largest share of variance first."""
+    """Return a budget of uncertainties as a table, one row for each number, the largest contribution to the ratio first."""
     title = f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s"
     last = f"hold to, for {100 * budget.ratio:g} %"
     rows = list[tuple[str, ...]]()
     for line in budget.lines:
-        part = line.outputs["ln_ratio"]
+        part = line.outputs["ln_ratio"]  # the number's part in the variance of ln ratio
         ends = part.total_interval
         sobol = "-" if ends is None else f"{max(ends[0], 0.0):.3f} to {ends[1]:.3f}"
         required = "-" if line.held is None else _format_sd(line, line.held)

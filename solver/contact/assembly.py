@@ -41,8 +41,9 @@ class Assembly:
 
     @classmethod
     def from_pairs(cls, numbering: Numbering, pairs: Sequence[Pair]) -> Assembly:
-        """Find the matrix entries that the elements and these pairs of lines may need."""
+        """Build the assembly with every matrix entry that the elements and these pairs of lines may need."""
         n = numbering.unknowns
+        # the elements' entries are stored by columns: starts gives each column's first entry, rows the row of each
         element_keys = np.repeat(np.arange(n), np.diff(numbering.starts)) * n + numbering.rows
         keys = [element_keys]
         for pair in pairs:
@@ -52,7 +53,15 @@ class Assembly:
         return cls(numbering, all_keys, np.searchsorted(all_keys, element_keys), Pattern())
 
     def assemble_tangent(self, stiffness: Floats, contact: sp.csr_array | None) -> sp.csc_array:
-        """Return the sparse sum of the elements' stiffness, (n, 8 p, 8 p), and the contact stiffness on the elements' values."""
+        """Return the tangent matrix on the unknowns, sparse by columns: the elements' stiffness plus that of contact.
+
+        Parameters
+        ----------
+        stiffness
+            Stiffness of the elements on corners and edges, shape (elements, 8 p, 8 p).
+        contact
+            Stiffness of all pairs on the elements' values, shape (elements (8 p), elements (8 p)); None where nothing touches.
+        """
         n, data = self.numbering.unknowns, np.zeros(len(self.keys))
         data[self.places] = self.numbering.assemble(stiffness).data
         if contact is not None:
@@ -65,7 +74,7 @@ class Assembly:
 
 
 def _find_unknowns(numbering: Numbering, pair: Pair) -> Ints:
-    """Return the unknowns that move the two lines of a pair."""
-    width = numbering.signs.shape[1]
+    """Return the numbers of the unknowns that move the two lines of a pair, in rising order."""
+    width = numbering.signs.shape[1]  # values of one element, 8 p
     values = np.concatenate([(line.element[:, None, None] * width + line.values).ravel() for line in (pair.slave, pair.master)])
     return np.unique(numbering.gather[np.unique(values)].indices).astype(np.int64)

@@ -43,14 +43,15 @@ class BoundaryLine:
 
     def reverse(self) -> BoundaryLine:
         """Return the same line, started at its other end."""
-        swap = [1, 0, *range(2, self.order + 1)]
+        swap = [1, 0, *range(2, self.order + 1)]  # the two end functions change places
+        # functions of odd degree from 3 on are odd about the edge's middle: they change sign
         odd = np.where((np.arange(self.order + 1) > 2) & (np.arange(self.order + 1) % 2 == 1), -1.0, 1.0)
         return BoundaryLine(
             self.element[::-1], self.values[::-1][..., swap], (self.signs * odd)[::-1][..., swap], self.place[::-1][..., swap]
         )
 
     def take_edges(self, start: int, end: int | None = None) -> BoundaryLine:
-        """Return the line of the edges ``start`` to ``end``."""
+        """Return the line of the edges from number ``start`` up to but not including ``end``; None is the line's end."""
         edges = slice(start, end)
         return BoundaryLine(self.element[edges], self.values[edges], self.signs[edges], self.place[edges])
 
@@ -74,7 +75,18 @@ class BoundaryLine:
         return np.asarray(np.linalg.norm(self.place[:, :, 1] - self.place[:, :, 0], axis=1))
 
     def compute_positions(self, displacements: Floats) -> Floats:
-        """Return the coefficients of the deformed edges, m, shape (k, 2, p + 1), from the elements' displacements, (n, 8 p)."""
+        """Return the coefficients of the deformed edges, m, from the elements' displacements.
+
+        Parameters
+        ----------
+        displacements
+            Values of the n elements on corners and edges, m, shape (n, 8 p).
+
+        Returns
+        -------
+        Floats
+            Coefficients of the edges' functions for r and z, shape (k, 2, p + 1) for k edges.
+        """
         return np.asarray(self.place + self.signs[:, None] * displacements[self.element[:, None, None], self.values])
 
 
@@ -134,21 +146,38 @@ def find_lines(mesh: Topology, corners: Floats, order: int) -> dict[str, Boundar
 def _find_line(
     corner_labels: Floats, corners: Floats, selection: Bools, order: int, *, axis: int, line: float, start: float, end: float
 ) -> BoundaryLine:
-    """Return the edges of selected elements on one line of the mesh, in rising order along it."""
+    """Return the edges of selected elements on one line of the mesh, in rising order along it.
+
+    Parameters
+    ----------
+    corner_labels
+        Labels of the elements' corners, (r, z): numbers of the mesh lines through them, shape (n, 4, 2).
+    corners
+        Positions of the corners, m, shape (n, 4, 2).
+    selection
+        Mask of the elements whose edges may belong to the line.
+    order
+        Polynomial order p of the elements.
+    axis, line
+        0 for a vertical line, 1 for a horizontal one, and its label.
+    start, end
+        Labels, along the line, of the range that the edges lie in.
+    """
     element, values, signs, place, low_labels = [], [], [], [], []
-    m = 4 * order
+    m = 4 * order  # values of u_r come first, those of u_z m places later
     for n in np.flatnonzero(selection & (np.sum(corner_labels[..., axis] == line, axis=1) > 1)):
         for k, (a, b) in enumerate(ELEMENT_SIDES):
             ends = corner_labels[n, [a, b]]
             low, high = sorted(ends[:, 1 - axis])
             if not np.all(ends[:, axis] == line) or low < start or high > end:
                 continue
+            # the functions of side k: its two corners, then p - 1 of its own, which follow the four corners' side by side
             functions = np.array([a, b, *range(4 + (order - 1) * k, 4 + (order - 1) * (k + 1))])
             coefficients, sign = np.zeros((2, order + 1)), np.ones(order + 1)
             coefficients[:, :2] = corners[n, [a, b]].T
             if ends[0, 1 - axis] > ends[1, 1 - axis]:  # the edge runs against the line's direction
                 functions[[0, 1]], coefficients[:, [0, 1]] = functions[[1, 0]], coefficients[:, [1, 0]]
-                sign[3::2] = -1.0
+                sign[3::2] = -1.0  # functions of odd degree from 3 on are odd about the edge's middle
             element.append(n)
             values.append(np.stack([functions, m + functions]))
             signs.append(sign)
@@ -160,14 +189,17 @@ def _find_line(
 
 @keep_table
 def tabulate_gauss(order: int, count: int) -> tuple[Floats, Floats]:
-    """Return weights (g,) and functions (g, p + 1) of an edge of order p at g = ``count`` Gauss points."""
+    """Return the weights, (g,), and an edge's functions of order p, (g, p + 1), at its g = ``count`` Gauss points."""
     x, w = legendre.leggauss(count)
     x, w = np.asarray((x + 1) / 2), np.asarray(w / 2)
     return w, evaluate_functions(x, order)[0]
 
 
 def evaluate_functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
-    """Return an edge's functions and their first and second derivatives at x, from 0 to 1; shape (..., p + 1) each."""
+    """Return the values of an edge's functions of order p, and their first and second derivatives, shape (..., p + 1) each.
+
+    ``x`` are positions on the edge, from 0 to 1, of any shape.
+    """
     value, derivative, bend = _tabulate_powers(order)
     powers = np.vander(x, order + 1, increasing=True)
     return powers @ value, powers @ derivative, powers @ bend
@@ -177,18 +209,26 @@ def evaluate_functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
 def _tabulate_powers(order: int) -> tuple[Floats, Floats, Floats]:
     """Return the coefficients, in powers of x, of an edge's functions and of their first and second derivatives.
 
-    Three arrays of shape (p + 1, p + 1), powers first.
+    Three arrays of shape (p + 1, p + 1): row i holds the coefficients of x^i, column j belongs to function j.
     """
-    places = np.linspace(0, 1, order + 1)
+    places = np.linspace(0, 1, order + 1)  # p + 1 points determine a polynomial of degree p
     values = evaluate_edge_functions(places, evaluate_legendre(places, order))[0]
     value = np.asarray(np.linalg.solve(np.vander(places, order + 1, increasing=True), values), dtype=float)
-    rise = np.diag(np.arange(1.0, order + 1), 1)
+    rise = np.diag(np.arange(1.0, order + 1), 1)  # differentiates powers: d(x^i) / dx = i x^(i - 1)
     return value, rise @ value, rise @ rise @ value
 
 
 @dataclass(frozen=True)
 class LinePoints:
-    """Points of a line at given heights t: the edge, (j,), its functions and their derivatives there, (j, p + 1) each."""
+    """Points of a line at given heights t (the coordinate along which the line is a graph).
+
+    Attributes
+    ----------
+    edge
+        Number of each point's edge on the line, shape (j,).
+    value, derivative, bend
+        The edge's functions and their first and second derivatives there, shape (j, p + 1) each.
+    """
 
     edge: Ints
     value: Floats
@@ -197,9 +237,19 @@ class LinePoints:
 
 
 def find_points(heights: Floats, wanted: Floats) -> tuple[LinePoints, Bools]:
-    """Find the points of a line at the heights ``wanted``, (j,); the line's height t is given by coefficients, (k, p + 1).
+    """Find the points at which a line has wanted heights.
 
-    Returns the points for the heights that the line reaches, and a mask of these heights.
+    Parameters
+    ----------
+    heights
+        The line's height t (the coordinate along which it is a graph), m, by coefficients of its edges' functions, (k, p + 1).
+    wanted
+        Wanted heights, m, shape (j,).
+
+    Returns
+    -------
+    tuple[LinePoints, Bools]
+        The points for those heights that the line reaches, and the mask of these heights, shape (j,).
 
     Raises
     ------
@@ -223,11 +273,23 @@ def find_points(heights: Floats, wanted: Floats) -> tuple[LinePoints, Bools]:
 
 
 def _solve_polynomials(coefficients: Floats, wanted: Floats, x: Floats, close: Floats) -> Floats:
-    """Return where polynomials (coefficients of rising powers, (p + 1, j)) equal ``wanted``, by Newton's method from x."""
-    low, high = np.zeros_like(x), np.ones_like(x)
+    """Return the positions from 0 to 1 at which j polynomials have wanted values, by Newton's method with bisection.
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients of the polynomials, powers rising, shape (p + 1, j).
+    wanted
+        Wanted values, shape (j,).
+    x
+        Positions at which the search starts, shape (j,).
+    close
+        Differences from the wanted values that are small enough, shape (j,).
+    """
+    low, high = np.zeros_like(x), np.ones_like(x)  # bracket of each root, as the polynomials rise
     for _ in range(MAX_NEWTON_PASSES):
         residual, rise = coefficients[-1], np.zeros_like(x)
-        for c in coefficients[-2::-1]:
+        for c in coefficients[-2::-1]:  # Horner's scheme, for the value and the derivative
             rise, residual = rise * x + residual, residual * x + c
         residual = residual - wanted
         if np.all(np.abs(residual) <= close):
@@ -235,5 +297,5 @@ def _solve_polynomials(coefficients: Floats, wanted: Floats, x: Floats, close: F
         low, high = np.where(residual <= 0, x, low), np.where(residual >= 0, x, high)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = x - residual / rise
-        x = np.where((step > low) & (step < high), step, (low + high) / 2)
+        x = np.where((step > low) & (step < high), step, (low + high) / 2)  # a step out of the bracket is replaced by bisection
     return x

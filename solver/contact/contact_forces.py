@@ -96,14 +96,14 @@ def compute_touch(
     *,
     grip: Grip | None = None,
 ) -> Touch:
-    """Compute gaps, forces and tangent of a pair.
+    """Compute the gaps of a pair of lines, the contact forces and their tangent in a deformed state.
 
     Parameters
     ----------
     pair
-        The two lines.
+        The two lines that may touch.
     displacements
-        Displacements of the elements, m, shape (n, 8 p).
+        Displacements on the elements' corners and edges, m, shape (n, 8 p).
     multiplier
         Multipliers of the last round, Pa, shape (points,).
     penalty_fraction
@@ -121,32 +121,34 @@ def compute_touch(
     size, penalty, feet = displacements.size, penalty_fraction * pair.penalty, PointGaps.from_displacements(pair, displacements)
     gap, inside = feet.gap, feet.inside
     pressure, rising = _compute_pressure(multiplier - penalty * gap, penalty * blur, penalty * REST_CONTACT_GAP_M)
-    if pair.tied.size:
+    if pair.tied.size:  # tied points keep to the master: their pressure may be negative
         _check_edge(pair, feet)
         pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
     max_violation = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))
-    active, zeros = rising > 0, np.zeros(len(gap))
+    active, zeros = rising > 0, np.zeros(len(gap))  # active: points whose pressure depends on their gap
     place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
     if not np.any(active):
         return Touch(gap, pressure, np.zeros(size), None, Grip(place, zeros, zeros.astype(int)), zeros, max_violation)
     footpoints, weight = feet.select_points(active), pair.weights[active]
     force, opening, normal, shear = pressure[active], footpoints.gap_derivative, zeros.copy(), zeros.copy()
     sliding, sliding_reversed = zeros.astype(int), False
-    forces, soft = -force[:, None] * opening, (penalty * rising[active])[:, None]
-    stiffness = outer_product(soft * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
+    forces, penalty_stiffness = -force[:, None] * opening, (penalty * rising[active])[:, None]
+    stiffness = outer_product(penalty_stiffness * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
     normal[active] = footpoints.stretch * force
     if grip is not None:
-        slip = np.nan_to_num((place - grip.place)[active])
+        slip = np.nan_to_num((place - grip.place)[active])  # a point that the master did not reach before has no slip yet
         spring = pair.spring * pair.penalty
         trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
-        side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
+        direction = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
         # a stiff spring makes sliding points oscillate between both directions: hold them first
-        reversed_points = side * grip.sliding[active] < 0
-        side[reversed_points], sliding_reversed = 0, bool(np.any(reversed_points))
-        sliding[active] = side
-        shear[active] = np.where(side == 0, trial, side * bound)
-        pull, stiff = _compute_friction(footpoints, side == 0, shear[active], spring, -soft * opening)
-        forces, stiffness = forces + pull, stiffness + stiff
+        reversed_points = direction * grip.sliding[active] < 0
+        direction[reversed_points], sliding_reversed = 0, bool(np.any(reversed_points))
+        sliding[active] = direction
+        shear[active] = np.where(direction == 0, trial, direction * bound)
+        friction_forces, friction_stiffness = _compute_friction(
+            footpoints, direction == 0, shear[active], spring, -penalty_stiffness * opening
+        )
+        forces, stiffness = forces + friction_forces, stiffness + friction_stiffness
     pulls, matrix = footpoints.assemble(weight[:, None] * forces, weight[:, None, None] * stiffness, displacements.shape[1], size)
     return Touch(gap, pressure, pulls, matrix, Grip(place, shear, sliding), normal, max_violation, sliding_reversed)
 
@@ -160,11 +162,27 @@ def _check_edge(pair: Pair, feet: PointGaps) -> None:
 def _compute_friction(
     footpoints: Footpoints, held: Floats, shear: Floats, spring: float, pressing: Floats
 ) -> tuple[Floats, Floats]:
-    """Compute friction forces by both lines' values, (j, 4 (p + 1)), and their derivatives.
+    """Compute the friction forces of j points on the values of both lines, and the derivatives of these forces.
 
-    ``pressing`` is the derivative of the pressure, (j, 4 (p + 1)).
+    Parameters
+    ----------
+    footpoints
+        The points in contact and where they meet the master.
+    held
+        Mask of the points that the spring of eq. CT.6 holds, shape (j,); the others slide.
+    shear
+        Shear of the points, Pa, shape (j,).
+    spring
+        Stiffness f of eq. CT.6, Pa/m.
+    pressing
+        Derivative of the pressure with respect to both lines' values, shape (j, 4 (p + 1)).
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Forces per undeformed area, shape (j, 4 (p + 1)), and their derivatives, shape (j, 4 (p + 1), 4 (p + 1)).
     """
-    tangent, tilt, place_change, stretch = (
+    tangent, slope_derivative, place_derivative, stretch = (
         footpoints.tangent,
         footpoints.slope_derivative,
         footpoints.place_derivative,
@@ -174,21 +192,29 @@ def _compute_friction(
     lengths = footpoints.pair.master.lengths[footpoints.master_edges][:, None]
     # derivative of the bound, friction x stretch x pressure: shear equals plus or minus the bound
     pressed = footpoints.pair.friction * stretch * pressing * np.sign(shear)[:, None]
-    sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * tilt
-    change = np.where(held[:, None], spring * lengths * place_change, sliding)
-    turning = outer_product(footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), tilt) - outer_product(
-        footpoints.compute_tangent_change(tangent), place_change
-    )
-    return shear[:, None] * forward, outer_product(forward, change) + shear[:, None, None] * turning
+    sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * slope_derivative
+    shear_derivative = np.where(held[:, None], spring * lengths * place_derivative, sliding)  # derivative of the shear
+    # derivative of the direction along which the shear acts
+    direction_derivative = outer_product(
+        footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), slope_derivative
+    ) - outer_product(footpoints.compute_tangent_change(tangent), place_derivative)
+    return shear[:, None] * forward, outer_product(forward, shear_derivative) + shear[:, None, None] * direction_derivative
 
 
 def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tuple[Floats, Floats]:
-    """Return max(0, trial) with its kink rounded from -blur to blur, and its derivative.
+    """Return the pressure max(0, trial) of eq. CT.3, with its kink rounded, and its derivative with respect to ``trial``.
 
-    Without blur the derivative is 1 above ``-rest_threshold``.
+    Parameters
+    ----------
+    trial
+        l - e g of eq. CT.3, Pa, shape (points,).
+    blur
+        The kink is rounded from -blur to blur, Pa; 0 leaves it sharp.
+    rest_threshold
+        Where the kink is sharp, the derivative is 1 above ``-rest_threshold``, Pa: lines closed at rest count as touching.
     """
     if blur == 0:
         return np.maximum(trial, 0.0), np.where(trial > -rest_threshold, 1.0, 0.0)
     low, high = trial <= -blur, trial >= blur
-    ramp = (np.clip(trial, -blur, blur) + blur) / (2 * blur)
+    ramp = (np.clip(trial, -blur, blur) + blur) / (2 * blur)  # from 0 to 1 over the rounded kink: a parabola joins both lines
     return np.where(low, 0.0, np.where(high, trial, blur * ramp**2)), np.where(low, 0.0, np.where(high, 1.0, ramp))

@@ -21,7 +21,15 @@ from solver.materials.hyperelastic import TT, Hyperelastic, Stress, compute_volu
 
 @dataclass(frozen=True)
 class ElementValues:
-    """Values of all elements: of displacements, (n, 2 s), u_r before u_z, and of pressures, (n, m)."""
+    """Coefficients of the n elements' functions.
+
+    Attributes
+    ----------
+    u
+        Displacements, m, shape (n, 2 s) for s functions: u_r before u_z.
+    p
+        Pressures, Pa, shape (n, m) for m functions.
+    """
 
     u: Floats
     p: Floats
@@ -93,7 +101,7 @@ class Elements:
         return cls(functions, material, UnitSquare.from_geometry(geometry, functions))
 
     def build_rest_values(self) -> ElementValues:
-        """Return the values of the undeformed elements: zeros."""
+        """Return the displacements and pressures of the undeformed elements: zeros."""
         n = len(self.square.weight)
         return ElementValues(np.zeros((n, 2 * len(self.shapes.degrees))), np.zeros((n, self.shapes.pressure.shape[1])))
 
@@ -118,10 +126,15 @@ class Elements:
         return float((self.square.weight * stored).sum())
 
     def linearise(self, state: ElementValues) -> tuple[Balance, Floats, Elimination]:
-        """Linearise about a state: return forces, stiffness on corners and edges, (n, 8 p, 8 p), and elimination."""
+        """Linearise the elements' equations about a state and eliminate pressures and interior values.
+
+        Returns the forces, the stiffness on corners and edges, shape (n, 8 p, 8 p), and the elimination, with which ``move``
+        recovers what was eliminated. In the body, e stands for corners and edges and i for the interior.
+        """
         stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
         dilation, compliance = self.material.compute_dilation(p)
         N, w, m = self.shapes.pressure, self.square.weight, self.shapes.pressure.shape[1]
+        # across: volume change of each pressure function by the displacements; mass: compliance between pressures
         across = self.square.sum_moments(w * self.square.turn_stress(stress.cofactor))
         mass = ((w * compliance) @ self._pressures).reshape(-1, m, m)
         by_gap = np.asarray(np.linalg.inv(mass), dtype=float)
@@ -137,8 +150,8 @@ class Elements:
     def compute_modulus_derivative(self, state: ElementValues, elimination: Elimination, target: Floats) -> Floats:
         """Return the derivative of the forces on corners and edges, (n, 8 p), with respect to ln E of the target.
 
-        ``target`` is the fraction of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q), in the
-        target.
+        The target is the tumour whose Young's modulus E varies. ``target`` is the fraction of each element, shape (n, 1), or of
+        each Gauss point's circle about the axis, (n, q), that lies in it. ``elimination`` is that of the same state.
 
         At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. LW.3,
 
@@ -160,9 +173,20 @@ class Elements:
         balance: Balance | None = None,
         step_fraction: float = 1.0,
     ) -> ElementValues:
-        """Return the values after corners and edges change by ``edge``, (n, 8 p).
+        """Return the elements' values after corners and edges move; interior values and pressures follow.
 
-        With a balance given, interior values and pressures also take their Newton corrections; ``step_fraction`` scales the step.
+        Parameters
+        ----------
+        state
+            The values before.
+        elimination
+            Elimination at that state.
+        edge
+            Change of the values on corners and edges, m, shape (n, 8 p).
+        balance
+            Forces at that state: interior values and pressures then also take their Newton corrections. None: they only follow.
+        step_fraction
+            Factor of the whole step.
         """
         inner = (elimination.inner_by_edge @ edge[..., None])[..., 0]
         if balance is not None:
@@ -181,11 +205,15 @@ class Elements:
         return np.asarray((N[:, :, None] * N[:, None]).reshape(len(N), -1))
 
     def _compute_forces(self, stress: Stress, p: Floats) -> Floats:
-        """Return the forces on all displacements, (n, 2 s), of stresses and pressures p."""
+        """Return the forces on all displacement values, (n, 2 s), of stresses and of pressures p at Gauss points, Pa, (n, q)."""
         return self.square.sum_forces(self.square.turn_stress(self.square.weight * (stress.first_piola + p * stress.cofactor)))
 
     def _compute_turned_tangent(self, stress: Stress, p: Floats) -> Floats:
-        """Return the derivative of the stresses at fixed pressure p, weights included, for ``UnitSquare.sum_stiffness``."""
+        """Return the derivative of the stresses at fixed pressure p, Pa, (n, q), for ``UnitSquare.sum_stiffness``.
+
+        Shape (5, 5, n, q): components rX, rY, zX, zY, N of the unit square's coordinates, quadrature weights included. For the
+        four terms see ``Stress``.
+        """
         square, w = self.square, self.square.weight
         c, h = square.turn_stress(stress.cofactor), square.turn_stress(w * stress.cofactor_coefficient)
         D = np.empty((5, *c.shape))
@@ -197,7 +225,7 @@ class Elements:
             x = square.turn_stress(stress.distortion)
             for i in range(5):
                 D[i, i:] += w * stress.bend * x[i] * x[i:]
-        unit = w * stress.identity_coefficient * square.turn_unit_matrix()
+        unit = w * stress.identity_coefficient * square.turn_unit_matrix()  # entries rX rX, rX rY, rY rY and N N
         D[0, 0] += unit[0]
         D[2, 2] += unit[0]
         D[0, 1] += unit[1]
@@ -215,13 +243,13 @@ class Elements:
         return D
 
     def _split_blocks(self, K: Floats) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-        """Split a stiffness into its blocks of corners and edges, e, and of interior values, i."""
+        """Split stiffness matrices, (n, 2 s, 2 s), into ((ee, ei), (ie, ii)): e for corners and edges, i for the interior."""
         n, m = len(K), self.shapes.skeleton
         parts = K.reshape(n, 2, K.shape[1] // 2, 2, -1)
         e, i = slice(0, m), slice(m, None)
 
         def take_block(a: slice, b: slice) -> Floats:
-            """Return one block of all elements, shape (n, rows, columns)."""
+            """Return the block of the functions ``a`` (rows) and ``b`` (columns) of all elements, shape (n, rows, columns)."""
             part = parts[:, :, a, :, b]
             return part.reshape(n, 2 * part.shape[2], -1)
 

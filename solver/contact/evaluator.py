@@ -57,7 +57,7 @@ class ContactEvaluator(FilmEvaluator):
         return self.build_solution(scene, accuracy, loaded, results, notes)
 
     def load_scene(self, scene: Scene, accuracy: float) -> LoadedScene:
-        """Return a scene pressed to its load, to start similar scenes from; its log-sensitivity may miss the accuracy."""
+        """Return a scene pressed to its load, from which similar scenes can start; its log-sensitivity may miss the accuracy."""
         with limit_to_one_thread(), self._convert_errors(scene):
             return press_refined(self.prepare_scene(scene, accuracy), lambda films: films.compute_max_error(scene) <= accuracy)[1]
 
@@ -74,9 +74,22 @@ class ContactEvaluator(FilmEvaluator):
     def build_solution(
         self, scene: Scene, accuracy: float, loaded: LoadedScene, results: list[LoadedForces], limits: tuple[Note, ...] = ()
     ) -> FilmSolution:
-        """Build the solution from results of a pressed scene; ``limits`` are notes on what kept it from being finer."""
+        """Build the solution from the results of a pressed scene.
+
+        Parameters
+        ----------
+        scene, accuracy
+            The scene and the requested relative accuracy.
+        loaded
+            The pressed scene.
+        results
+            Film forces for each modulus of the target, or one for the scene's own.
+        limits
+            Notes that name the limits of memory or time that kept the mesh from being finer.
+        """
         films = tuple(result.films for result in results)
         worst = max(films, key=lambda result: result.compute_max_error(scene))
+        # relative change of the films' ratio from its linear value
         change = float(np.exp(np.abs(_compute_log_ratio(worst) - _compute_log_ratio(loaded.linear.films[0]))) - 1)
         decision = Decision(DECISION_FEATURE, True, change, accuracy, "their change of the ratio at this load")
         stopped = (*select_notes(loaded.linear.notes, "limit"), *limits)
@@ -85,7 +98,15 @@ class ContactEvaluator(FilmEvaluator):
         return FilmSolution(films, residual, (*loaded.linear.plan, decision), tuple(notes))
 
     def build_stop_refusal(self, load_entry: tuple[str, object], fault: StoppedError) -> Refusal:
-        """Build the refusal of a load, given as its key and value, that is larger than the solver reached."""
+        """Build the refusal of a load beyond which no step converges.
+
+        Parameters
+        ----------
+        load_entry
+            The load's key in the scene, or its name, and its value.
+        fault
+            The error, with the last point that was reached.
+        """
         key, value = load_entry
         if fault.last.indentation == 0:
             return Refusal(key, value, f"no load but 0 for {self.name}: {fault.reason}")
@@ -127,21 +148,24 @@ def _is_accurate(films: FilmForces, scene: Scene, accuracy: float) -> bool:
 
 
 def _compute_log_ratio(films: FilmForces) -> float:
-    """Return ln of the ratio of the film forces."""
+    """Return ln |inner / outer film force|."""
     return float(np.log(np.abs(films.totals)) @ [1.0, -1.0])
 
 
 def press_refined(
     loaded: LoadedScene, is_accurate: Callable[[FilmForces], bool]
 ) -> tuple[LoadedForces, LoadedScene, tuple[Note, ...]]:
-    """Press a scene to its load, on finer meshes until the result is accurate enough; a note names a limit that stopped this.
+    """Press a scene to its load, on finer and finer meshes until the result is accurate enough.
+
+    Returns the most accurate result, the scene on the finest meshes that were pressed, and a note that names the limit of memory
+    or time that stopped the refinement, if one did.
 
     Parameters
     ----------
     loaded
         The scene at rest.
     is_accurate
-        Whether film forces are accurate enough.
+        Function that returns whether film forces are accurate enough.
 
     Raises
     ------

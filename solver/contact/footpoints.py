@@ -22,6 +22,12 @@ class PointGaps:
         g of eq. CT.2, m, infinite where the master does not reach, shape (points,).
     place
         Position on the undeformed master line, m from its start; not a number where the master does not reach.
+    pair, displacements
+        The two lines, and the displacements on the elements' corners and edges, m, shape (n, 8 p).
+    master_points
+        Points of the master line opposite those slave points that it reaches, in their order.
+    inside
+        Mask of the slave points that the master reaches, shape (points,).
     """
 
     pair: Pair
@@ -41,13 +47,15 @@ class PointGaps:
             A line folds over.
         """
         value = pair.gauss[1]
+        # coordinates t, s of eq. CT.2: of the slave's points, and (mt, ms) coefficients of the master's edges
         t, s = np.einsum("ac,kcp,gp->akg", pair.axes, pair.slave.compute_positions(displacements), value).reshape(2, -1)
         mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.compute_positions(displacements))
         master_points, inside = find_points(mt, t)
         s = s + pair.slave_edge.compute_removed_height(pair.slave_places)[0]
         gap, place, lengths = np.full(len(t), np.inf), np.full(len(t), np.nan), pair.master.lengths
         starts = np.cumsum(lengths) - lengths
-        place[inside] = starts[master_points.edge] + lengths[master_points.edge] * master_points.value[:, 1]  # x itself
+        # edge function 1 is x itself, the position on the edge from 0 to 1
+        place[inside] = starts[master_points.edge] + lengths[master_points.edge] * master_points.value[:, 1]
         height = (
             np.einsum("jp,jp->j", master_points.value, ms[master_points.edge])
             + pair.master_edge.compute_removed_height(place[inside])[0]
@@ -56,7 +64,7 @@ class PointGaps:
         return cls(pair, displacements, gap, place, master_points, inside)
 
     def select_points(self, active: Bools) -> Footpoints:
-        """Return selected points with their derivatives; ``active``, (points,), selects among those that the master reaches."""
+        """Return the active points as footpoints; ``active`` is a mask, (points,), of points that the master reaches."""
         pair, selection = self.pair, active[self.inside]
         master_edges = self.master_points.edge[selection]
         value, derivative, bend = (
@@ -67,6 +75,7 @@ class PointGaps:
         length = pair.master.lengths[master_edges]
         _, tilt, curve = pair.master_edge.compute_removed_height(self.place[active])
         k = np.asarray((rise + length * tilt) / run)
+        # derivative of k = (rise + length tilt) / run along the edge
         curl = (np.einsum("jp,jp->j", bend, ms[master_edges] - k[:, None] * mt[master_edges]) + length**2 * curve) / run
         on_slave = pair.gauss[1]
         edge, point = (np.asarray(x) for x in np.divmod(np.flatnonzero(active), len(on_slave)))
@@ -83,10 +92,10 @@ class Footpoints:
         Edge of each point on either line, shape (j,) each.
     on_slave, on_master
         Edge functions of both lines at the points, shape (j, p + 1) each.
-    slope
+    derivative
         Derivatives of the master's edge functions with respect to x, shape (j, p + 1).
     k, run, curl
-        Ds/dt, dt/dx and dk/dx of the fixed master line, shape (j,) each.
+        Derivatives ds/dt, dt/dx and dk/dx of the fixed master line, shape (j,) each.
     """
 
     pair: Pair
@@ -112,16 +121,30 @@ class Footpoints:
 
     @property
     def opening_direction(self) -> Floats:
-        """Direction, normal to the master, in which it moves to open the gap, shape (j, 2)."""
+        """Directions normal to the master, of rising s and not of unit length, in which an upper master opens the gap, (j, 2)."""
         T, S = self.pair.axes
         return np.asarray(S - self.k[:, None] * T)
 
     def compute_relative_motion(self, direction: Floats) -> Floats:
-        """Return the slave's motion relative to the master along directions (j, 2), by both lines' values, (j, 4 (p + 1))."""
+        """Return the derivative of the slave's motion relative to the master, at a fixed x, along given directions.
+
+        Parameters
+        ----------
+        direction
+            Directions (r, z) at the points, shape (j, 2).
+
+        Returns
+        -------
+        Floats
+            Derivatives with respect to both lines' values, the slave's before the master's, shape (j, 4 (p + 1)).
+        """
         return _join(direction[:, :, None] * self.on_slave[:, None], -direction[:, :, None] * self.on_master[:, None])
 
     def compute_tangent_change(self, direction: Floats) -> Floats:
-        """Return the change of the master's x derivative along directions (j, 2), by both lines' values."""
+        """Return the derivative of the master's tangent d(r, z)/dx along directions (j, 2).
+
+        It is taken with respect to both lines' values, shape (j, 4 (p + 1)); those of the slave do not matter.
+        """
         moved = direction[:, :, None] * self.derivative[:, None]
         return _join(np.zeros_like(moved), moved)
 
@@ -151,7 +174,20 @@ class Footpoints:
         return np.asarray(self.pair.sign * (outer_product(place_change, turn) + outer_product(turn, place_change) + bend))
 
     def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
-        """Assemble both lines' forces and stiffness into those of all elements' values, ``width`` for each, ``size`` in all."""
+        """Assemble the points' forces and stiffness into those on all elements' values.
+
+        Parameters
+        ----------
+        forces, stiffness
+            On the values of both lines at each point, shapes (j, 4 (p + 1)) and (j, 4 (p + 1), 4 (p + 1)).
+        width, size
+            Number of values of one element, 8 p, and of all elements.
+
+        Returns
+        -------
+        tuple[Floats, sp.csr_array]
+            Forces, shape (size,), and stiffness, sparse, (size, size).
+        """
         index, signs = self._find_indices(width)
         pulls = np.asarray(np.bincount(index.ravel(), weights=(signs * forces).ravel(), minlength=size), dtype=float)
         rows, columns = np.broadcast_arrays(index[:, :, None], index[:, None, :])
@@ -159,7 +195,10 @@ class Footpoints:
         return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
 
     def _find_indices(self, width: int) -> tuple[Ints, Floats]:
-        """Return the indices of both lines' values among all elements' values, and their signs, shape (j, 4 (p + 1)) each."""
+        """Return the indices of both lines' values among all elements' values, and their signs, shape (j, 4 (p + 1)) each.
+
+        An element has ``width`` values; a sign is -1 where a function runs against its line.
+        """
         parts = ((self.pair.slave, self.slave_edges), (self.pair.master, self.master_edges))
         places = [line.element[k, None, None] * width + line.values[k] for line, k in parts]
         signs = [np.broadcast_to(line.signs[k][:, None], place.shape) for (line, k), place in zip(parts, places, strict=True)]
@@ -173,5 +212,5 @@ def outer_product(a: Floats, b: Floats) -> Floats:
 
 
 def _join(slave: Floats, master: Floats) -> Floats:
-    """Join rows over the slave's and the master's values to one row, (j, 4 (p + 1))."""
+    """Join arrays over the slave's and the master's values, (j, 2, p + 1) each, to one row for each point, (j, 4 (p + 1))."""
     return np.concatenate([slave.reshape(len(slave), -1), master.reshape(len(master), -1)], axis=1)

@@ -43,7 +43,7 @@ def is_gap_closed(path: Path) -> bool:
 
 
 def _is_touching(path: Path, point: PathPoint) -> bool:
-    """Return whether the gap's walls touch at a point of a path."""
+    """Return whether the gap's walls are close enough at a point of a path to count as touching."""
     return point.walls <= CLOSED_GAP_RELATIVE * path.points[0].walls
 
 
@@ -85,7 +85,21 @@ def find_change_load(path: Path, value: Callable[[PathPoint], float], allowed: f
 def _find_first_load(
     path: Path, has_ended: Callable[[PathPoint], bool], compute_margin: Callable[[PathPoint], float], quantity: str
 ) -> LargestLoad | None:
-    """Narrow down the first point of a path where ``has_ended`` is true; ``compute_margin`` falls to zero there."""
+    """Narrow down the first load of a path at which a limit is reached; return None if no point reaches it.
+
+    The load of the last point below the limit is returned.
+
+    Parameters
+    ----------
+    path
+        A load path; points are added to it as the bracket is narrowed.
+    has_ended
+        Function that returns whether a point has reached the limit.
+    compute_margin
+        Function that falls to zero at the limit, by which the next point is chosen.
+    quantity
+        Name of the limited value, for the result.
+    """
     if not any(map(has_ended, path.points)):
         return None
     for _ in range(MAX_BRACKET_STEPS):
@@ -99,14 +113,24 @@ def _find_first_load(
 
 
 def _estimate_share(open_points: list[PathPoint], upper: PathPoint, compute_margin: Callable[[PathPoint], float]) -> float:
-    """Return where the margin vanishes between the last open point and the one after it, as a fraction from 0.1 to 0.9.
+    """Estimate where the margin vanishes between two points of a path, as a fraction from 0.1 to 0.9 of the distance.
 
-    A parabola through the last open points is extrapolated.
+    A parabola through the last points below the limit is extrapolated.
+
+    Parameters
+    ----------
+    open_points
+        Up to three last points below the limit.
+    upper
+        The point after them, at which the limit is reached.
+    compute_margin
+        See ``_find_first_load``.
     """
     last, width = open_points[-1], upper.indentation - open_points[-1].indentation
     places = [(point.indentation - last.indentation) / width for point in open_points]
     if len(set(places)) < 3:  # a search for a force that jumps leaves several points at one indentation
         return 0.5
+    # margin = a x^2 + b x + c at the fraction x of the distance; its roots are candidates
     a, b, c = np.polyfit(places, [compute_margin(point) for point in open_points], 2)
     root = b * b - 4 * a * c
     candidates = [(-b + sign * math.sqrt(root)) / (2 * a) for sign in (1, -1)] if root >= 0 and a else []

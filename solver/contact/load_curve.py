@@ -84,7 +84,10 @@ def _press(loaded: LoadedScene, load: float, by_force: bool) -> LoadedForces:
 
 @dataclass(frozen=True)
 class LoadEnds:
-    """Limits of the load, see ``LoadLimits``, with notes on the unknown ones."""
+    """Loads at which the ratio and the log-sensitivity leave linear elasticity and the gap closes; None where unknown.
+
+    See ``LoadLimits``; ``notes`` explain the unknown ones.
+    """
 
     ratio: LargestLoad | None
     log_sensitivity: LargestLoad | None
@@ -118,14 +121,27 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
 
 @dataclass(frozen=True)
 class _LimitChange:
-    """A value that the load may change by a relative amount before linear elasticity counts as exceeded."""
+    """A value that the load may change by a relative amount before linear elasticity counts as exceeded.
+
+    Attributes
+    ----------
+    quantity
+        Name of the value.
+    value
+        Function that returns it at a point of a path.
+    allowed
+        Allowed relative change.
+    """
 
     quantity: str
     value: Callable[[Path, PathPoint], float]
     allowed: float
 
     def find_load(self, path: Path) -> LargestLoad | None:
-        """Find the load on a path at which the value has changed by that; None if there is none or it cannot be narrowed down."""
+        """Find the load on a path at which the value has changed by the allowed amount.
+
+        None if there is no such load, or if it cannot be narrowed down.
+        """
         with suppress(SolveError, LimitReached):
             return find_change_load(path, partial(self.value, path), self.allowed, self.quantity)
         return None
@@ -134,7 +150,7 @@ class _LimitChange:
 def _list_changes(loaded: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitChange]:
     """Yield the values that limit linear elasticity: the ratio, and the log-sensitivity of a scene with a target."""
     yield _LimitChange("ratio", _compute_ratio, accuracy)
-    fine = loaded.paths[1]
+    fine = loaded.paths[1]  # the finer of two meshes
     rest_sensitivity = abs(loaded.compute_sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
     if rest_sensitivity:
         tolerance = float(compute_sensitivity_tolerance(accuracy, rest_sensitivity))
@@ -142,7 +158,10 @@ def _list_changes(loaded: LoadedScene, scene: Scene, accuracy: float) -> Iterato
 
 
 def _refine_limit(loaded: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:
-    """Find a limit again on the finer mesh, pressed somewhat further; return the coarser mesh's limit if it shows none."""
+    """Find a limit again on the finer mesh, pressed somewhat further than ``coarse``, the limit on the coarser mesh.
+
+    Where the finer mesh shows none, the limit on the coarser mesh is returned.
+    """
     if coarse is None:
         return None
     with suppress(SolveError, LimitReached):
@@ -165,7 +184,7 @@ def _find_closure(loaded: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
 
 
 def _compute_ratio(path: Path, point: PathPoint) -> float:
-    """Return the ratio of the film forces at a point; at rest, that of their derivatives."""
+    """Return the ratio of the film forces, inner over outer; at rest, where both are zero, that of their derivatives."""
     films = point.films if point.indentation > 0 else point.tangent
     return float(films[0] / films[1])
 

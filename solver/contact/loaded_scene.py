@@ -66,7 +66,7 @@ class MeshDifferences:
     sensitivity: float
 
     def __or__(self, other: MeshDifferences) -> MeshDifferences:
-        """Return the larger of each difference."""
+        """Return the larger of both values of each difference (``a | b``)."""
         films = np.maximum(self.films, other.films)
         return MeshDifferences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
 
@@ -142,7 +142,7 @@ class LoadedScene:
         return replace(self, paths=(first, second), dense=True)
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
-        """Return the scene at rest with another Young's modulus of the target, Pa, and its linear film forces."""
+        """Return the scene at rest with another Young's modulus of the target, Pa; ``linear`` are its linear film forces."""
         body = self.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
         scene = self.scene.model_copy(update={"inclusion": (body,)})
         known = None if self.may_open else linear.films[0].totals
@@ -202,7 +202,10 @@ class LoadedScene:
         return self._press(indentation, lambda path: path.press_to_indentation(indentation))
 
     def _press(self, estimate: float, press: Callable[[Path], PathPoint]) -> LoadedForces:
-        """Press both meshes, or scale the light-load result if the estimated indentation is negligible."""
+        """Press both meshes, or scale the light-load result if the estimated indentation, m, is negligible.
+
+        ``press`` presses one mesh's path to the wanted load and returns the point there.
+        """
         unit = self.paths[1].unit
         if self.may_open and estimate < LIGHT_INDENTATION_RELATIVE * unit:
             light = self.press_to_indentation(LIGHT_INDENTATION_RELATIVE * unit)
@@ -218,7 +221,7 @@ class LoadedScene:
         return LoadedForces(fine, self._compute_film_forces(fine))
 
     def _compute_film_forces(self, point: PathPoint) -> FilmForces:
-        """Return film forces per indentation, bounded by the linear errors and the differences of the two meshes."""
+        """Return film forces per indentation at a point, with bounds from the linear errors and the differences of two meshes."""
         linear_films, differences = self.linear.films[0], self.compute_differences(point.indentation)
         totals = point.films / point.indentation
         min_error, min_slope_error = self.min_errors
@@ -229,17 +232,21 @@ class LoadedScene:
         if linear_films.modulus_derivative is None:
             return FilmForces(np.diag(totals), bound)
         value = self.compute_sensitivity(self.paths[1], point)
+        # the linear error grows with the log-sensitivity under load
         grown = abs(value / linear_films.log_sensitivity) if linear_films.log_sensitivity else 1.0
         mesh_error = (MESH_SAFETY_FACTOR * differences.sensitivity + min_slope_error) * self._find_max_sensitivity(
             point.indentation
         )
         error = linear_films.sensitivity_error * max(1.0, grown) + mesh_error
         # at constant force the changes of the two film forces cancel
-        shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
-        return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
+        log_derivatives = np.array([totals[1], -totals[0]]) / totals.sum() * value
+        return FilmForces(np.diag(totals), bound, np.diag(totals * log_derivatives), error)
 
     def compute_sensitivity(self, path: Path, point: PathPoint) -> float:
-        """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known."""
+        """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known.
+
+        A small error is corrected by a factor, a large one by an addition.
+        """
         if self.may_open:
             return point.log_sensitivity
         exact, rest_sensitivity = self.linear.films[0].log_sensitivity or 0.0, path.points[0].log_sensitivity
@@ -248,9 +255,10 @@ class LoadedScene:
         return point.log_sensitivity + exact - rest_sensitivity
 
     def compute_differences(self, until: float) -> MeshDifferences:
-        """Return the maximum differences of both meshes up to an indentation, m."""
+        """Return the maximum differences of both meshes up to the indentation ``until``, m."""
         places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
         places = places[(places > 0) & (places <= until)]
+        # film forces and log-sensitivities of the coarser and the finer mesh
         (films, first), (second_films, second) = (self._interpolate(path, places) for path in self.paths)
         log_ratios, size = np.log(np.abs(films / second_films)), self._find_max_sensitivity(until)
         sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
@@ -260,12 +268,12 @@ class LoadedScene:
         )
 
     def _find_max_sensitivity(self, until: float) -> float:
-        """Return the maximum magnitude of the log-sensitivity up to an indentation, m."""
+        """Return the maximum magnitude of the log-sensitivity up to the indentation ``until``, m."""
         path = self.paths[1]
         return max(abs(self.compute_sensitivity(path, point)) for point in path.points if point.indentation <= until)
 
     def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
-        """Interpolate film forces, shape (2, k), and log-sensitivities, (k,), between the points of a path."""
+        """Interpolate film forces, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m."""
         points = path.points
         indentations = np.array([point.indentation for point in points])
         films = CubicHermiteSpline(indentations, [point.films for point in points], [point.tangent for point in points])
@@ -317,7 +325,7 @@ def compute_modulus_curve(loaded: LoadedScene, moduli: Floats) -> list[LoadedFor
     linear = compute_converged_forces(_tie_faces(loaded.scene), LINEAR_SHARE * loaded.accuracy, moduli)
     log_ratios = np.log(moduli / loaded.scene.inclusion[0].youngs_modulus)
     results: dict[int, LoadedForces] = {}
-    for side in (log_ratios >= 0, log_ratios < 0):
+    for side in (log_ratios >= 0, log_ratios < 0):  # outwards from the scene's own modulus, to stiffer and to softer ones
         neighbour = loaded
         for k in sorted(np.flatnonzero(side).tolist(), key=lambda k: abs(log_ratios[k])):
             results[k], neighbour = _solve_neighbour(neighbour, float(moduli[k]), replace(linear, films=(linear.films[k],)))
@@ -331,7 +339,10 @@ def solve_neighbour(neighbour: LoadedScene, modulus: float) -> tuple[LoadedForce
 
 
 def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) -> tuple[LoadedForces, LoadedScene]:
-    """Solve for another modulus from the neighbour's state; where that does not converge, from rest, like any scene."""
+    """Solve for another modulus, Pa, from the neighbour's state; where that does not converge, from rest, like any scene.
+
+    ``neighbour`` is the scene pressed to its load with a similar modulus; ``linear`` are the linear film forces for the other.
+    """
     rest_scene = neighbour.with_modulus(modulus, linear)
     last = neighbour.paths[1].last.indentation
     if not neighbour.may_open and last > SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit:
@@ -341,12 +352,12 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
                 path.seed(neighbour_path.last.equilibrium.state)
             return loaded.press_to_scene_load(), loaded
         except StoppedError:
-            rest_scene = neighbour.with_modulus(modulus, linear)
+            rest_scene = neighbour.with_modulus(modulus, linear)  # new paths: the failed ones hold the neighbour's state
     return press_with_enough_points(rest_scene, LoadedScene.press_to_scene_load)
 
 
 def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dense: bool = False) -> Path:
-    """Build the load path, on one mesh, of the section that the linear solution used."""
+    """Build the load path, on a mesh of the given fineness, of the section that the linear solution used."""
     rest_model = linear.sample.states.model
     inclusion = {Body.INCLUSION: scene.inclusion[0]} if scene.inclusion else {}
     section = rest_model.section if scene.tissue.shape != "half-space" else _truncate_section(rest_model.section)
@@ -372,7 +383,8 @@ def _truncate_section(section: Section) -> Section:
 
 
 def _widen_bounds(films: FilmForces, relative_error: float) -> FilmForces:
-    """Return film forces with bounds widened by a relative amount."""
+    """Return film forces with bounds widened by a relative error of each film force."""
+    # two forces may err in opposite directions, so that ln of their ratio errs by twice as much
     bound = Bound(films.bound.totals + relative_error * np.abs(films.totals), films.bound.log_ratio + 2 * relative_error)
     error = films.sensitivity_error + relative_error * abs(films.log_sensitivity or 0.0)
     return replace(films, bound=bound, sensitivity_error=error)

@@ -76,9 +76,22 @@ class ContactModel:
         spring: float = 1.0,
         dense: bool = False,
     ) -> ContactModel:
-        """Mesh a section whose faces are bonded, or slide without opening (frictionless), or open and slide against ``friction``.
+        """Mesh a section and prepare it to be deformed.
 
-        Friction acts through springs; ``spring`` scales their stiffness. For ``dense`` see ``find_pairs``.
+        Parameters
+        ----------
+        section, materials
+            The section and its materials.
+        interface
+            Whether faces are bonded, or slide without opening (frictionless), or open and slide against friction (unilateral).
+        fineness
+            Fineness and polynomial order of the mesh.
+        friction
+            Coulomb's coefficient.
+        spring
+            Factor of the stiffness of the springs through which friction acts.
+        dense
+            Whether there are twice the usual number of contact points; see ``find_pairs``.
 
         Raises
         ------
@@ -90,6 +103,7 @@ class ContactModel:
         elements = Elements.from_geometry(element_geometry, functions, _build_laws(materials, mesh))
         numbers = number_unknowns(mesh, fineness.order, "bonded" if interface == "bonded" else "apart")
         lift = numbers.lift.copy()
+        # a block's unknowns are relative to its rigid shift downwards (-z), which is added here
         for side, block_elements in enumerate(_find_block_elements(section, mesh)):
             lift[block_elements, :, side] -= numbers.vertical
         pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction, dense=dense)
@@ -136,7 +150,10 @@ class ContactModel:
         return np.asarray(self.mesh.body == Body.INCLUSION, dtype=float)[:, None]
 
     def compute_displacements(self, v: Floats, indentation: float) -> Floats:
-        """Return the displacements of the elements' values, m, shape (n, 8 p), the blocks' rigid shift included."""
+        """Return the displacements on the elements' corners and edges, m, shape (n, 8 p), the blocks' rigid shift included.
+
+        ``v`` are the unknowns, shape (unknowns,), and ``indentation`` is that of the base, m.
+        """
         return np.asarray((self.numbering.gather @ v).reshape(self.lift.shape[:2]) + indentation * self.lift.sum(axis=-1))
 
     def compute_touches(self, state: State) -> tuple[Touch, ...]:
@@ -174,6 +191,7 @@ class ContactModel:
         stiffnesses = [touch.stiffness for touch in touches if touch.stiffness is not None]
         gather, m = self.numbering.gather, self.elements.shapes.skeleton
         contact_forces = sum((touch.forces for touch in touches), np.zeros(gather.shape[0]))
+        # forces on corners and edges before they cancel: the scale of the residual
         internal = np.abs(balance.internal).reshape(len(balance.internal), 2, -1)[:, :, :m].reshape(-1)
         lengths = self.compute_contact_lengths(state.indentation)
         return Linearised(
@@ -189,20 +207,26 @@ class ContactModel:
         )
 
     def factorise_tangent(self, equations: Linearised) -> Linearised:
-        """Return the equations with their tangent factorised."""
+        """Return the equations with their tangent factorised; those that have a factor are returned as they are."""
         if equations.factor is not None:
             return equations
         matrix = self.assembly.assemble_tangent(equations.stiffness, equations.contact_stiffness)
         return replace(equations, factor=factorise_any(matrix) if self.has_friction else factorise(matrix, self.assembly.pattern))
 
     def move(self, state: State, equations: Linearised, step: Floats, step_fraction: float = 1.0) -> State:
-        """Return the state after a fraction of a Newton step, given by its part on the unknowns."""
+        """Return the state after a fraction of a Newton step.
+
+        ``step`` is its part on the unknowns, shape (unknowns,); interior values and pressures follow with their own corrections.
+        """
         edge = (self.numbering.gather @ step).reshape(self.lift.shape[:2])
         elements = self.elements.move(state.elements, equations.elimination, edge, equations.balance, step_fraction)
         return replace(state, v=state.v + step_fraction * step, elements=elements)
 
     def shift(self, state: State, equations: Linearised, change: Floats, indentation: float) -> State:
-        """Return a state with changed unknowns and another indentation; interior values and pressures follow linearly."""
+        """Return a state at another indentation, m, with the unknowns changed by ``change``, shape (unknowns,).
+
+        Interior values and pressures follow linearly.
+        """
         deeper = indentation - state.indentation
         displacements = self.numbering.gather @ change + deeper * self.numbering.lift.sum(axis=-1).ravel()
         elements = self.elements.move(state.elements, equations.elimination, displacements.reshape(self.lift.shape[:2]))
@@ -223,7 +247,7 @@ class ContactModel:
         r, z = np.moveaxis(top.compute_positions(displacements)[:, :, :2], 1, 0)
         height = float(section.outer_height)
         flange = height + float(section.film + section.adhesive + section.step_height)
-        limits = (
+        limits = (  # outer radius and height of the base's underside and of its flange
             (BASE_RADIUS_FACTOR * float(section.tube_radius), (1 - BASE_HEIGHT_MARGIN) * height),
             (float(section.flange_radius), flange),
         )
@@ -249,9 +273,11 @@ class ContactModel:
         return np.asarray(self.lift.reshape(-1, 2).T @ (equations.balance.forces.ravel() + equations.contact))
 
     def compute_responses(self, state: State, equations: Linearised, target: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return derivatives of unknowns and film forces with respect to indentation and, for a target, to ln E.
+        """Return the derivatives of unknowns and film forces with respect to indentation and, for a target, to its ln E.
 
-        Their shapes are (unknowns, k) and (2, k).
+        The modulus derivative is taken at constant indentation. ``target`` is the mask of the target's elements, shape (n, 1);
+        None for the derivatives with respect to indentation alone. The results' shapes are (unknowns, k) and (2, k), with k = 1
+        or 2.
 
         Raises
         ------
@@ -259,6 +285,7 @@ class ContactModel:
             The residual of the solution is too large.
         """
         gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
+        # forces that indentation and modulus cause while the unknowns are held
         driven = self._apply_tangent(equations, flat.sum(axis=1, keepdims=True))
         if target is not None:
             modulus = self.elements.compute_modulus_derivative(state.elements, equations.elimination, target)
@@ -273,7 +300,7 @@ class ContactModel:
         return changes, np.asarray(flat.T @ whole)
 
     def _apply_tangent(self, equations: Linearised, displacements: Floats) -> Floats:
-        """Return the tangent times changes of the elements' values, (n (8 p), k) both."""
+        """Return the tangent times ``displacements``, changes of the elements' values; shape (n (8 p), k) both."""
         n, width, _ = self.lift.shape
         forces = (equations.stiffness @ displacements.reshape(n, width, -1)).reshape(n * width, -1)
         return forces if equations.contact_stiffness is None else forces + equations.contact_stiffness @ displacements

@@ -59,7 +59,10 @@ def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibr
 
 
 def _solve_rounds(model: ContactModel, start: State, rounds: Sequence[tuple[float, float]]) -> Equilibrium:
-    """Find equilibrium by the given rounds."""
+    """Find equilibrium by rounds of Newton's method, each with better multipliers than the one before.
+
+    ``rounds`` give the fraction of the penalty and the rounding, in contact lengths; see ``PENALTY_ROUNDS``.
+    """
     state, equations, residuals = start, None, list[float]()
     for penalty_fraction, blur in rounds:
         tolerance = GUESS_RESIDUAL_TOLERANCE if penalty_fraction < 1 and not model.may_open else RESIDUAL_TOLERANCE
@@ -67,6 +70,7 @@ def _solve_rounds(model: ContactModel, start: State, rounds: Sequence[tuple[floa
             model, replace(state, penalty_fraction=penalty_fraction, blur=blur), equations, tolerance
         )
         residuals += round_residuals
+        # without contact no further round follows: finish this one to the full tolerance
         if not equations.has_contact and equations.relative_residual > RESIDUAL_TOLERANCE:
             state, equations, round_residuals = _iterate_newton(model, state, equations)
             residuals += round_residuals
@@ -93,7 +97,17 @@ def _store_sliding(state: State, equations: Linearised) -> State:
 def _iterate_newton(
     model: ContactModel, state: State, known: Linearised | None, tolerance: float = RESIDUAL_TOLERANCE
 ) -> tuple[State, Linearised, list[float]]:
-    """Iterate Newton's method with fixed multipliers; ``known`` may give the elements' part of the first linearisation."""
+    """Iterate Newton's method with fixed multipliers; return the state, its equations and the residual after each step.
+
+    Parameters
+    ----------
+    model, state
+        The model and the state to start from.
+    known
+        Equations about the same displacements, whose part of the elements is used again; or None.
+    tolerance
+        Relative residual at which the iteration ends.
+    """
     check_volume(model.elements, state.elements)
     equations = model.linearise(state, known)
     residuals: list[float] = []
@@ -123,7 +137,10 @@ def _has_stalled(residuals: Sequence[float], rounding: float) -> bool:
 
 
 def _take_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> tuple[State, Linearised]:
-    """Take a Newton step, halved until no element folds over and the residual falls, or halving stops helping."""
+    """Take a Newton step, halved until no element folds over and the residual falls, or halving stops helping.
+
+    Returns the next state and the equations about it; ``step`` is the change of the unknowns, shape (unknowns,).
+    """
     best: tuple[State, Linearised] | None = None
     for step_fraction in 0.5 ** np.arange(MAX_HALVINGS):
         next_state = model.move(state, equations, step, step_fraction)

@@ -66,6 +66,7 @@ class RoundEdge:
         """Return the removed height, m, at positions on the line, and its first and second derivatives along it."""
         if not self.radius:
             return (np.zeros_like(place),) * 3
+        # face and wall rise at 45 deg to the diagonal t on either side of the corner; the arc lies between
         t = np.clip((place - self.place) * ROOT_HALF, -ROOT_HALF * self.radius, ROOT_HALF * self.radius)
         on_arc = np.abs(t) < ROOT_HALF * self.radius
         height = np.sqrt(self.radius**2 - t**2)
@@ -82,7 +83,7 @@ class Pair:
     Attributes
     ----------
     name
-        For messages.
+        Name for messages.
     slave, master
         The softer line, whose points are checked, and the harder line.
     axes
@@ -98,9 +99,9 @@ class Pair:
     friction
         Coulomb's coefficient.
     spring
-        f of eq. CT.6, in penalties.
+        f of eq. CT.6, as a fraction of the penalty.
     slave_edge, master_edge
-        Of the block on either line.
+        Rounded edge of the block, on whichever line is the block's; the other has none.
     tied
         Mask of the slave's points that cannot leave the master, shape (points,); empty if there are none.
     """
@@ -126,7 +127,7 @@ class Pair:
 
     @property
     def gauss(self) -> tuple[Floats, Floats]:
-        """Weights (g,) and functions (g, p + 1) at the Gauss points of an edge of the slave."""
+        """Weights, (g,), and edge functions, (g, p + 1), at the g Gauss points of an edge of the slave."""
         return tabulate_gauss(self.slave.order, self.points_per_edge)
 
     @property
@@ -143,7 +144,7 @@ class Pair:
         """Positions of the slave's points on the undeformed line, m from its start, shape (points,)."""
         lengths = self.slave.lengths[:, None]
         starts = np.cumsum(lengths)[:, None] - lengths
-        return np.asarray((starts + lengths * self.gauss[1][:, 1]).ravel())
+        return np.asarray((starts + lengths * self.gauss[1][:, 1]).ravel())  # function 1 is the position on the edge, 0 to 1
 
     @cached_property
     def weights(self) -> Floats:
@@ -155,9 +156,16 @@ class Pair:
 
 @dataclass(frozen=True)
 class Side:
-    """A line that may touch another: the part with contact points, and the part that the other line's points may meet.
+    """A line that may touch another.
 
-    ``corners``: positions on both parts where a block's face ends and its wall begins, m.
+    Attributes
+    ----------
+    watched
+        The part that has contact points if this line is the slave.
+    met
+        The part that the other line's points may meet if this line is the master.
+    corners
+        Positions on both parts where a block's face ends and its wall begins, m from their start; infinite if there is none.
     """
 
     watched: BoundaryLine
@@ -180,15 +188,26 @@ def find_pairs(
     friction: float = 0.0,
     dense: bool = False,
 ) -> tuple[Pair, ...]:
-    """Return the pairs: first the walls of the gap, then each wall with the tissue next to it, the outermost last.
+    """Return the pairs of lines that may touch: first the walls of the gap, then each wall with its tissue, the outermost last.
 
-    Faces that are not bonded belong to the line of their wall and have ``friction``. Each edge has one Gauss point more than its
-    order, or twice as many if ``dense``.
+    Parameters
+    ----------
+    section, materials, mesh
+        The section, its materials, and its elements.
+    order
+        Polynomial order p of the elements.
+    faces
+        How the blocks' faces hold to the tissue; faces that are not bonded belong to the line of their wall.
+    friction
+        Coulomb's coefficient on faces that open.
+    dense
+        Whether each edge has 2 (p + 1) contact points (Gauss points) instead of p + 1.
     """
     lines = find_lines(mesh, compute_nodes(section, mesh, UNIT_SQUARE), order)
     points = (2 if dense else 1) * (order + 1)
     plan = _list_wall_sides(lines) if faces == "bonded" else _list_face_sides(lines)
     inner, hole = (Side(lines[name], lines[name]) for name in ("inner wall", "hole wall"))
+    # first pair: inner block's wall and hole's wall
     gap, radius = (
         _build_pair("walls of the gap", inner, hole, GAP_AXES, materials=materials, mesh=mesh, points=points),
         float(section.edge_radius),
@@ -227,7 +246,7 @@ def _list_face_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, S
     middle = len(face.element) // 2
 
     def join_side(part: BoundaryLine, whole: BoundaryLine, continuation: BoundaryLine) -> Side:
-        """Return a face, of which ``part`` has contact points, with the line that continues it."""
+        """Return the side of a face and the line that continues it: ``part`` of the face has contact points, ``whole`` is met."""
         return Side(part.join(continuation), whole.join(continuation), (float(part.lengths.sum()), float(whole.lengths.sum())))
 
     inner = join_side(lines["inner face"], lines["inner face"], lines["inner wall"])
@@ -244,7 +263,11 @@ def _list_face_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, S
 
 
 def _build_pair(name: str, lower: Side, upper: Side, axes: Axes, *, materials: Materials, mesh: Topology, points: int) -> Pair:
-    """Build a pair: the softer line is the slave; the gap is s of the upper line minus s of the lower line."""
+    """Build a pair of a lower and an upper line: the softer is the slave.
+
+    The gap is s of the upper line minus s of the lower line (eq. CT.2); ``axes`` are the directions of t and s, and ``points``
+    is the number of contact points on each edge.
+    """
     soft, hard = (materials[Body(mesh.body[side.watched.element[0]])].youngs_modulus for side in (lower, upper))
     swapped = hard < soft
     slave, master = (upper, lower) if swapped else (lower, upper)
@@ -253,7 +276,7 @@ def _build_pair(name: str, lower: Side, upper: Side, axes: Axes, *, materials: M
 
 
 def _round_edge(pair: Pair, block: Side, radius: float) -> Pair:
-    """Return a pair whose block has a round edge."""
+    """Return the pair with the block's round edge of ``radius``, m, on the line that is the block's."""
     watched, met = (RoundEdge(place, radius) for place in block.corners)
     if pair.slave is block.watched:
         return replace(pair, slave_edge=watched)
@@ -261,7 +284,7 @@ def _round_edge(pair: Pair, block: Side, radius: float) -> Pair:
 
 
 def _build_loose_pair(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Interface, friction: float) -> Pair:
-    """Return a pair of faces that may open or slide; a sharp edge gets a small radius."""
+    """Return the pair of a block's face and the tissue that may open or slide; a sharp edge, radius 0, gets a small radius."""
     sharp = SHARP_EDGE_RADIUS_RELATIVE * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
     face = (block if pair.slave is block.watched else tissue).corners[0]
     tied = pair.slave_places < face - radius if faces == "frictionless" else pair.tied  # what rises to a round edge is free

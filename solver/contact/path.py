@@ -42,7 +42,7 @@ class Path:
         More accurate film forces per indentation at rest, N/m, shape (2,), or None. Their ratio to this mesh's corrects all
         forces on the path, by one factor for each film.
     points
-        The point at rest, then all that converged, by rising indentation.
+        The point at rest, then all points at which Newton's method converged, by rising indentation.
     length
         Length of the next step, m.
     """
@@ -60,17 +60,18 @@ class Path:
         self.length = FIRST_STEP_RELATIVE * self.unit
         rest_state = self.model.build_rest_state()
         light = self._solve_light_load(rest_state)
-        if self.linear is not None:
+        if self.linear is not None:  # before that the scale is 1, so that this is the ratio to this mesh's forces
             self._scale = self.linear / self._build_point(light).tangent
         self._light_equilibrium, linear = light, self._build_point(light)
         rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
+        # under the light load all is linear: its derivatives are those at rest
         gap, zeros = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(
             replace(linear, indentation=0.0, films=zeros, walls=gap, strain=0.0, residual=0.0, equilibrium=rest_equilibrium)
         )
 
     def seed(self, state: State) -> PathPoint:
-        """Start the path at a state of the same mesh with other moduli; see ``iterate_steps``."""
+        """Solve from a loaded state of the same mesh with other moduli and continue the path there; see ``iterate_steps``."""
         try:
             point = self._build_point(solve(self.model, state))
         except SolveError as fault:
@@ -106,17 +107,24 @@ class Path:
         """
         while self.last.indentation < until * (1 - 1e-12):
             next_indentation = self.last.indentation + self.length
+            # no very short last step: one that would leave less than 0.3 of a step goes all the way
             yield self._take_step(until if next_indentation > until - 0.3 * self.length else next_indentation)
 
     def press_to_indentation(self, indentation: float) -> PathPoint:
-        """Return the point at an indentation, m; see ``iterate_steps``."""
+        """Press to an indentation, m, or between points that were computed before, and return the point there.
+
+        For errors see ``iterate_steps`` and ``insert``.
+        """
         for _ in self.iterate_steps(indentation):
             pass
         nearest = min(self.points, key=lambda point: abs(point.indentation - indentation))
         return nearest if abs(nearest.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
 
     def press_to_force(self, force: float) -> PathPoint:
-        """Return the point at a force, N; see ``iterate_steps``."""
+        """Press to a force, N, and return the point there; for errors see ``iterate_steps`` and ``insert``.
+
+        The path is pressed beyond the force first; points are then inserted until one is so near that the rest is linear.
+        """
         while self.last.force < force * (1 - FORCE_TOLERANCE_RELATIVE):
             self._take_step(self.last.indentation + min(self.length, self._estimate_advance(force)))
         for _ in range(MAX_FORCE_STEPS):
@@ -130,18 +138,22 @@ class Path:
         raise StoppedError(self.last, "no indentation gives the force")
 
     def _estimate_advance(self, force: float) -> float:
-        """Estimate the indentation of a force beyond the nearest point, m, from the stiffness at the two nearest points."""
+        """Estimate how much deeper than the nearest point a force, N, is reached, m; negative if it is less deep.
+
+        The stiffness is taken to change linearly between the two points nearest to the force.
+        """
         nearest, *neighbours = sorted(self.points, key=lambda point: abs(point.force - force))[:2]
         missing, stiffness = force - nearest.force, float(nearest.tangent.sum())
         if not neighbours:
             return missing / stiffness
         neighbour = neighbours[0]
         stiffening = (float(neighbour.tangent.sum()) - stiffness) / (neighbour.indentation - nearest.indentation)
+        # missing = stiffness x + stiffening x^2 / 2, solved for x in a form that does not cancel
         discriminant = stiffness**2 + 2 * stiffening * missing
         return 2 * missing / (stiffness + discriminant**0.5) if discriminant > 0 else missing / stiffness
 
     def _take_step(self, indentation: float) -> PathPoint:
-        """Take one step towards an indentation, halved until it converges."""
+        """Take one step towards an indentation, m, halved until it converges, and adapt the next step's length."""
         start, max_depth = self.last.indentation, MAX_DEPTH_RELATIVE * self.radius
         if start >= max_depth * (1 - 1e-9):
             raise StoppedError(self.last, "the indentation is the probe's outer radius, and deeper solutions were never verified")
@@ -192,7 +204,7 @@ class Path:
 
     @property
     def _target(self) -> Floats | None:
-        """Mask of the target's elements; None where no sensitivity is wanted."""
+        """Mask of the target's elements, shape (n, 1); None where no sensitivity is wanted."""
         return self.model.target if self.sensitive else None
 
     def _find_nearest(self, indentation: float) -> list[PathPoint]:
@@ -209,6 +221,7 @@ class Path:
         states = [point.equilibrium.state for point in self._find_nearest(indentation)]
         if len(states) < 2:
             return self._scale_light_state(indentation) if self.model.may_open else self._follow_tangent(states[0], indentation)
+        # a polynomial through two or three states; where it turns an element inside out, the tangent is safer
         guess = add_weighted(lagrange_weights([state.indentation for state in states], indentation), states)
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)
@@ -222,8 +235,8 @@ class Path:
 
     def _find_state_before(self, indentation: float) -> State:
         """Return the last state below an indentation; friction depends on it."""
-        on_the_way = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
-        return on_the_way[-1]
+        earlier_states = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
+        return earlier_states[-1]
 
     def _solve_light_load(self, rest_state: State) -> Equilibrium:
         """Solve for a very light load, under which faces that may open are open."""
@@ -232,16 +245,16 @@ class Path:
         )
         if not self.model.may_open:
             return Equilibrium(state, self.model.linearise(state), ())
-        closed = tuple(touch.pressure for touch in self.model.compute_touches(state))
-        return solve(self.model, replace(state, multipliers=closed))
+        pressures = tuple(touch.pressure for touch in self.model.compute_touches(state))
+        return solve(self.model, replace(state, multipliers=pressures))
 
     def _scale_light_state(self, indentation: float) -> State:
         """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""
         state = self._light_equilibrium.state
         factor = indentation / state.indentation
         grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
-        grown = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
-        return self._follow_tangent(grown, indentation)
+        scaled_state = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
+        return self._follow_tangent(scaled_state, indentation)
 
     def _follow_tangent(self, state: State, indentation: float) -> State:
         """Return the state at an indentation on the tangent of another state."""
@@ -250,7 +263,7 @@ class Path:
         return self.model.shift(state, equations, (indentation - state.indentation) * changes[:, 0], indentation)
 
     def _build_point(self, equilibrium: Equilibrium) -> PathPoint:
-        """Compute the results at a state.
+        """Compute the results at an equilibrium.
 
         At constant force F the base follows a stiffer target, of Young's modulus E, by -(dF/d ln E) / (dF/d indentation) (CT.5).
         """
@@ -261,8 +274,8 @@ class Path:
         films, derivatives = self._scale * model.compute_film_forces(equations), self._scale[:, None] * derivatives
         sensitivity = 0.0
         if self.sensitive:
-            by_modulus = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
-            sensitivity = float(by_modulus @ ([1, -1] / films))
+            modulus_derivatives = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
+            sensitivity = float(modulus_derivatives @ ([1, -1] / films))
         return PathPoint(
             state.indentation,
             films,

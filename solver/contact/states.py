@@ -70,7 +70,7 @@ class Linearised:
     deepest
         Maximum penetration of lines, or separation where they are tied, in contact lengths.
     elimination, stiffness
-        The elements' tangent.
+        The elements' tangent: what was eliminated, and the stiffness on corners and edges, N/m, shape (n, 8 p, 8 p).
     contact_stiffness
         The pairs' tangent, sparse; None where nothing touches.
     factor
@@ -182,7 +182,7 @@ class StoppedError(SolveError):
 
 
 def add_weighted(weights: Sequence[float], states: Sequence[State]) -> State:
-    """Return the weighted sum of states; everything else is copied from the first."""
+    """Return the weighted sum of states: of unknowns, elements' values and multipliers; all else is copied from the first."""
     terms = list(zip(weights, states, strict=True))
     u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in terms)) for key in ("u", "p"))
     rows = zip(*(state.multipliers for state in states), strict=True)
@@ -192,7 +192,7 @@ def add_weighted(weights: Sequence[float], states: Sequence[State]) -> State:
 
 
 def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
-    """Return the weights of values at places for the interpolating polynomial at ``wanted`` (Lagrange)."""
+    """Return the weights with which values at ``places`` sum to their interpolating polynomial at ``wanted`` (Lagrange)."""
     return [
         float(np.prod([(wanted - other_place) / (place - other_place) for other_place in places if other_place != place]))
         for place in places

@@ -28,11 +28,11 @@ class Geometry:
     Attributes
     ----------
     radius
-        r, shape (n, q).
+        r at the q points of n elements, m, shape (n, q).
     weight
-        2 pi r times area, shape (n, q).
+        Quadrature weights: 2 pi r times area, m^3, shape (n, q).
     inverse
-        Of the Jacobian, d(u, v) / d(r, z), shape (n, q, 2, 2).
+        Inverse of the Jacobian: d(u, v) / d(r, z) with u, v on the unit square, 1/m, shape (n, q, 2, 2).
     """
 
     radius: Floats
@@ -40,7 +40,7 @@ class Geometry:
     inverse: Floats
 
     def select(self, chosen: Ints | slice) -> Geometry:
-        """Return the geometry of some of the elements."""
+        """Return the geometry of the elements ``chosen``, by their numbers."""
         return Geometry(self.radius[chosen], self.weight[chosen], self.inverse[chosen])
 
 
@@ -51,11 +51,11 @@ class Blocks:
     Attributes
     ----------
     outside
-        Shape (n, c 4 p, c 4 p) for c components.
+        Forces on the outside from values of the outside, shape (n, c 4 p, c 4 p) for c components.
     across
-        Forces on the inside by values of the outside, shape (n, c (p-1)^2, c 4 p).
+        Forces on the inside from values of the outside, shape (n, c (p-1)^2, c 4 p).
     inside
-        Shape (n, c (p-1)^2, c (p-1)^2).
+        Forces on the inside from values of the inside, shape (n, c (p-1)^2, c (p-1)^2).
     """
 
     outside: Floats
@@ -64,7 +64,10 @@ class Blocks:
 
     @classmethod
     def from_matrices(cls, whole: Floats, skeleton: int) -> Blocks:
-        """Split matrices (n, c, s, c, s) whose first ``skeleton`` functions are on corners and edges."""
+        """Split matrices of n elements with c components and s functions, shape (n, c, s, c, s).
+
+        The first ``skeleton`` functions are those on corners and edges.
+        """
         n, c, s = whole.shape[:3]
         edge, inner = c * skeleton, c * (s - skeleton)
         low, high = slice(None, skeleton), slice(skeleton, None)
@@ -84,7 +87,7 @@ class Condensed:
     Attributes
     ----------
     stiffness
-        Of the functions on corners and edges, shape (n, c 4 p, c 4 p).
+        Stiffness of the functions on corners and edges, shape (n, c 4 p, c 4 p).
     upper
         Cholesky factors U of the insides, U^T U, shape (n, c (p-1)^2, c (p-1)^2); entries below the diagonal are undefined.
     half
@@ -115,6 +118,7 @@ class Condensed:
         done = 0
         for blocks in parts:
             if whole is None:
+                # in the order of stiffness, upper and half
                 shapes = (matrix.shape[1:] for matrix in (blocks.outside, blocks.inside, blocks.across))
                 whole = cls(*(np.empty((count, *shape)) for shape in shapes))
             end = done + len(blocks.outside)
@@ -124,10 +128,13 @@ class Condensed:
         return whole
 
     def _eliminate(self, blocks: Blocks, elements: slice) -> None:
-        """Eliminate the insides of some elements in place: rows are LAPACK's columns, so that nothing is copied twice."""
+        """Eliminate the insides of some elements and store the results in their place among all elements.
+
+        NumPy's rows are LAPACK's columns: transposes are passed, lower stands for upper, and nothing is copied twice.
+        """
         reduced, upper, half = self.stiffness[elements], self.upper[elements], self.half[elements]
         upper[:], half[:] = blocks.inside, blocks.across
-        for inside, across in zip(upper, half, strict=True):
+        for inside, across in zip(upper, half, strict=True):  # in place: inside becomes U, across U^-T across
             _, info = dpotrf(inside.T, lower=1, clean=0, overwrite_a=1)
             if info:
                 raise np.linalg.LinAlgError("an element's inside is not positive definite")
@@ -135,7 +142,10 @@ class Condensed:
         np.subtract(blocks.outside, half.transpose(0, 2, 1) @ half, out=reduced)
 
     def compute_recovery(self, chosen: Ints | slice = slice(None)) -> Floats:
-        """Return the matrices that give inside values from those on corners and edges: inside = recovery @ edge."""
+        """Return the matrices that give inside values from those on corners and edges: inside = recovery @ edge.
+
+        They are those of the elements ``chosen``, by their numbers; shape (n, c (p-1)^2, c 4 p).
+        """
         pairs = zip(self.upper[chosen], self.half[chosen], strict=True)
         return np.array([dtrsm(-1.0, upper.T, half.T, side=1, lower=1).T for upper, half in pairs])
 
@@ -149,6 +159,7 @@ def compute_geometry(nodes: Floats, shapes: Shapes) -> Geometry:
         An element has no area or is inverted.
     """
     radius = nodes[..., 0] @ shapes.geometry.T
+    # the Jacobian ((a, b), (c, d)) = d(r, z) / d(u, v), and its determinant: the area per area of the unit square
     (a, b), (c, d) = ([nodes[..., x] @ shapes.tangents[k].T for k in (0, 1)] for x in (0, 1))
     area = a * d - b * c
     if not np.all(area > 0) or not np.all(radius > 0):
@@ -158,7 +169,20 @@ def compute_geometry(nodes: Floats, shapes: Shapes) -> Geometry:
 
 
 def compute_gradients(geometry: Geometry, shapes: Shapes, u: Floats) -> tuple[tuple[Floats, ...], Floats]:
-    """Return u_r,r, u_r,z, u_z,r, u_z,z and u_r / r at all points, (n, q, m) each, of values u, (n, 2, s, m)."""
+    """Return the displacement gradients at the Gauss points of all elements.
+
+    Parameters
+    ----------
+    geometry, shapes
+        Geometry and functions of the elements.
+    u
+        Coefficients of the functions for u_r and u_z in m states, shape (n, 2, s, m).
+
+    Returns
+    -------
+    tuple
+        The four derivatives u_r,r, u_r,z, u_z,r and u_z,z, and the hoop strain u_r / r; shape (n, q, m) each.
+    """
     (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     derivatives: list[Floats] = []
     for component in (0, 1):
@@ -168,7 +192,7 @@ def compute_gradients(geometry: Geometry, shapes: Shapes, u: Floats) -> tuple[tu
 
 
 def integrate_matrices(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
-    """Integrate eps:eps and (P div u)^2 over each ring element, P the projection onto the pressures.
+    """Integrate eps:eps and (P div u)^2 over each ring element, eps the strain and P the projection onto the pressures.
 
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
     and per unit lambda.
@@ -186,7 +210,7 @@ def integrate_volumetric(geometry: Geometry, shapes: Shapes) -> Floats:
 
 
 def integrate_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic) -> Blocks:
-    """Return the blocks of the elements' stiffness matrices for the law of each, shape (n,)."""
+    """Return the blocks of the elements' stiffness matrices; ``law`` holds the moduli of each element, shape (n,)."""
     places = shapes.places_in_sums
     dilations, inverse = _integrate_dilations(geometry, shapes)
     sums, pressures = _integrate_shear(geometry, shapes, law.two_mu), law.dilation_modulus[:, None, None] * inverse
@@ -194,7 +218,11 @@ def integrate_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic) -> B
     push_edge, push_inside = pressures @ on_edge, pressures @ on_inside
 
     def build_block(chosen: Ints, moments: Floats, pushed: Floats) -> Floats:
-        """Return one block: the shear part's chosen sums plus the products of moments and pressures."""
+        """Return one block: the shear part's chosen sums plus the products of moments and pressures.
+
+        ``chosen`` are the places of the block's entries in the sums, ``moments`` the dilations of the block's rows for each
+        pressure, and ``pushed`` the pressures that its columns cause.
+        """
         whole = sums.take(chosen, axis=1)
         whole += moments.transpose(0, 2, 1) @ pushed
         return whole
@@ -230,7 +258,7 @@ def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> Floa
 
 
 def _integrate_dilations(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
-    """Return sums for the integrals of m pressures times div u, and the inverse mass matrices of the pressures.
+    """Return sums for the integrals of m pressure functions times div u, and the inverse mass matrices of these functions.
 
     Shapes (n, sums) and (n, m, m); ``ElementTables.moments`` takes the integrals from the sums.
     """
@@ -244,10 +272,11 @@ def _integrate_dilations(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Fl
 
 
 def compute_dilations(geometry: Geometry, shapes: Shapes, m: int = 0) -> Floats:
-    """Return matrices from values U, V, W of fields of azimuthal order m to their projected dilation, (n, pressures, 3, s).
+    """Return the matrices that give the projected dilation of fields of azimuthal order m, shape (n, pressures, 3, s).
 
-    div u = U,r + (U + m V) / r + W,z; the result are coefficients of the pressures. With nearly incompressible tissue the
-    projection, not div u itself, is what balances.
+    A field has the amplitudes U, V, W of its radial, azimuthal and axial displacement, which vary as cos or sin of m times the
+    azimuth. The matrices act on the coefficients of U, V, W, with div u = U,r + (U + m V) / r + W,z, and give coefficients of the
+    pressure functions. In nearly incompressible tissue the projection, not div u itself, enters the equilibrium.
     """
     (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     hoop = shapes.value / geometry.radius[..., None]
@@ -263,6 +292,6 @@ def compute_dilations(geometry: Geometry, shapes: Shapes, m: int = 0) -> Floats:
 
 
 def project_dilations(geometry: Geometry, shapes: Shapes, dilation: Floats) -> Floats:
-    """Project dilations at the Gauss points, shape (n, q, m), onto the pressures."""
+    """Project dilations of m fields at the Gauss points onto the pressure functions, and return them there; (n, q, m) both."""
     weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
     return np.asarray(shapes.pressure @ np.linalg.solve(weighted @ shapes.pressure, weighted @ dilation))

@@ -37,9 +37,9 @@ class RectangleTables:
         Factors of l r_0 / h, l, h r_0 / l, h^2 / l and h l / r_a, for pairs on corners and edges, of the inside with these, and
         within; shape (4 + points, pairs).
     zz
-        Of the first four, likewise.
+        Factors of the first four of these, for the same pairs, shape (4, pairs).
     rz
-        Of r_0 and h, for all pairs, shape (2, s^2).
+        Factors of r_0 and h, for all pairs, shape (2, s^2).
     pairs
         The numbers of the pairs' functions, shape (2, pairs).
     """
@@ -52,8 +52,9 @@ class RectangleTables:
 
 @keep_table
 def _build_tables(order: int) -> RectangleTables:
-    """Tabulate the integrals of eq. EL.2 for one order."""
+    """Tabulate the integrals of eq. EL.2 for one order; symbols as in the module."""
     shapes = build_shapes(order)
+    # s functions, the first m on corners and edges; Gauss points along each axis, x with weights w
     s, m, points = len(shapes.degrees), shapes.skeleton, shapes.order + 2
     x, w = shapes.points.reshape(points, points, 2)[:, 0, 0], shapes.weights.reshape(points, points).sum(axis=1)
     N, S = evaluate_edge_functions(x, evaluate_legendre(x, shapes.order))
@@ -63,6 +64,7 @@ def _build_tables(order: int) -> RectangleTables:
     ]
     pairs, all_pairs = np.hstack(groups), np.indices((s, s)).reshape(2, -1)
     values, derivatives = (np.einsum("a,ai,aj->aij", w, factor, factor) for factor in (N, S))
+    # N with its derivatives: crossed is N_i S_j, from which C follows
     crossed = np.einsum("a,ai,aj->aij", w, N, S)
     M, C = values.sum(axis=0), crossed.sum(axis=0)
 
@@ -71,7 +73,10 @@ def _build_tables(order: int) -> RectangleTables:
         return np.stack([products.sum(axis=0), np.einsum("a,aij->ij", x, products)])
 
     def tabulate(by_x: Floats, by_y: Floats, chosen: Ints) -> Floats:
-        """Return products of integrals along x and y for pairs of two-dimensional functions."""
+        """Return products of integrals along x, (k, p + 1, p + 1), and y, (p + 1, p + 1), for ``chosen`` pairs of functions.
+
+        The functions are two-dimensional, and the result has shape (k, pairs).
+        """
         (x_one, y_one), (x_other, y_other) = (shapes.degrees[index].T for index in chosen)
         return np.asarray(by_x[:, x_one, x_other] * by_y[y_one, y_other])
 
@@ -91,17 +96,18 @@ def integrate_rectangles(geometry: Geometry, shapes: Shapes, law: Isotropic, col
     Parameters
     ----------
     geometry
-        Their geometry.
+        Geometry of the n rectangles.
     shapes
-        Their functions.
+        Shape functions.
     law
-        Of each, shape (n,).
+        Moduli of each rectangle, shape (n,).
     columns
         Number of the first rectangle of each run between the same two radii, and n at the end; rising.
     """
     table, s, (first, count) = _build_tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
     rr, zz, rz = _integrate_shear(geometry, shapes, law.two_mu)
     volume, (i, j), high = integrate_volumetric(geometry.select(first), shapes), table.pairs, 1 / geometry.inverse[:, 0, 1, 1]
+    # the part by lambda is that of each run's first rectangle times a power of the ratio of heights, ``tall``
     tall, lam = high / np.repeat(high[first], count), law.dilation_modulus
     _add_products(rr, lam * tall, volume[:, 0, :, 0][:, i, j], columns)
     _add_products(zz, lam / tall, volume[:, 1, :, 1][:, i, j], columns)
@@ -110,9 +116,13 @@ def integrate_rectangles(geometry: Geometry, shapes: Shapes, law: Isotropic, col
 
 
 def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return eq. EL.2 for the pairs of ``RectangleTables``, times 2 mu and 2 pi: parts r r, z z and r z."""
+    """Return the parts r r, z z and r z of eq. EL.2, times 2 mu and 2 pi, for the pairs of ``RectangleTables``.
+
+    Rectangles are ``wide`` (h) along r and ``high`` (l) along z. Shapes (n, pairs), twice, and (n, s^2).
+    """
     table, wide, high = _build_tables(shapes.order), 1 / geometry.inverse[:, 0, 0, 0], 1 / geometry.inverse[:, 0, 1, 1]
     radii = geometry.radius[:, :: shapes.order + 2]
+    # inner is r_0: the first Gauss point's radius minus its distance from the inner side
     inner, factor = radii[:, 0] - shapes.points[0, 0] * wide, 2 * np.pi * two_mu
     flat, steep = factor * wide / high, factor * high / wide
     four = np.column_stack([steep * inner, steep * wide, flat * inner, flat * wide])
@@ -120,14 +130,29 @@ def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> tupl
     return rr, four @ table.zz, np.column_stack([factor * inner, factor * wide]) @ table.rz
 
 
-def _add_products(sums: Floats, shares: Floats, parts: Floats, columns: Ints) -> None:
-    """Add to the sums (n, pairs), in place, what each column of rectangles has in common times each rectangle's factor."""
+def _add_products(sums: Floats, factors: Floats, parts: Floats, columns: Ints) -> None:
+    """Add to each rectangle's sums, in place, its factor times a part that its column of rectangles has in common.
+
+    Parameters
+    ----------
+    sums
+        Shape (n, pairs).
+    factors
+        Factor of each rectangle, shape (n,).
+    parts
+        Part of each column of rectangles between the same two radii, shape (columns, pairs).
+    columns
+        Number of the first rectangle of each column, and n at the end.
+    """
     for part, (start, end) in zip(parts, pairwise(columns), strict=True):
-        dger(1.0, part, shares[start:end], a=sums[start:end].T, overwrite_a=1)
+        dger(1.0, part, factors[start:end], a=sums[start:end].T, overwrite_a=1)
 
 
 def _build_blocks(rr: Floats, zz: Floats, rz: Floats, m: int) -> Blocks:
-    """Assemble the blocks from the parts r r, z z and r z, u_r before u_z."""
+    """Assemble the blocks from the parts r r, z z and r z, u_r before u_z; the first ``m`` functions are on corners and edges.
+
+    Parts r r and z z have shape (n, pairs), in the order of ``RectangleTables.pairs``, and r z (n, s, s).
+    """
     n, parts, start, (edge, inner) = len(rz), [], 0, (slice(None, m), slice(m, None))
     for rows, cols in ((edge, edge), (inner, edge), (inner, inner)):
         across = rz[:, rows, cols]

@@ -24,13 +24,13 @@ class Shapes:
     Attributes
     ----------
     order
-        p.
+        Polynomial order p along each axis.
     degrees
-        Along x and y, 0 and 1 for the two linear ones, shape (s, 2).
+        Degrees of the functions along x and y; 0 and 1 stand for the two linear ones, 1 - x and x. Shape (s, 2).
     points, weights
-        Of Gauss quadrature, shapes (q, 2) and (q,).
+        Points and weights of Gauss quadrature on the unit square, shapes (q, 2) and (q,).
     value, derivative
-        Of the functions at the points, shapes (q, s) and (2, q, s).
+        Values of the functions at the points, and derivatives with respect to x and y, shapes (q, s) and (2, q, s).
     pressure
         Polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
     places
@@ -38,7 +38,7 @@ class Shapes:
     geometry, tangents
         Interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
     tables
-        Of the functions' products, from which elements' matrices are sums.
+        Tables of products of the functions, from which the elements' matrices are summed.
     mass
         Products of two pressures at the points, shape (q, m^2) with m of them.
     """
@@ -63,7 +63,10 @@ class Shapes:
 
     @cached_property
     def places_in_sums(self) -> BlockPlaces:
-        """``tables.stiffness`` and ``tables.moments`` by blocks: corners and edges, u_r before u_z, and the inside."""
+        """Where blocks of an element's matrix and of its moments lie in the sums of ``tables``.
+
+        The blocks are those of corners and edges and of the inside, u_r before u_z in each.
+        """
         s, m = len(self.degrees), self.skeleton
         edge, inner = np.r_[:m, s : s + m], np.r_[m:s, s + m : 2 * s]
         stiffness, moments = self.tables.stiffness, self.tables.moments
@@ -73,7 +76,15 @@ class Shapes:
 
 @dataclass(frozen=True)
 class BlockPlaces:
-    """Where blocks of an element's matrix and of its moments lie in the sums of ``ElementTables``."""
+    """Where blocks of an element's matrix and of its moments lie in the sums of ``ElementTables``.
+
+    Attributes
+    ----------
+    outside, across, inside
+        Entries of the matrix, as in ``Blocks``.
+    edge, inner
+        Moments of the functions on corners and edges, and of those inside.
+    """
 
     outside: Ints
     across: Ints
@@ -84,13 +95,14 @@ class BlockPlaces:
 
 @keep_result
 def build_shapes(order: int) -> Shapes:
-    """Tabulate the functions of one order."""
+    """Tabulate the functions of one order at its Gauss points, order + 2 along each axis."""
     x, w = legendre.leggauss(order + 2)
     x, w = (x + 1) / 2, w / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
     degrees = _list_degrees(order)
     value, derivative = evaluate_functions(points, degrees)
     pressure = evaluate_pressures(points, order)
+    # nodes of the geometry: Chebyshev's points with both ends, so that high orders interpolate without oscillation
     lobatto = (1 - np.cos(np.linspace(0, np.pi, order + 1))) / 2
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
     inverse = np.linalg.inv(evaluate_functions(places, degrees)[0])
@@ -117,12 +129,15 @@ def build_shapes(order: int) -> Shapes:
 
 
 def evaluate_legendre(points: Floats, order: int) -> Floats:
-    """Return Legendre polynomials of degrees 0 to p at points of the unit square, (n, 2), by axis, or of an edge, (n,)."""
+    """Return Legendre polynomials of degrees 0 to p = ``order`` of each coordinate, from 0 to 1, of some points.
+
+    Points of the unit square, (n, 2), give shape (n, 2, p + 1), points of an edge, (n,), shape (n, p + 1).
+    """
     return np.asarray(legendre.legvander(2 * points - 1, order))
 
 
 def evaluate_pressures(points: Floats, order: int, precomputed: Floats | None = None) -> Floats:
-    """Return the pressures at points of the unit square, (n, 2): shape (n, p (p+1) / 2).
+    """Return the pressure functions at points of the unit square, (n, 2): shape (n, p (p+1) / 2).
 
     They are products of Legendre polynomials of total degree below p. ``precomputed`` is ``evaluate_legendre`` of the same
     points, where that is known.
@@ -133,7 +148,7 @@ def evaluate_pressures(points: Floats, order: int, precomputed: Floats | None = 
 
 
 def list_pressure_degrees(order: int) -> Ints:
-    """Return the degrees along x and y of the pressures, shape (p (p+1) / 2, 2)."""
+    """Return the degrees along x and y of the pressure functions, shape (p (p+1) / 2, 2)."""
     return np.array([(i, j) for i in range(order) for j in range(order - i)])
 
 
@@ -154,6 +169,7 @@ def evaluate_edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
 
     ``P`` are Legendre polynomials at the same x.
     """
+    # integrated Legendre polynomials of degree k are (P_k - P_(k-2)) / scale, with derivatives P_(k-1) scale
     scale = np.sqrt(4 * np.arange(2, P.shape[-1]) - 2)
     value, derivative = np.empty_like(P), np.empty_like(P)
     value[..., 0], value[..., 1], value[..., 2:] = 1 - x, x, (P[..., 2:] - P[..., :-2]) / scale

@@ -27,11 +27,11 @@ class TensorSums:
     Attributes
     ----------
     y_tables
-        The terms' tables by y, each (points along y, pairs).
+        Table F_y of each term, along y, shape (points along y, pairs).
     x_tables
-        The groups' tables by x, one below the other, shape (groups times points along x, pairs).
+        Table F_x of each group, along x, one below the other, shape (groups times points along x, pairs).
     groups
-        For each table by x, the numbers of the terms that share it.
+        For each table along x, the numbers of the terms that share it.
     """
 
     y_tables: tuple[Floats, ...]
@@ -40,13 +40,19 @@ class TensorSums:
 
     @classmethod
     def from_terms(cls, *terms: tuple[Floats, Floats]) -> TensorSums:
-        """Group terms, each a table by x and one by y, by their tables by x."""
+        """Group terms, each a table of pairs along x and one along y, by their tables along x.
+
+        Terms share a table if it is the same array.
+        """
         tables = list({id(by_x): by_x for by_x, _ in terms}.values())
         groups = tuple(tuple(k for k, (by_x, _) in enumerate(terms) if by_x is table) for table in tables)
         return cls(tuple(by_y for _, by_y in terms), np.concatenate(tables), groups)
 
     def __call__(self, coefficients: Coefficients) -> Floats:
-        """Return the sums of eq. EL.1, shape (n, pairs by y, pairs by x): first over the points along y, then along x."""
+        """Return the sums of eq. EL.1, shape (n, pairs along y, pairs along x): first over the points along y, then along x.
+
+        ``coefficients`` are those c of each term at the Gauss points, shape (n, points); None where they vanish.
+        """
         n = next(len(array) for array in coefficients if array is not None)
         points, pairs = self.y_tables[0].shape
         by_y = np.empty((n, pairs, len(self.groups), points))
@@ -69,9 +75,9 @@ class ElementTables:
         Sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its derivatives, for i_2 <= j_2: an exchange
         of both functions changes nothing.
     unsymmetric
-        Of X X, X Y, Y X and Y Y.
+        Sums of X X, X Y, Y X and Y Y, for all pairs.
     dilation
-        Of P X, P Y and P N, P a pressure.
+        Sums of P X, P Y and P N, P a pressure function.
     stiffness
         Where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
     moments
@@ -91,13 +97,14 @@ class ElementTables:
         Parameters
         ----------
         functions
-            One-dimensional, at the Gauss points of an edge, and their derivatives, shape (points, p + 1) both.
+            One-dimensional functions at the Gauss points of an edge, and their derivatives, shape (points, p + 1) both.
         pressures
-            Likewise, (points, p).
+            One-dimensional pressure functions (Legendre polynomials) at the same points, shape (points, p).
         degrees
-            Along x and y of the functions, (s, 2), and of the pressures.
+            Degrees along x and y of the functions, (s, 2), and of the pressure functions.
         """
         (N, S), L = functions, pressures
+        # capitals hold all pairs of functions, lower case those with i <= j; S are derivatives of N, L pressures
         size, order = N.shape[1], L.shape[1]
         low, high = np.triu_indices(size)
         NN, SN, NS, SS = (_multiply_pairs(a, b) for a, b in ((N, N), (S, N), (N, S), (S, S)))
@@ -115,11 +122,23 @@ class ElementTables:
 
 
 def _locate_entries(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:
-    """Return where an element matrix's entries lie in the sums: half of them stored for r r and z z, all for r z."""
+    """Return where an element matrix's entries lie in the sums, shape (2 s, 2 s).
+
+    For r r and z z the sums hold half of the pairs along y, as an exchange of both functions changes nothing; for r z all.
+
+    Parameters
+    ----------
+    degrees
+        Of the functions along x and y, shape (s, 2).
+    half
+        First and second one-dimensional functions of the pairs that are held.
+    size
+        Number of one-dimensional functions, p + 1.
+    """
     number = np.zeros((size, size), dtype=int)
     number[half] = number[half[::-1]] = np.arange(len(half[0]))
     (x, y), (other_x, other_y) = degrees.T[:, :, None], degrees.T[:, None]
-    swapped = y > other_y
+    swapped = y > other_y  # the held pair is the other one: its functions along x are exchanged too
     rr = number[y, other_y] * size**2 + np.where(swapped, other_x * size + x, x * size + other_x)
     rz = (y * size + other_y) * size**2 + x * size + other_x
     zz, rz = rr + len(half[0]) * size**2, rz + 2 * len(half[0]) * size**2
@@ -127,5 +146,5 @@ def _locate_entries(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:
 
 
 def _multiply_pairs(a: Floats, b: Floats) -> Floats:
-    """Return products of two sets of functions at the same points, (points, i) and (points, j) to (points, i j)."""
+    """Return the products of each function of a, (points, i), and each of b, (points, j), at the points; (points, i j)."""
     return np.asarray((a[:, :, None] * b[:, None]).reshape(len(a), -1))

@@ -20,7 +20,7 @@ from solver.linalg.workspace import keep_table
 
 @dataclass(frozen=True)
 class Tables:
-    """Functions X, Y, N at the q points, (s, 3 q), and products of two of them, of one and a pressure, at all points.
+    """Functions N and their derivatives X, Y at the q Gauss points, and their products with each other and with pressures P.
 
     Attributes
     ----------
@@ -50,13 +50,13 @@ class UnitSquare:
     Attributes
     ----------
     functions
-        theirs.
+        Shape functions of the elements.
     tables
-        Of these.
+        Tables of these functions.
     weight
         2 pi r dA at the Gauss points, shape (n, q).
     xr, xz, yr, yz
-        Of d(x, y) / d(r, z), shape (n, q) each.
+        Derivatives dx/dr, dx/dz, dy/dr and dy/dz, shape (n, q) each.
     inverse_radius
         1 / r, shape (n, q).
     """
@@ -72,12 +72,15 @@ class UnitSquare:
 
     @classmethod
     def from_geometry(cls, geometry: Geometry, functions: Shapes) -> UnitSquare:
-        """Build the tables from the geometry of elements."""
+        """Build from the geometry of elements at their Gauss points, and their functions."""
         xr, xz, yr, yz = (np.ascontiguousarray(geometry.inverse[..., k, c]) for k in (0, 1) for c in (0, 1))
         return cls(functions, _build_tables(functions.order), geometry.weight, xr, xz, yr, yz, 1 / geometry.radius)
 
     def compute_gradients(self, u: Floats) -> Floats:
-        """Return displacement gradients of values u, (n, 2 s), u_r before u_z, shape (5, n, q)."""
+        """Return the displacement gradients rr, rz, zr, zz, tt at the Gauss points, shape (5, n, q).
+
+        ``u`` are the coefficients of the functions, u_r before u_z, shape (n, 2 s).
+        """
         n, q = self.weight.shape
         x, y, value = (u.reshape(2 * n, -1) @ self.tables.flat).reshape(n, 2, 3, q).transpose(2, 1, 0, 3)
         out = np.empty((5, n, q))
@@ -88,7 +91,7 @@ class UnitSquare:
         return out
 
     def turn_stress(self, stress: Floats) -> Floats:
-        """Transform stresses that work on the gradient, (5, n, q), to those that work on X, Y of u_r, X, Y of u_z, and N."""
+        """Transform stresses that work on displacement gradients to those that work on rX, rY, zX, zY and N; (5, n, q) both."""
         out = np.empty_like(stress)
         for c in (0, 2):
             out[c] = self.xr * stress[c] + self.xz * stress[c + 1]
@@ -102,7 +105,7 @@ class UnitSquare:
         return np.stack([xr**2 + xz**2, xr * yr + xz * yz, yr**2 + yz**2, self.inverse_radius**2])
 
     def sum_forces(self, turned: Floats) -> Floats:
-        """Sum transformed stresses, weights included, (5, n, q), to forces on the values, (n, 2 s)."""
+        """Sum transformed stresses, (5, n, q), multiplied by the weights before, to forces on the coefficients, (n, 2 s)."""
         n, q, s = *self.weight.shape, len(self.functions.degrees)
         out = np.empty((n, 2, s))
         out[:, 0] = _join_parts(turned[[0, 1, 4]]) @ self.tables.flat.T
@@ -110,7 +113,7 @@ class UnitSquare:
         return out.reshape(n, -1)
 
     def sum_moments(self, turned: Floats) -> Floats:
-        """Sum transformed stresses times each pressure, weights included, (5, n, q), to shape (n, m, 2 s)."""
+        """Sum the products of transformed stresses, (5, n, q), weights included, and each of m pressures; shape (n, m, 2 s)."""
         n, q, s = *self.weight.shape, len(self.functions.degrees)
         out = np.empty((n, self.functions.pressure.shape[1], 2, s))
         out[:, :, 0] = (_join_parts(turned[[0, 1, 4]]) @ self.tables.pressed).reshape(n, -1, s)

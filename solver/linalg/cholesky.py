@@ -39,7 +39,7 @@ class Pattern:
 
 
 def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
-    """Factorise a symmetric positive definite matrix in compressed columns.
+    """Factorise a symmetric positive definite matrix in compressed columns (``scipy.sparse.csc_array``).
 
     Parameters
     ----------
@@ -84,20 +84,35 @@ def load_pardiso() -> Any:
 
 @dataclass(frozen=True)
 class _SuperLU:
+    """A factor by SciPy's SuperLU."""
+
     factors: Any
 
     @property
     def foreign_bytes(self) -> int:
         """Bytes that the library holds: values and rows of both triangles."""
-        return 12 * int(self.factors.nnz)
+        return 12 * int(self.factors.nnz)  # 8 bytes for a value, 4 for its row
 
     def solve(self, forces: Floats) -> Floats:
+        """Return K^-1 forces, shape (unknowns, k) both."""
         return np.asarray(self.factors.solve(forces))
 
 
 @dataclass
 class _PatternAnalysis:
-    """PARDISO's analysis of a pattern, and the values that it factorised last."""
+    """PARDISO's analysis of a pattern, and the values that it factorised last.
+
+    Attributes
+    ----------
+    solver
+        The library's object, which holds analysis and factors.
+    lower
+        Mask of the matrix's entries in the lower triangle.
+    values
+        Entries of the lower triangle that were factorised last.
+    lock
+        Held while the solver is used.
+    """
 
     solver: Any
     lower: NDArray[np.bool_]
@@ -107,17 +122,21 @@ class _PatternAnalysis:
     @property
     def foreign_bytes(self) -> int:
         """Bytes that the library holds: analysis and factors (given in kB), and the matrix twice, as given and permuted."""
+        # iparm 15 and 16: kB that stay after the analysis, and of the factors
         factors = 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
-        return factors + 2 * 12 * int(self.solver.nnz())
+        return factors + 2 * 12 * int(self.solver.nnz())  # 8 bytes for a value, 4 for its column
 
 
 @dataclass(frozen=True)
 class _Pardiso:
+    """A factor by PARDISO: the values of a matrix, and the analysis that matrices of its pattern share."""
+
     analysis: _PatternAnalysis
     values: Floats
 
     @classmethod
     def from_matrix(cls, library: Any, matrix: Any, pattern: Pattern | None) -> _Pardiso:
+        """Factorise a matrix with the pattern's analysis, made if there is none; see ``factorise``."""
         analysis = None if pattern is None else pattern.analysis
         if analysis is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
@@ -142,15 +161,26 @@ class _Pardiso:
 
     def _refresh(self) -> None:
         """Factorise again if another matrix of the pattern was factorised since."""
-        if self.analysis.values is not self.values:
+        if self.analysis.values is not self.values:  # the same array, not only equal numbers
             self.analysis.solver.refactor_values(self.values)
             self.analysis.values = self.values
 
 
 def _analyse(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
-    """Analyse and factorise a matrix from its lower triangle: a mask of entries and their values.
+    """Analyse and factorise a matrix by PARDISO; return the library's object.
 
     PARDISO reads rows: the lower triangle by columns is the upper one by rows.
+
+    Parameters
+    ----------
+    library
+        PARDISO's compiled module.
+    matrix
+        Both triangles in compressed columns, rows sorted.
+    triangle
+        Mask of the matrix's entries in the lower triangle, and their values.
+    ordering
+        PARDISO's parameters (number: value) that choose the order of elimination.
     """
     lower, values = triangle
     solver = library.PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)

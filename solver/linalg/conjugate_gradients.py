@@ -57,11 +57,11 @@ class Stiffness:
         self.lower, self._diagonal = lower, lower.diagonal()[:, None]
 
     def __matmul__(self, v: Floats) -> Floats:
-        """Return K v, shape (n, k)."""
-        return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)
+        """Return the matrix times v, shape (n, k) both, from its lower triangle."""
+        return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)  # the diagonal is in both triangles
 
     def compute_magnitude(self, v: Floats) -> Floats:
-        """Return |K| |v|, to which rounding errors are proportional, shape (n, k)."""
+        """Return |K| |v|, K this matrix, entry by entry: rounding errors of K v are proportional to it; shape (n, k)."""
         return Stiffness(abs(self.lower)) @ np.abs(v)
 
     def factor(self, single: bool = False, like: MatrixAnalysis | None = None) -> Factor:
@@ -93,7 +93,7 @@ class MatrixAnalysis:
     symbolic
         The library's object.
     starts, rows
-        Of the lower triangle in compressed columns.
+        Starts of the columns, and rows of the entries, of the lower triangle in compressed columns.
     """
 
     symbolic: Any
@@ -142,11 +142,15 @@ def factorise_lower(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> 
 def _estimate_other_bytes(unknowns: int) -> float:
     """Estimate the bytes of a factor by PARDISO or SuperLU: double precision, and both triangles for SuperLU."""
     n = float(unknowns)
+    # nested dissection leaves of the order of n^(4/3) entries, SuperLU's minimum degree n^1.5, with 12 bytes for each
     return float(300.0 * n ** (4 / 3) if has_pardiso() else 12 * 8.0 * n**1.5)
 
 
 class _Ldlt:
-    """A factor by rslab in the precision of the matrix."""
+    """A factor L D L^T by rslab in the precision of the matrix.
+
+    ``handle`` is the library's object, ``single`` whether it is in single precision, ``pattern`` the analysis of its pattern.
+    """
 
     def __init__(self, handle: Any, single: bool, pattern: MatrixAnalysis) -> None:
         self.handle, self.single, self.pattern = handle, single, pattern
@@ -158,15 +162,16 @@ class _Ldlt:
 
     @classmethod
     def from_lower(cls, library: Any, lower: sp.csc_array, like: MatrixAnalysis | None = None) -> _Ldlt:
+        """Factorise a lower triangle, after a check of the memory and time that this takes; see ``factorise_lower``."""
         n = lower.shape[0]
         pattern = like if like is not None and like.fits(lower) else _analyse(library, lower)
         symbolic = pattern.symbolic
-        plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
+        plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]  # for three loads
         check_memory(f"factors of {n} unknowns", estimate_held_bytes(n, plan))
         single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]
         check_time(f"factorising {n} unknowns", flops / OPERATIONS_PER_SECOND * (1 if single else 2))
         _check_system_memory(plan)
-        stop = library.Interrupt()
+        stop = library.Interrupt()  # a timer stops the factorisation at the time limit
         watch = Timer(min(find_seconds_left(), TIMEOUT_MAX), stop.cancel)
         watch.daemon = True
         watch.start()
@@ -180,6 +185,7 @@ class _Ldlt:
             watch.cancel()
 
     def solve(self, forces: Floats) -> Floats:
+        """Return K^-1 forces, shape (unknowns, k) both."""
         try:
             return self._solve(forces)
         except BaseException as fault:  # a panic in Rust is no Exception
@@ -188,7 +194,7 @@ class _Ldlt:
             raise SolveError(f"the factor could not be used: {fault}") from None
 
     def _solve(self, forces: Floats) -> Floats:
-        """Solve in the factor's precision; columns are scaled, as single precision has a narrow range."""
+        """Solve for forces, (unknowns, k), in the factor's precision; columns are scaled, as the single range is narrow."""
         if not self.single:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
@@ -204,12 +210,12 @@ def _analyse(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
 
 
 def estimate_held_bytes(unknowns: float, factor: float) -> float:
-    """Estimate the peak memory of assembly and factorisation, from unknowns and the bytes of the factor."""
+    """Estimate the peak memory of assembly and factorisation, bytes, from the unknowns and ``factor``, the factor's bytes."""
     return ASSEMBLY_BYTES_PER_UNKNOWN * unknowns + factor
 
 
 def _check_system_memory(size: float) -> None:
-    """Check that the system provides so many bytes, as a library in Rust ends the process when it does not.
+    """Check that the system provides ``size`` bytes more, as a library in Rust ends the process when it does not.
 
     Raises
     ------
@@ -220,6 +226,7 @@ def _check_system_memory(size: float) -> None:
     if _is_memory_limited():
         with suppress(MemoryError):  # the threads work with less stack, but take this much where they can
             for _ in range(2 * (os.cpu_count() or 1)):
+                # held until this function returns, so that the check below counts them
                 stacks.append(np.empty(STACK_BYTES, dtype=np.uint8))
     try:
         np.empty(int(wanted), dtype=np.uint8)
@@ -265,10 +272,20 @@ def _set_environment(variables: Mapping[str, str]) -> Iterator[None]:
 def solve(
     matrix: Stiffness, forces: Floats, factor: Factor, start: Floats | None = None, target: float = TARGET_RESIDUAL
 ) -> Floats:
-    """Return K^-1 forces, shape (n, k), by preconditioned conjugate gradients, all columns in step.
+    """Solve with a matrix K by preconditioned conjugate gradients, all columns in step; return K^-1 forces, shape (n, k).
 
-    ``factor`` is the factor of a matrix close to K. The iteration ends at the relative residual ``target``; up to ten times that
-    is accepted.
+    Parameters
+    ----------
+    matrix
+        K, shape (n, n).
+    forces
+        Right-hand sides, shape (n, k).
+    factor
+        Factor of a matrix close to K: the preconditioner.
+    start
+        Solution to start from, shape (n, k); None for zero.
+    target
+        Relative residual at which the iteration ends; up to ``MAX_RESIDUAL_FACTOR`` times that is accepted.
 
     Raises
     ------
@@ -278,12 +295,14 @@ def solve(
         The time limit is exceeded.
     """
     v = np.zeros_like(forces) if start is None else start.copy()
+    # remainder: forces out of balance; size: norms of the forces, above 0 so that columns of zeros divide by no zero
     remainder, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
     direction, product = np.zeros_like(remainder), np.zeros(remainder.shape[1])
     previous, best, best_v, stalled_steps = remainder, np.inf, v, 0
     for _ in range(MAX_STEPS):
         check_time("solving")
         error = float(np.max(np.linalg.norm(remainder, axis=0) / size))
+        # rounding may stop the decrease: the best solution is kept, and the iteration ends if no better one follows
         stalled_steps = 0 if error < best / 2 else stalled_steps + 1
         if error < best:
             best, best_v = error, v
@@ -313,12 +332,12 @@ def _multiply_columns(a: Floats, b: Floats) -> Floats:
 
 
 def _divide(a: Floats, b: Floats) -> Floats:
-    """Return a / b, and 0 where b is not positive."""
+    """Return a / b, and 0 where b is not positive: there a column has converged."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
 
 
 def _check_residual(matrix: Stiffness, forces: Floats, v: Floats, max_residual: float) -> None:
-    """Raise ``SolveError`` where the relative residual is above ``max_residual`` and above rounding."""
+    """Raise ``SolveError`` if a column's residual exceeds both ``max_residual``, relative to the forces, and rounding errors."""
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
     if np.all(remainder <= max_residual * size):
         return

@@ -26,7 +26,7 @@ class _FreedMemory:
     idle_bytes = 0
 
     def give_back(self, worth: float) -> None:
-        """Return freed memory to the system if it grew by ``worth`` bytes since this was done last."""
+        """Return freed memory to the system if it grew by ``worth`` bytes or more since it was last returned."""
         library = ctypes.CDLL(None)
         library.mallinfo2.restype = _Heap
         idle = _measure_idle_bytes(library)
@@ -37,7 +37,10 @@ class _FreedMemory:
 
 
 def _measure_idle_bytes(library: ctypes.CDLL) -> int:
-    """Return the process's resident bytes less the heap's pieces in use; glibc does not report resident free pieces."""
+    """Return the resident bytes of the process minus the heap's pieces in use: an estimate of its free pieces.
+
+    glibc does not report how many of the free pieces are resident.
+    """
     heap = library.mallinfo2()
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return resident - int(heap.uordblks) - int(heap.hblkhd)
@@ -50,8 +53,8 @@ def give_back(worth: float = 0.0) -> None:
     """Return freed memory to the operating system if it is at least ``worth`` bytes.
 
     glibc keeps memory that is freed between pieces in use. In programs that evaluate many different scenes that becomes far more
-    than the pieces themselves. It takes some milliseconds; where the
-    C library is another one, or older than 2.33, nothing is done.
+    than the pieces themselves. The call takes some milliseconds. Where the C library is another one, or older than 2.33, nothing
+    is done.
     """
     with suppress(AttributeError, OSError, TypeError):
         _FREED_MEMORY.give_back(worth)
@@ -61,7 +64,7 @@ def give_back(worth: float = 0.0) -> None:
 def keep_freed() -> None:
     """Let arrays up to 32 MB reuse freed memory, for programs that make many of them again and again.
 
-    glibc does so with arrays smaller than the largest ever freed, so that one is made and freed, once a process. Without it
-    a third of the time goes into new pages.
+    glibc does so with arrays smaller than the largest ever freed. So one such array is made and freed, once in each process.
+    Without it a third of the time goes into new pages.
     """
-    np.empty(2**22 - 2**12)
+    np.empty(2**22 - 2**12)  # numbers of 8 bytes: just below 32 MB, the largest size for which glibc does so

@@ -18,14 +18,15 @@ class PiecewisePolynomials:
     Parameters
     ----------
     function
-        Takes numbers (m,), returns arrays of shapes (m, ...).
+        Function that takes numbers, shape (m,), and returns several arrays of shapes (m, ...).
     start, step, steps
         Where the first step begins, how long each is, and how many there are.
     degree
-        Of the polynomials.
+        Degree of the polynomials.
     """
 
     def __init__(self, function: Callable[[Any], Sequence[Any]], start: float, step: float, steps: int, degree: int) -> None:
+        # Chebyshev's points, from -1 to 1
         places = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
         grid = start + step * (np.arange(steps)[:, None] + (places + 1) / 2)
         parts = function(grid.ravel())
@@ -36,7 +37,7 @@ class PiecewisePolynomials:
         self.coefficients = np.linalg.inv(np.vander(places, increasing=True)) @ values.reshape(steps, degree + 1, -1)
 
     def __call__(self, x: Array) -> list[Array]:
-        """Return the arrays at x (n,), shapes (..., n); NaN outside the steps."""
+        """Interpolate the function's arrays at n numbers x, shape (n,): shapes (..., n), numbers last; NaN outside the steps."""
         steps, powers, count = self.coefficients.shape
         position = (x - self.start) / self.step
         inside = (position.real >= 0) & (position.real <= steps)
@@ -44,6 +45,7 @@ class PiecewisePolynomials:
         step_number = np.minimum((position if whole else np.where(inside, position, 0)).real.astype(np.intp), steps - 1)
         monomials = np.empty((len(x), 1, powers), dtype=position.dtype)
         monomials[:, 0, 0] = 1
+        # powers of the position within the step, from -1 to 1: each is the product of those before
         monomials[:, 0, 1:] = (2 * (position - step_number) - 1)[:, None]
         np.multiply.accumulate(monomials, axis=2, out=monomials)
         values = np.empty((count, len(x)), dtype=monomials.dtype)

@@ -21,11 +21,11 @@ class BodySpace:
     Parameters
     ----------
     matrix
-        K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
+        K, shape (n, n), symmetric and positive definite: any object that multiplies arrays (n, k) by ``@``.
     solve
-        Returns K^-1 loads, shape (n, k) both.
+        Function that returns K^-1 loads, shape (n, k) both.
     multiply_body
-        Returns B times vectors, shape (n, k) both.
+        Function that returns B times vectors, shape (n, k) both; B is the part of K of one body.
     state_loads
         B u_i of the solutions at t = 1, shape (n, k).
     negligible
@@ -34,7 +34,7 @@ class BodySpace:
     Attributes
     ----------
     vectors
-        v_k, shape (n, m).
+        The basis: v_k by columns, shape (n, m).
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class BodySpace:
         K times the new vectors is computed again: near incompressibility it differs from the loads that they were solved for.
         """
         new = self._solve(self._newest_loads)
+        # scaled to unit energy new^T K new; 1e-300 guards against zero loads
         new = new / np.sqrt(np.maximum(np.abs(np.einsum("ik,ik->k", new, self._newest_loads)), 1e-300))
         for _ in range(2):  # twice: one pass leaves rounding errors
             new = new - self.vectors @ (self._images.T @ new)
@@ -64,14 +65,14 @@ class BodySpace:
         independent = values > self._negligible
         if not independent.any():
             return False
-        turn = vectors[:, independent] / np.sqrt(values[independent])
+        turn = vectors[:, independent] / np.sqrt(values[independent])  # makes the new vectors orthonormal in K
         self._newest_loads = self._multiply_body(new @ turn)
         self.vectors, self._images = np.hstack([self.vectors, new @ turn]), np.hstack([self._images, images @ turn])
         self._body_loads = np.hstack([self._body_loads, self._newest_loads])
         return True
 
     def build_response(self, start: Floats, inside: Floats, weight: float = 1.0) -> RationalResponse:
-        """Return the products F(t) on the present basis; for the parameters see ``RationalResponse``."""
+        """Return the products F(t) of the solutions on the present basis; for the parameters see ``RationalResponse``."""
         energy, coupling = (self.vectors.T @ loads for loads in (self._body_loads, self._state_loads))
         return RationalResponse.from_energies((energy + energy.T) / 2, coupling, start=start, inside=inside, weight=weight)
 
@@ -95,7 +96,7 @@ class RationalResponse:
     coupling
         c, shape (m, k).
     turn
-        From the basis v to w, shape (m, m).
+        Coefficients of w on the basis v, by columns, shape (m, m).
     weight
         Factor of the sum, from the modelled part to the whole body: 2 for one half of a symmetric body.
     """
@@ -111,21 +112,32 @@ class RationalResponse:
     def from_energies(
         cls, energy: Floats, coupling: Floats, *, start: Floats, inside: Floats, weight: float = 1.0
     ) -> RationalResponse:
-        """Diagonalise the energies v_i^T B v_j, shape (m, m), on a basis; ``coupling`` v_k^T B u_i, shape (m, k)."""
+        """Build the response from products on any basis v that is orthonormal in K, by making B diagonal.
+
+        Parameters
+        ----------
+        energy
+            v_i^T B v_j, shape (m, m).
+        coupling
+            v_k^T B u_i, shape (m, k).
+        start, inside, weight
+            See the class.
+        """
         fractions, turn = np.linalg.eigh(energy)
         return cls(start, inside, np.clip(fractions, 0.0, 1.0), turn.T @ coupling, turn=turn, weight=weight)
 
     def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return F and dF / d ln t, t of shape (n,): two arrays of shape (n, k, k)."""
+        """Return F(t) and dF / d ln t at n numbers t, shape (n,): two arrays of shape (n, k, k)."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x[..., 0] * self.energy_fractions
         products = self.weight * self.coupling[:, :, None] * self.coupling[:, None]
         total = np.einsum("nk,kij->nij", 1 / denominator, products)
+        # d/dx of x^2 / (1 + x l) is x (2 + x l) / (1 + x l)^2; the last line multiplies by t = x + 1, for ln t
         derivative = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.energy_fractions) / denominator**2, products)
         return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * derivative)
 
     def compute_amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return the coefficients of u(t) - u(1) on w and their derivatives by ln t, shape (n, m, k) each."""
+        """Return the coefficients of u(t) - u(1) on the basis w, and their derivatives with respect to ln t, (n, m, k) each."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x * self.energy_fractions[:, None]
         return -x * self.coupling / denominator, -(x + 1) * self.coupling / denominator**2

@@ -56,36 +56,46 @@ class SchurComplements:
         if not has_pardiso():
             return None
         e = np.cos(np.arange(1, A.shape[0] + 1))
-        strained = A.T @ e  # symmetric; by rows it is read faster
+        strained = A.T @ e  # A is symmetric, and its transpose, which is stored by rows, is faster in the product
         with self._lock:
-            try:
+            try:  # the check column is the last of k + 1
                 complement = self._eliminate(A, sp.hstack([B, sp.csr_array(strained[:, None])], format="csr"))
             except RuntimeError:
                 return None
+        # a column's product with the check column is at most the root of the product of both energies
         scale = np.sqrt(np.maximum(np.diag(complement)[:-1], 0.0) * (e @ strained))
         if not np.all(np.abs(complement[:-1, -1] - B.T @ e) <= MAX_CHECK_ERROR_RELATIVE * scale):
             return None
         return np.asarray(complement[:-1, :-1])
 
     def _eliminate(self, A: Any, B: Any) -> Floats:
-        """Return B^T A^-1 B by eliminating the unknowns of A; the analysis is kept for matrices of one structure."""
+        """Return B^T A^-1 B, shape (k, k), by eliminating the unknowns of A.
+
+        The analysis is used again as long as both matrices keep their structure: the places of their entries.
+        """
         structure = (A.indptr, A.indices, B.indptr, B.indices)
         if self._analysis is None or not all(map(np.array_equal, structure, self._analysis.structure)):
             self._analysis = _analyse(A, B, structure)
         analysis, (n, k) = self._analysis, B.shape
         analysis.solver.set_values(np.concatenate([A.data[analysis.lower], B.data, np.zeros(k)])[analysis.order])
-        out = np.zeros((n + k, -(-(k**2) // (n + k))), order="F")  # PARDISO writes the complement into the array of solutions
+        # PARDISO writes the complement into the array of solutions: as many columns as hold k^2 numbers, rounded up
+        out = np.zeros((n + k, -(-(k**2) // (n + k))), order="F")
         analysis.solver.run_phase_into(FACTORISATION_PHASE, np.zeros_like(out), out)
+        # eliminating A from ((A, B), (B^T, 0)) leaves -B^T A^-1 B
         complement = -out.ravel(order="F")[: k**2].reshape(k, k)
         return np.asarray((complement + complement.T) / 2)
 
 
 def _analyse(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
-    """Order the entries of A's triangle, of B and of a diagonal below them, and analyse them with PARDISO."""
+    """Analyse the upper triangle of ((A, B), (B^T, 0)) with PARDISO, and find the order of its entries by rows.
+
+    The entries are those of A's triangle, of B, and of a diagonal of zeros below, which PARDISO needs. ``structure`` are the
+    places of both matrices' entries.
+    """
     (n, k), columns = B.shape, np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
-    lower, last = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
-    rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), last])
-    columns = np.concatenate([A.indices[lower], n + B.indices, last])
+    lower, diagonal = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
+    rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), diagonal])
+    columns = np.concatenate([A.indices[lower], n + B.indices, diagonal])
     order = np.lexsort((columns, rows))
     solver = load_pardiso().PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
     for key, value in (METIS_ORDERING | SCHUR_COMPLEMENT_OPTION).items():

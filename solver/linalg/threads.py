@@ -12,7 +12,7 @@ from solver.linalg.cholesky import has_pardiso
 
 
 def limit_to_one_thread() -> AbstractContextManager[Any]:
-    """Return the context in which BLAS uses one thread. Its libraries are searched once, in some milliseconds."""
+    """Return a context manager in which BLAS uses one thread; the process's BLAS libraries are searched for once, in some ms."""
     limit: AbstractContextManager[Any] = _get_controller().limit(limits=1, user_api="blas")
     return limit
 

@@ -70,7 +70,17 @@ class Workspace:
         give_back(MIN_RETURNED_BYTES)
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
-        """Return the value under a key, computed if there is none; ``fixed`` values neither grow nor share arrays."""
+        """Return the value under a key; compute it if there is none.
+
+        Parameters
+        ----------
+        key
+            Name of the value.
+        make
+            Function that computes it.
+        fixed
+            Whether the value never grows and shares no arrays with others, so that its bytes are measured only once.
+        """
         with self._lock:
             entry = self._entries.get(key)
             if entry is not None:
@@ -88,7 +98,7 @@ class Workspace:
         """Drop values that this evaluation has not used, oldest first, until ``wanted`` bytes more are within the limit."""
         with self._lock:
             if MAX_GROWTH_FACTOR * sum(entry.bytes for entry in self._entries.values()) + wanted <= self.limit:
-                return  # measuring takes as long as adding up a small mesh
+                return  # even grown values fit: measuring them again takes as long as assembling a small mesh
             held = self._measure()
             for key in [key for key, entry in self._entries.items() if entry.used != self._evaluation]:
                 if held + wanted <= self.limit:
@@ -97,7 +107,10 @@ class Workspace:
         give_back(MIN_RETURNED_BYTES)
 
     def _measure(self) -> int:
-        """Measure all values again, as some grow; an array that several share is counted with the one used last."""
+        """Measure all values again, as some grow, and return their bytes in all.
+
+        An array that several share is counted with the value used last.
+        """
         counted: set[int] = set()
         for entry in reversed(self._entries.values()):
             if not entry.fixed:
@@ -168,6 +181,7 @@ def use_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[C
 
     @wraps(method)
     def run(self: Owning, /, *args: P.args, **named: P.kwargs) -> T:
+        """Call the method within the workspace of its object."""
         with use_workspace(self.workspace):
             return method(self, *args, **named)
 
@@ -199,7 +213,7 @@ def keep_result(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def keep_within_limits(function: Callable[P, T]) -> Callable[P, T]:
-    """Keep results as ``keep_result`` does, but apart for each limit of memory and time, on which they may depend."""
+    """Keep results as ``keep_result`` does, but separately for each limit of memory and time, on which they may depend."""
     return _keep(function, get_circumstances=get_limits)
 
 
@@ -211,10 +225,21 @@ def keep_table(function: Callable[P, T]) -> Callable[P, T]:
 def _keep(
     function: Callable[P, T], get_circumstances: Callable[[], Hashable] = lambda: None, fixed: bool = False
 ) -> Callable[P, T]:
-    """Decorate a function so that results are kept by arguments and circumstances; for ``fixed`` see ``Workspace.keep``."""
+    """Decorate a function so that its results are kept in the current workspace.
+
+    Parameters
+    ----------
+    function
+        A function of hashable arguments.
+    get_circumstances
+        Function that returns what results depend on besides their arguments.
+    fixed
+        See ``Workspace.keep``.
+    """
 
     @wraps(function)
     def look_up(*args: P.args, **named: P.kwargs) -> T:
+        """Return the kept result for these arguments; call the function if there is none."""
         key = (function, get_circumstances(), args, tuple(named.items()))
         return get_workspace().keep(key, lambda: function(*args, **named), fixed)
 

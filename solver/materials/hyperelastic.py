@@ -76,7 +76,7 @@ class Stress:
 
     @property
     def cofactor_coefficient(self) -> Floats:
-        """Partner of dJ/dF in the tangent, Pa; half of the product, because its transpose is added."""
+        """Factor of dJ/dh in the tangent's outer product, Pa; half of it, because the transpose is added."""
         J = 1 + self.change
         coefficient = 5 * self.weight * (self.F**2).sum(axis=0) / (9 * J**2) + self.bulk / 4 * (1 + 1 / J**2)
         return np.asarray(coefficient * self.cofactor - (4 * self.weight / (3 * J)) * self.F)
@@ -96,7 +96,7 @@ class Hyperelastic:
     Attributes
     ----------
     shear
-        Mu, Pa, shape (n,).
+        Shear modulus mu, Pa, shape (n,).
     lam
         Modulus of the pressure's part, Pa, > 0, shape (n,).
     bulk
@@ -112,7 +112,7 @@ class Hyperelastic:
 
     @classmethod
     def from_moduli(cls, moduli: Isotropic, laws: tuple[tuple[Ints, StrainEnergy], ...] = ()) -> Hyperelastic:
-        """Return the materials with these moduli at rest, shape (n,)."""
+        """Return the materials of n elements with these moduli at rest, shape (n,); for ``laws`` see the class."""
         lam = np.maximum(moduli.dilation_modulus, MIN_LAM_RELATIVE * moduli.shear_modulus)
         return cls(moduli.shear_modulus, lam, moduli.bulk_modulus - lam, laws)
 
@@ -127,6 +127,7 @@ class Hyperelastic:
         """Return J*(p) - 1 of eq. LW.3 and its derivative with respect to p, 1/Pa, at pressures p, Pa; shape (n, q) each."""
         x = p / self.lam[:, None]
         root = np.sqrt(1 + x**2)
+        # x + root - 1, without cancellation
         return x + x**2 / (1 + root), (1 + x / root) / self.lam[:, None]
 
     def compute_energy_density(self, h: Floats, p: Floats) -> Floats:
@@ -155,7 +156,7 @@ class Hyperelastic:
         return [float(_compute_distortion(h[:, elements]).max()) for elements, _ in self.laws]
 
     def compute_stress(self, h: Floats) -> Stress:
-        """Return stresses and their derivatives for displacement gradients h, shape (5, n, q)."""
+        """Return the stresses, without the pressure's part, and their derivatives for displacement gradients h, (5, n, q)."""
         F = h.copy()
         F[[RR, ZZ, TT]] += 1.0
         cof, change, trace = compute_cofactor(F), compute_volume_change(h), _compute_trace(h)
@@ -171,7 +172,7 @@ class Hyperelastic:
 
 
 def compute_cofactor(F: Floats) -> Floats:
-    """Return dJ/dF for deformation gradients F, shape (5, ...) both."""
+    """Return the cofactor dJ/dF of deformation gradients F with components RR, RZ, ZR, ZZ and TT; shape (5, ...) both."""
     rr, rz, zr, zz, tt = F
     return np.stack([zz * tt, -zr * tt, -rz * tt, rr * tt, rr * zz - rz * zr])
 
@@ -179,12 +180,12 @@ def compute_cofactor(F: Floats) -> Floats:
 def compute_volume_change(h: Floats) -> Floats:
     """Return J - 1 for displacement gradients h, shape (5, ...), without the rounding error of J."""
     rr, rz, zr, zz, tt = h
-    flat = rr + zz + rr * zz - rz * zr
+    flat = rr + zz + rr * zz - rz * zr  # change of area in the meridian plane
     return np.asarray(flat + tt + flat * tt)
 
 
 def _compute_cofactor_change(h: Floats) -> Floats:
-    """Return dJ/dF minus its value at rest, without rounding error."""
+    """Return dJ/dF minus its value at rest (the unit matrix) for displacement gradients h, (5, ...), without rounding error."""
     rr, rz, zr, zz, tt = h
     return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr])
 

@@ -50,7 +50,7 @@ class Isotropic:
     youngs_modulus
         E of eq. LW.1, Pa.
     poisson_ratio
-        Nu, below 1/2.
+        Poisson's ratio nu, below 1/2.
     """
 
     youngs_modulus: Any
@@ -67,7 +67,7 @@ class Isotropic:
         return cls(*np.array([(material.youngs_modulus, material.poisson_ratio) for material in materials], dtype=float).T)
 
     def select(self, chosen: Ints | slice) -> Isotropic:
-        """Return some of the materials."""
+        """Return the materials ``chosen``, by their numbers, if these are arrays."""
         return Isotropic(self.youngs_modulus[chosen], self.poisson_ratio[chosen])
 
     @property

@@ -47,11 +47,11 @@ class Yeoh:
 
     @property
     def description(self) -> str:
-        """See ``StrainEnergy``."""
+        """The law with its constants, for messages."""
         return f"Yeoh's law with c2_over_c1 = {self.c2:g}, c3_over_c1 = {self.c3:g}"
 
     def evaluate(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """See ``StrainEnergy``."""
+        """Return f, f' and f'' at x = I - 3, in shear moduli, shape as x; see ``StrainEnergy``."""
         c2, c3 = self.c2, self.c3
         return (x + c2 * x**2 + c3 * x**3) / 2, (1 + 2 * c2 * x + 3 * c3 * x**2) / 2, c2 + 3 * c3 * x
 
@@ -72,7 +72,7 @@ class StableRange:
     x
         The largest I - 3; infinite if nothing was found up to ``MAX_TESTED_STRETCH``.
     stretch
-        Of a body in uniaxial tension there.
+        Stretch of a body in uniaxial tension at that limit.
     """
 
     x: float
@@ -80,7 +80,7 @@ class StableRange:
 
     @classmethod
     def from_law(cls, law: StrainEnergy) -> StableRange:
-        """Find the range of a law."""
+        """Find the range in which a law is stable, by testing eq. LW.4 at many stretches in all three modes."""
         s = np.geomspace(1.0, MAX_TESTED_STRETCH, TESTED_STRETCHES)
         limit = np.inf
         for stretches in (s, 1 / s):
@@ -88,12 +88,12 @@ class StableRange:
                 _, derivative, bend = law.evaluate(invariant - 3)
                 unstable = (derivative <= 0) | (derivative * second + bend * first**2 <= 0)
                 limit = min(limit, float(np.min(invariant[unstable] - 3, initial=np.inf)))
-        pulled = s**2 + 2 / s - 3
+        pulled = s**2 + 2 / s - 3  # I - 3 in uniaxial tension
         return cls(limit, float(np.interp(limit, pulled, s)))
 
 
 def _list_modes(s: Floats) -> tuple[tuple[Floats, Floats, Floats], ...]:
-    """Return I and its first two derivatives by the stretch s, in uniaxial, equibiaxial and planar tension."""
+    """Return I and its first two derivatives with respect to the stretch s, in uniaxial, equibiaxial and planar tension."""
     return (
         (s**2 + 2 / s, 2 * s - 2 / s**2, 2 + 4 / s**3),
         (2 * s**2 + s**-4, 4 * s - 4 * s**-5, 4 + 20 * s**-6),

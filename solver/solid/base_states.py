@@ -36,7 +36,10 @@ MIN_NEW_ENERGY_SHARE = 1e-16  # of a vector's energy: new directions with less a
 
 @dataclass(frozen=True)
 class SolidStates:
-    """Solutions for three unit motions of the base: inner block down, outer block down, rotation about y (+ lowers +x).
+    """Base states: solutions for three unit motions of the base.
+
+    In the first two, the base of the inner or of the outer block moves down by one unit while the other is held; in the third,
+    both rotate together about y (a positive angle lowers the side +x).
 
     Attributes
     ----------
@@ -73,9 +76,9 @@ class SolidStates:
         return self.reactions[:2, 2]
 
     def compute_modulus_derivative(self, bodies: Iterable[int]) -> Floats:
-        """Return the derivative of the reactions with respect to ln E of some bodies together, (3, 3).
+        """Return the derivative of the reactions with respect to ln E, the modulus of some bodies together, shape (3, 3).
 
-        The states are their own adjoints, so that it is v_i^T K_b v_j.
+        The states are their own adjoints, so that it is the sum of the bodies' v_i^T K_b v_j; ``bodies`` are their numbers.
         """
         return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATE_NAMES),) * 2)))
 
@@ -105,7 +108,7 @@ def solve_states(
     start: Floats | None = None,
     target: float = TARGET_RESIDUAL,
 ) -> FactorisedStates:
-    """Solve for all three states.
+    """Solve a problem for the three base states.
 
     Parameters
     ----------
@@ -126,7 +129,7 @@ def solve_states(
     factor, loads = factor or factorise_problem(problem), problem.loads
     try:
         v = solve(problem.matrix, loads, factor, start, target)
-    except SolveError:  # too far away, or too rough
+    except SolveError:  # the factor's matrix is too far from this one, or single precision is too rough
         factor = problem.matrix.factor(single=False)
         v = solve(problem.matrix, loads, factor, target=target)
     return FactorisedStates(problem, v, compute_energies(problem, v), factor)
@@ -149,6 +152,7 @@ def factorise_problem(problem: Problem, like: MatrixAnalysis | None = None) -> F
     if problem.supports.unknowns <= MAX_DOUBLE_PRECISION_UNKNOWNS:
         return problem.matrix.factor(like=like)
     limited_laws = dict(problem.laws)
+    # the softest tissue's modulus
     tissue = min(law.youngs_modulus for body, law in limited_laws.items() if Region.from_number(body).body == TISSUE_BODY)
     for body, law in problem.laws.items():
         if Region.from_number(body).body >= TISSUE_BODY:
@@ -157,19 +161,22 @@ def factorise_problem(problem: Problem, like: MatrixAnalysis | None = None) -> F
                 limited_laws[body] = replace(law, youngs_modulus=modulus)
     if limited_laws == problem.laws:
         return problem.matrix.factor(single=True, like=like)
-    return factorise_lower(
+    return factorise_lower(  # nothing else refers to the double-precision matrix, which is freed before the factorisation
         round_to_single(Problem.assemble(problem.solid, limited_laws, problem.supports).matrix.lower), like
-    )  # which frees the matrix
+    )
 
 
 def compute_energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
-    """Return twice the elastic energies of pairs of states, for each body that is present; symmetric (k, k)."""
+    """Return twice the elastic energies of pairs of states, v_i^T K_b v_j, for each body b that is present.
+
+    ``v`` are the unknowns of k states, shape (unknowns, k); each energy has shape (k, k) and is symmetric.
+    """
     products = {body: problem.compute_energy(body, v) for body in problem.laws if body in problem.solid.parts}
     return {body: (e + e.T) / 2 for body, e in products.items()}
 
 
 def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float, high: float) -> RationalResponse:
-    """Compute reactions as a function of an inclusion's modulus; the bodies are its parts.
+    """Compute reactions as a function of an inclusion's modulus; ``bodies`` are the numbers of its parts.
 
     With the inclusion's part K_b of the stiffness, F are the reactions of ``SolidStates``, and on a basis v_k orthonormal in K in
     which K_b is diagonal, K_b v_k = l_k K v_k, c_kj = v_k^T K_b u_j and G_ij = u_i^T K_b u_j:
@@ -207,6 +214,7 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
         curve = space.build_response(states.reactions, states.compute_modulus_derivative(bodies), problem.symmetry_factor)
         reactions = curve.evaluate(ends)[0]
         scale = np.sqrt(np.abs(np.einsum("nii->ni", reactions)))
+        # relative to the reactions' diagonal, so that N/m, N/rad and N m/rad compare; only the film forces must settle
         change = np.abs(reactions - previous) / (scale[:, :, None] * scale[:, None])
         if not grown or np.all(change[:, :2] < FORCE_TOLERANCE_RELATIVE):
             return curve
@@ -243,7 +251,10 @@ class SolidFields:
 
 
 def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
-    """Compute displacements and stresses for a motion of the base: amounts of the three states (m, m, rad), shape (3,)."""
+    """Compute displacements and stresses for a motion of the base.
+
+    ``motion`` holds the amounts of the three states, shape (3,): both blocks' displacements down, m, and the rotation, rad.
+    """
     problem, solid = states.problem, states.problem.solid
     u, body = np.zeros(solid.nodes.size), solid.body
     stress = np.zeros((len(body), 6))
@@ -253,7 +264,7 @@ def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
         stress[inside] = _compute_stresses(
             solid.nodes[solid.elements[inside]], displacements.reshape(-1, 3)[solid.elements[inside]], law
         )
-        if number in BLOCK_BODIES:
+        if number in BLOCK_BODIES:  # their unknowns are relative to the base's rigid motion
             displacements = displacements + problem.supports.motion.reshape(-1, len(STATE_NAMES)) @ motion
         components = (3 * np.unique(solid.elements[inside])[:, None] + np.arange(3)).ravel()
         u[components] = displacements[components]
@@ -261,10 +272,13 @@ def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
 
 
 def _compute_stresses(x: Floats, u: Floats, law: LinearLaw) -> Floats:
-    """Compute mean stresses (t, 6) of elements with nodes x and displacements u, both (t, 10, 3)."""
+    """Compute the mean stresses of elements, Pa, shape (t, 6), in the order xx yy zz yz xz xy.
+
+    ``x`` are the elements' nodes and ``u`` their displacements, m, shape (t, 10, 3) both; ``law`` is the material of all.
+    """
     stiffness, stresses, (rows, columns) = law.build_stiffness(), np.zeros((len(x), 6)), np.transpose(VOIGT_PAIRS)
     for selection, _, g, weight in iterate_quadrature(x):
-        mean = np.einsum("nqaj,nq->naj", g, weight / weight.sum(axis=1, keepdims=True))
+        mean = np.einsum("nqaj,nq->naj", g, weight / weight.sum(axis=1, keepdims=True))  # mean gradients of the functions
         gradient = u[selection].transpose(0, 2, 1) @ mean
         strain = (gradient + gradient.transpose(0, 2, 1)) / 2
         stresses[selection] = (strain[:, rows, columns] * VOIGT_WEIGHTS) @ stiffness
@@ -272,10 +286,24 @@ def _compute_stresses(x: Floats, u: Floats, law: LinearLaw) -> Floats:
 
 
 def average_at_nodes(elements: Ints, values: Floats, count: int) -> Floats:
-    """Average elements' values (t,) at their nodes, (count,).
+    """Average the values of elements at each node that they share.
 
     Where bodies meet this would mix their values: pass the elements of one body.
+
+    Parameters
+    ----------
+    elements
+        Nodes of the elements, shape (t, nodes of one).
+    values
+        Value of each element, shape (t,).
+    count
+        Number of all nodes.
+
+    Returns
+    -------
+    Floats
+        Mean over the elements of each node, shape (count,); 0 where there are none.
     """
     number = np.bincount(elements.ravel(), minlength=count)
     total = np.bincount(elements.ravel(), weights=np.repeat(values, elements.shape[1]), minlength=count)
-    return np.asarray(total / np.maximum(number, 1))
+    return np.asarray(total / np.maximum(number, 1))  # nodes without elements: 0 / 1

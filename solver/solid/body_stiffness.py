@@ -24,9 +24,9 @@ class Coefficients:
     Attributes
     ----------
     gram_factors
-        From the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
+        Matrix that gives the nine numbers of a pair's stiffness from the nine of its G, without lambda's part, Pa, shape (9, 9).
     dilation_factor
-        Lambda, Pa.
+        Lambda of eq. SO.2, Pa.
     """
 
     gram_factors: Floats
@@ -34,7 +34,7 @@ class Coefficients:
 
     @classmethod
     def from_law(cls, law: LinearLaw) -> Coefficients:
-        """Return the coefficients of a law."""
+        """Return the coefficients of a linear law: lambda, and C minus lambda's part as a matrix between pairs of axes."""
         C = law.build_stiffness()
         C[:3, :3] -= law.dilation_modulus
         whole = C[VOIGT_INDEX[:, :, None, None], VOIGT_INDEX]  # C_ikjl
@@ -61,7 +61,7 @@ class Part:
     dilation: Floats
 
     def compute_blocks(self, coefficients: Coefficients) -> Floats:
-        """Return the stiffness of eq. SO.2; shape (n, 3, 3), N/m."""
+        """Return the stiffness of eq. SO.2 for each pair of nodes; shape (n, 3, 3), N/m."""
         blocks = np.empty(self.gram.shape)  # in the layout of sparse block matrices, which then need no copy
         for low in range(0, len(blocks), BATCH_PAIRS):
             batch = slice(low, low + BATCH_PAIRS)
@@ -81,7 +81,16 @@ class Part:
 
 
 def integrate_part(nodes: Floats, elements: Ints, averaged: bool = False) -> Part:
-    """Integrate the stiffness of one body's elements (t, 10); with ``averaged``, each element's dilation is its mean.
+    """Integrate the stiffness of one body, pair by pair of its nodes.
+
+    Parameters
+    ----------
+    nodes
+        Positions of all nodes, m, shape (nodes, 3).
+    elements
+        Nodes of the body's elements, shape (t, 10).
+    averaged
+        Whether each element's dilation is replaced by its mean, which avoids locking.
 
     Raises
     ------
@@ -89,6 +98,7 @@ def integrate_part(nodes: Floats, elements: Ints, averaged: bool = False) -> Par
         An element is turned inside out.
     """
     high, low = (pick(elements[:, LOWER_NODES], elements[:, UPPER_NODES]) for pick in (np.maximum, np.minimum))
+    # each pair of nodes has one key; slots are the places of the elements' pairs among the different keys
     keys, slots = np.unique((high * len(nodes) + low).ravel(), return_inverse=True)
     slots = slots.reshape(high.shape)
     flipped = elements[:, LOWER_NODES] < elements[:, UPPER_NODES]
@@ -103,7 +113,19 @@ def integrate_part(nodes: Floats, elements: Ints, averaged: bool = False) -> Par
 
 
 def _add_matrices(sums: Floats, matrices: Floats, slots: Ints, flipped: NDArray[np.bool_]) -> None:
-    """Add elements' matrices (n, 30, 30) to the sums (9, pairs) of their pairs of nodes; flipped pairs are transposed."""
+    """Add elements' matrices to the sums of their pairs of nodes, in place.
+
+    Parameters
+    ----------
+    sums
+        Sums of the nine numbers of each pair's block, shape (9, pairs).
+    matrices
+        Matrices of n elements, 10 nodes times 3 axes, shape (n, 30, 30).
+    slots
+        Place of each element's pairs in the sums, shape (n, 55).
+    flipped
+        Where the pair's first node has the lower number, so that its block is transposed, shape (n, 55).
+    """
     low, high = int(slots.min()), int(slots.max()) + 1
     place = (slots - low).ravel()
     split = matrices.reshape(-1, 10, 3, 10, 3)
@@ -141,11 +163,20 @@ def assemble(body_parts: Mapping[int, Part], laws: Mapping[int, LinearLaw], numb
 
 
 def _list_entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Ints, Ints]:
-    """List values, rows and columns, columns <= rows, of a body's blocks (n, 3, 3)."""
+    """List the values, rows and columns of a body's stiffness in the lower triangle of the whole matrix.
+
+    Parameters
+    ----------
+    part, blocks
+        The body and its stiffness for each pair of nodes, N/m, shape (n, 3, 3).
+    number
+        Unknown of each displacement, shape (nodes, 3); < 0 for none.
+    """
     row = np.broadcast_to(number[part.rows][:, :, None], blocks.shape)
     column = np.broadcast_to(number[part.columns][:, None], blocks.shape)
-    once = (part.rows != part.columns)[:, None, None] | (np.arange(3)[:, None] >= np.arange(3))
-    inside = (row >= 0) & (column >= 0) & once
+    # the block of a node with itself is symmetric: only its lower triangle counts
+    counted = (part.rows != part.columns)[:, None, None] | (np.arange(3)[:, None] >= np.arange(3))
+    inside = (row >= 0) & (column >= 0) & counted
     row, column, values = row[inside], column[inside], blocks[inside]
     # sliding nodes share u_z: their one entry stands for two
     values = np.where((row == column) & (part.rows != part.columns)[np.nonzero(inside)[0]], 2 * values, values)

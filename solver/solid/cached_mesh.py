@@ -68,7 +68,7 @@ class RestrictedFactor:
         return cls(factor, place, whole.unknowns)
 
     def solve(self, forces: Floats) -> Floats:
-        """Return R K^-1 R^T forces, shape (unknowns, k)."""
+        """Return R K^-1 R^T times forces, shape (unknowns, k) both, with the larger problem's stiffness K."""
         wide = np.zeros((self.size, forces.shape[1]))
         wide[self.place] = forces
         return np.asarray(self.whole.solve(wide)[self.place])
@@ -76,7 +76,17 @@ class RestrictedFactor:
 
 @dataclass(frozen=True)
 class FactorisedRegions:
-    """All regions of a mesh, the laws and nodes they had, and the factor."""
+    """All regions of a mesh as they were factorised.
+
+    Attributes
+    ----------
+    laws, nodes
+        Laws of the regions and nodes of the mesh, m, shape (n, 3), at that time.
+    supports
+        Unknowns of all regions together.
+    factor
+        Factor of their stiffness.
+    """
 
     laws: Laws
     nodes: Floats
@@ -106,7 +116,10 @@ class SharedFactor:
     lock: RLock = field(default_factory=RLock)
 
     def find_factor(self, problem: Problem, base: Laws) -> Factor:
-        """Return a factor near a problem's matrix; factorise again if the cached one is too far away."""
+        """Return a factor near a problem's matrix; factorise again if the cached one is too far away.
+
+        ``base`` are the laws of all regions with which a new factor is made; see ``find_base_material``.
+        """
         if self.regions is None or not self._is_worth_reusing(problem, base, self.regions):
             like = None if self.regions is None else get_analysis(self.regions.factor)
             self.regions = None  # frees it before the next is made
@@ -116,7 +129,10 @@ class SharedFactor:
 
     @staticmethod
     def _is_worth_reusing(problem: Problem, base: Laws, regions: FactorisedRegions) -> bool:
-        """Return whether iterating with a factor costs less than a new one; the inclusions' contrast adds to both alike."""
+        """Return whether iterating with the factor of ``regions`` costs less than a new factor, made with the laws ``base``.
+
+        The inclusions' contrast with the tissue adds the same number of steps in both cases.
+        """
         solid = problem.solid
         stretch = 1.0
         if regions.nodes is not solid.nodes:
@@ -126,9 +142,9 @@ class SharedFactor:
         return bool(step_count <= REUSE_STEPS_COEFFICIENT * regions.supports.unknowns ** (2 / 3))
 
     def find_start(self, kind: str, unknowns: int) -> Floats | None:
-        """Return the last solution of this kind, or of another one with as many unknowns."""
-        of_kinds = (self.latest.get(kind), *self.latest.values())
-        return next((v for v in of_kinds if v is not None and len(v) == unknowns), None)
+        """Return the last solution with so many unknowns, preferably of the states named ``kind``; None if there is none."""
+        candidates = (self.latest.get(kind), *self.latest.values())
+        return next((v for v in candidates if v is not None and len(v) == unknowns), None)
 
 
 @dataclass
@@ -149,7 +165,7 @@ class CachedMesh:
     _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states for which the shared factor was too far away
 
     def find_states(self, kind: str, laws: Laws, base: Laws, target: float = TARGET_RESIDUAL) -> FactorisedStates:
-        """Return the states for a scene's laws: the cached ones, or solved from there.
+        """Return the states for a scene's laws: the cached ones, or new ones solved from these.
 
         Parameters
         ----------
@@ -174,6 +190,7 @@ class CachedMesh:
             if previous is not None and previous.problem.laws == laws and previous.residual <= MAX_RESIDUAL_FACTOR * target:
                 factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base)
                 return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
+            # supports depend only on which regions are present
             supports = [item.problem.supports for item in self._states.values() if set(item.problem.laws) == set(laws)]
             problem = Problem.assemble(self.solid, laws, supports[0] if supports else None)
             shared_factor, start = (
@@ -182,12 +199,15 @@ class CachedMesh:
             )
             states = solve_states(problem, factor=shared_factor, start=start, target=target)
             self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
+            # solve_states makes a new factor where the shared one is too far away; only the last such factor is kept
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states
 
 
 def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
-    """Return the workspace's cached mesh with the same content.
+    """Return the workspace's cached mesh with the same content; integrate the mesh if there is none.
+
+    ``frictionless`` faces slide on the tissue; otherwise they are bonded.
 
     Raises
     ------
@@ -199,6 +219,7 @@ def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
     nodes = _compute_digest(elements, mesh.nodes)
 
     def build() -> CachedMesh:
+        """Integrate the mesh, with the parts of the last one whose nodes have not moved."""
         shared.solid = Solid.from_mesh(mesh, frictionless, like=shared.solid)
         return CachedMesh(shared.solid, shared)
 
@@ -215,16 +236,19 @@ def _compute_digest(head: str, *arrays: np.ndarray) -> str:
 
 def estimate_steps(condition: float) -> float:
     """Estimate the steps of conjugate gradients, eq. SO.8, to the target residual for a condition number."""
-    root = np.sqrt(max(condition, 1 + 1e-9))
+    root = np.sqrt(max(condition, 1 + 1e-9))  # above 1, where the formula divides by zero
     return float(np.log(2 / TARGET_RESIDUAL) / np.log((root + 1) / (root - 1)))
 
 
 def compute_modulus_spread(old: Laws, new: Laws) -> float:
-    """Return how much the moduli of all regions changed relative to each other: the maximum change over the minimum."""
+    """Return how much the moduli of all regions changed relative to each other: the maximum ratio new / old over the minimum."""
     changes = [_compute_modulus_changes(new[body], old[body]) for body in old]
     return float(np.max(changes) / np.min(changes))
 
 
 def _compute_modulus_changes(new: LinearLaw, old: LinearLaw) -> Floats:
-    """Return the extremes over all strains of the ratio of both laws' energies; of isotropic ones, of bulk or shear moduli."""
+    """Return the minimum and maximum, over all strains, of the new law's energy over the old law's, shape (2,).
+
+    For isotropic laws these are ratios of bulk or of shear moduli.
+    """
     return np.asarray(eigvalsh(new.build_stiffness(), old.build_stiffness())[[0, -1]])

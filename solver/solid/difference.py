@@ -42,11 +42,11 @@ class SceneDifference:
     ----------
     forces
         Film forces, N/m, shape (k, 2, 2).
-    derivative
+    modulus_derivative
         Their derivative with respect to ln E of the target, zeros without one, shape (k, 2, 2).
     tilt
         Film forces per unit rotation about y, N/rad, shape (k, 2).
-    tilt_slope
+    tilt_derivative
         Their derivative with respect to ln E of the target, shape (k, 2).
     reference
         The reference's film forces on this mesh, shape (2, 2).
@@ -56,7 +56,7 @@ class SceneDifference:
         Number of unknowns of the scene.
     residual
         The larger relative residual of both solutions.
-    lost
+    volume_error
         Relative error of the volume of a body from a file on this mesh.
     """
 
@@ -72,9 +72,11 @@ class SceneDifference:
 
 
 def solve_difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
-    """Solve reference and scene, at the scene's modulus of the target or at all ``moduli``; return also the scene's states.
+    """Solve reference and scene on one mesh; return their difference and the states of the scene.
 
-    The factor takes most of the memory. Both share one, which the workspace caches with the states for other materials.
+    ``moduli`` are Young's moduli of the target, Pa, shape (k,); None for the scene's own. For several moduli the states are those
+    at the geometric mean of their range (within limits), from which the curve starts. The factor takes most of the memory:
+    reference and scene share one, which the workspace caches with the states for other materials.
 
     Raises
     ------
@@ -128,9 +130,9 @@ def _choose_residual(laws: Mapping[int, Isotropic]) -> float:
 
 
 def _compute_volume_error(domain: Domain, mesh: TetMesh) -> float:
-    """Return the relative volume error of bodies from files; see ``SceneDifference``.
+    """Return the relative volume error of inclusions from surface files on this mesh; 0 without any.
 
-    Nodes lie on blocks and ellipsoids, whose volumes the mesher checks more strictly.
+    Other bodies do not count: nodes lie exactly on blocks and ellipsoids, whose volumes the mesher checks more strictly.
     """
     if all(body.surface is None for body in domain.scene.inclusion):
         return 0.0
@@ -138,28 +140,32 @@ def _compute_volume_error(domain: Domain, mesh: TetMesh) -> float:
 
 
 def _replace_modulus(scene: Scene, target: int, modulus: float) -> Scene:
-    """Return the scene with another modulus of its target, limited to a range about the tissue's."""
+    """Return the scene with another Young's modulus of inclusion number ``target``, Pa, limited to a range about the tissue's."""
     tissue = find_material_at_depth(scene, scene.inclusion[target].depth).youngs_modulus
-    begin = float(np.clip(modulus, tissue / MAX_TARGET_RATIO, tissue * MAX_TARGET_RATIO))
+    limited_modulus = float(np.clip(modulus, tissue / MAX_TARGET_RATIO, tissue * MAX_TARGET_RATIO))
     bodies = list(scene.inclusion)
-    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": begin})
+    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": limited_modulus})
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
 def _compute_reactions(
     states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None
 ) -> tuple[Floats, Floats]:
-    """Return reactions and their derivatives with respect to ln E of the target, for k moduli; shape (k, 3, 3) each."""
+    """Return reactions and their derivatives with respect to ln E of the target, for k moduli; shape (k, 3, 3) each.
+
+    ``states`` are those of ``scene``, ``target`` is the number of its target inclusion or None, and ``moduli`` are as in
+    ``solve_difference``. Reactions are those of ``SolidStates``: forces on both films and the moment.
+    """
     if target is None:
         return states.reactions[None], np.zeros((1, 3, 3))
     bodies = tuple(b for b in states.energies if Region.from_number(b).body == FIRST_INCLUSION_BODY + target)
     if moduli is None:
         return states.reactions[None], states.compute_modulus_derivative(bodies)[None]
-    times = moduli / scene.inclusion[target].youngs_modulus
-    return compute_solid_response(states, bodies, float(times.min()), float(times.max())).evaluate(times)
+    multiples = moduli / scene.inclusion[target].youngs_modulus
+    return compute_solid_response(states, bodies, float(multiples.min()), float(multiples.max())).evaluate(multiples)
 
 
 def _find_laws(scene: Scene, solid: Solid, find_material: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Isotropic]:
-    """Return the laws of the regions that are present."""
+    """Return the laws of the regions that are present: those for which ``find_material`` gives a material."""
     materials = {number: find_material(scene, number) for number in solid.parts}
     return {number: Isotropic.from_material(material) for number, material in materials.items() if material is not None}

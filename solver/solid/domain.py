@@ -54,7 +54,7 @@ def remove_asymmetry(scene: Scene) -> Scene:
 
 
 def compute_free_radius(scene: Scene) -> float:
-    """Return the radius of the largest cylinder about the probe's axis inside the tissue, m."""
+    """Return the radius of the largest cylinder about the probe's axis inside the tissue, m; infinite for a half-space."""
     tissue, placement = scene.tissue, scene.placement
     if tissue.shape == "half-space":
         return math.inf
@@ -64,7 +64,10 @@ def compute_free_radius(scene: Scene) -> float:
 
 
 def compute_reach(scene: Scene, span: float = MIN_SPAN_RADII) -> float:
-    """Return the distance from the probe, m, that the model must include: ``span`` probe radii, and all inclusions."""
+    """Return the distance from the probe, m, that the model must include: ``span`` times its size, and all inclusions.
+
+    The probe's size is the maximum of its radius and its blocks' heights.
+    """
     placement, probe = scene.placement, scene.probe
     sizes = [max(probe.tube_radius, probe.core_height, probe.tube_height) * span]
     for body in scene.inclusion:
@@ -85,14 +88,14 @@ def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
     wall
         Radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
     """
-    whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
+    full_depth = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
     if is_coaxial(scene) or (
         math.isfinite(span) and compute_free_radius(scene) >= min(span, compute_reach(scene, ROUND_SPAN_RADII))
     ):
-        radius, depth = min(span, compute_free_radius(scene)), min(whole, span)
+        radius, depth = min(span, compute_free_radius(scene)), min(full_depth, span)
         tissue = _build_cylinder(scene, radius, depth)
         meshed_scene = _move_to_axis(scene, tissue)
-        cut = not is_coaxial(scene) or radius < compute_free_radius(scene) or depth < whole
+        cut = not is_coaxial(scene) or radius < compute_free_radius(scene) or depth < full_depth
         return Domain(meshed_scene, _build_reference(meshed_scene, tissue), None, is_mirror_symmetric(meshed_scene), cut)
     assert wall is not None
     assert scene.tissue.shape != "half-space"
@@ -102,11 +105,15 @@ def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
 
 
 def _build_cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue:
-    """Return a cylinder of the scene's tissue; a cut above or just below an interface omits the layers beneath."""
+    """Return a cylinder of the scene's tissue, of a radius and a depth, m.
+
+    Layers below the depth are left out. Where tissue is cut off, so is a layer that begins just above the cut
+    (``MIN_LAYER_DEPTH_SHARE``).
+    """
     tissue = scene.tissue
     cut = tissue.shape == "half-space" or depth < tissue.depth
     layer_count = bisect_left(tissue.interfaces, MIN_LAYER_DEPTH_SHARE * depth if cut else depth)
-    material = (*tissue.layer, tissue)[layer_count]
+    material = (*tissue.layer, tissue)[layer_count]  # below the layers that are left
     return CylinderTissue(
         shape="cylinder",
         radius=radius,
@@ -135,7 +142,10 @@ def _build_reference(scene: Scene, tissue: CylinderTissue) -> Scene:
 
 
 def _move_to_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
-    """Return the scene in the probe's axes; without groove and tilt, rotated so that the farthest inclusion lies in y = 0."""
+    """Return the scene on ``tissue`` in the probe's axes.
+
+    Without groove, tilt and surface files it is also rotated so that the inclusion farthest from the axis lies in y = 0.
+    """
     placement = scene.placement
     bodies = [body.model_copy(update={"x": body.x - placement.x, "y": body.y - placement.y}) for body in scene.inclusion]
     turned = bodies
@@ -162,6 +172,7 @@ def _turn_inclusion(body: Inclusion, angle: float) -> Inclusion:
         math.cos(angle) * body.x - math.sin(angle) * body.y,
         math.sin(angle) * body.x + math.cos(angle) * body.y,
     )
+    # rounding must not leave the inclusion just off the plane of symmetry
     y = 0.0 if abs(y) < COORDINATE_TOLERANCE_RELATIVE * max(abs(x), body.depth) else y
     if body.diameter is not None:
         return body.model_copy(update={"x": x, "y": y})

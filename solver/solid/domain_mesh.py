@@ -59,7 +59,10 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
 
 
 def move_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[TetMesh] | None:
-    """Return meshes moved from those of nearly the same domain; None if one cannot be moved or is in the cache."""
+    """Return the domain's meshes of several finenesses, moved from the last ones of nearly the same domain.
+
+    None if one of them cannot be moved, or is in the cache of mesh files, from which it is read.
+    """
     layout, meshes = build_domain_layout(domain), list[TetMesh]()
     for fineness in finenesses:
         latest = _find_latest_mesh(layout, fineness)
@@ -75,7 +78,7 @@ def move_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[Tet
 
 
 def _find_latest_mesh(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh:
-    """Return the workspace's record of the last mesh for layouts of this kind."""
+    """Return the workspace's record of the last mesh for layouts that differ from this one only in what may move."""
     return get_workspace().keep(
         (LatestMesh, f"{compute_key(remove_movable_sizes(layout), fineness)} {len(layout.inclusions)}"), LatestMesh
     )
@@ -87,12 +90,12 @@ def is_meshed(domain: Domain, fineness: TetraFineness) -> bool:
 
 
 def build_domain_layout(domain: Domain) -> BodyLayout:
-    """Return the layout of the bodies of a domain."""
+    """Return the layout of the bodies of a domain: the shapes and places that the mesher needs."""
     return build_layout(domain.scene, domain.half, find_extent(domain.scene, None), domain.radius)
 
 
 def check_mesh(domain: Domain, fineness: TetraFineness) -> None:
-    """Refuse a mesh whose equations would exceed the limits of memory or time.
+    """Raise ``LimitReached`` if the equations of a mesh would exceed the limits of memory or time, before it is made.
 
     Raises
     ------
@@ -105,7 +108,7 @@ def check_mesh(domain: Domain, fineness: TetraFineness) -> None:
 
 
 def check_unknowns(n: float) -> None:
-    """Refuse n unknowns that would exceed the limits of memory or time; see ``check_mesh``."""
+    """Raise ``LimitReached`` if solving for n unknowns would exceed the limits of memory or time."""
     check_memory(
         f"equations of some {n:.2g} unknowns",
         estimate_held_bytes(n, BYTES_PER_FACTOR_ENTRY * FACTOR_ENTRIES_COEFFICIENT * n ** (4 / 3)),

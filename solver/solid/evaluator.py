@@ -47,8 +47,13 @@ class SolidEvaluator(FilmEvaluator):
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
         """Return whether this evaluator may be more accurate than cheaper ones, because it models more of the scene."""
-        lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
-        symmetric = scene.probe.groove is None and is_coaxial(scene) and lone and (not scene.tissue.layer or is_round(scene))
+        has_at_most_one_sphere = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
+        symmetric = (
+            scene.probe.groove is None
+            and is_coaxial(scene)
+            and has_at_most_one_sphere
+            and (not scene.tissue.layer or is_round(scene))
+        )
         return accuracy >= FINEST_BOUND_FACTOR * BEST_ACCURACY and self.refusal(scene) is None and not symmetric
 
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
@@ -65,7 +70,7 @@ class SolidEvaluator(FilmEvaluator):
         return super().evaluate_within(scene, max(accuracy, BEST_ACCURACY), allowed)
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
-        """Evaluate on two or three meshes; a curve of moduli takes one factor per mesh.
+        """Evaluate on two or three meshes; see ``Evaluator``. All ``moduli`` of the target take one factor per mesh.
 
         Raises
         ------
@@ -77,12 +82,12 @@ class SolidEvaluator(FilmEvaluator):
         return self.build_solution(scene, self.solve_forces(scene, accuracy, moduli), accuracy)
 
     def build_solution(self, scene: Scene, solution: SolidForces, accuracy: float) -> FilmSolution:
-        """Build the film solution at the scene's load; see ``add_tilt_forces`` for refusals."""
+        """Build the film solution at the scene's load from the film forces per unit motion; see ``add_tilt_forces``."""
         tilted_films = [add_tilt_forces(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(film for film, _ in tilted_films)
         worst = max(films, key=lambda film: film.compute_max_error(scene))
-        short = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, select_notes(solution.notes, "limit"))
-        notes = (*_list_tilt_notes(scene, worst), *select_notes(solution.notes, "left_out"), *short)
+        shortfall_notes = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, select_notes(solution.notes, "limit"))
+        notes = (*_list_tilt_notes(scene, worst), *select_notes(solution.notes, "left_out"), *shortfall_notes)
         return FilmSolution(films, solution.difference.residual, solution.plan, notes, tilted_films[0][1])
 
     @use_own_workspace
@@ -123,15 +128,18 @@ def _check_sizes(scene: Scene) -> None:
 
 
 def compute_indentation(scene: Scene, solution: SolidForces, k: int) -> float:
-    """Return how far the scene's load lowers the centre of the base, m."""
+    """Return how far the scene's load lowers the centre of the base, m, for modulus number ``k`` of the solution."""
     if scene.load.indentation is not None:
         return scene.load.indentation
+    # the force that the tilt alone causes while the centre is held
     tilting = float(solution.tilt[k].sum()) * scene.placement.tilt
     return ((scene.load.force or 0.0) - tilting) / float(solution.films[k].totals.sum())
 
 
 def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, float]:
     """Return film forces per unit indentation including those of the tilt, and the stiffness without tilt, N/m.
+
+    ``k`` is the number of the modulus in the solution.
 
     With w the indentation of the base's centre, t the tilt, rad, F the film forces per unit indentation and T those per unit
     tilt, the forces on the films are F 1 w + T t, so that per unit of w T t / w is added (SO.6).
@@ -150,6 +158,7 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
         key, value = ("indentation", f"{w:g} m") if scene.load.force is None else ("force", f"{scene.load.force:g} N")
         raise Refusal(f"load.{key}", Words(value), "a load that presses the tilted probe into the tissue")
     tilt_per_indentation = tilt / w
+    # errors of the film forces and of the tilt forces, and what a linear model neglects: the square of the tilt
     error = (
         films.bound.totals
         + np.abs(tilt_per_indentation) * solution.tilt_error
@@ -166,7 +175,7 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
 
 
 def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
-    """List a note if the tilt lifts one side of the probe more than the load lowers it."""
+    """Return a list with a note if the tilt raises one side of the probe more than the load lowers it, else an empty list."""
     tilt, load = abs(scene.placement.tilt), scene.load
     if tilt == 0:
         return []

@@ -55,7 +55,7 @@ class SolidForces:
         Film forces with their errors.
     tilt
         Film forces per unit rotation of the base about y, N/rad, shape (k, 2).
-    tilt_slope
+    tilt_derivative
         Their derivative with respect to ln E of the target.
     tilt_error
         Error of ``tilt``, shape (2,).
@@ -124,9 +124,15 @@ def compute_solid_forces(
 def _refine_until_agreed(
     scene: Scene, symmetric: SymmetricPart, accuracy: float, moduli: Floats | None, tell: Tell
 ) -> tuple[tuple[FilmForces, ...], list[SceneDifference], SolidStates, tuple[Note, ...]]:
-    """Refine until the meshes agree or a limit is reached; return film forces, differences, the finest mesh's states and notes.
+    """Solve on more and finer meshes until they agree to the accuracy or a limit is reached.
 
-    The differences are those of all meshes. The notes name the limit that prevented a further mesh.
+    For the parameters see ``compute_solid_forces``.
+
+    Returns
+    -------
+    tuple
+        Film forces with their errors for each modulus; the differences from the reference on all meshes, coarser first; the
+        states on the finest mesh; and a note that names the limit of memory or time that prevented a further mesh, if one did.
     """
     solutions: dict[TetraFineness, tuple[SceneDifference, SolidStates]] = {}
     films: tuple[FilmForces, ...] = ()
@@ -134,6 +140,7 @@ def _refine_until_agreed(
     states: list[SolidStates] = []
     is_rough = accuracy >= ROUGH_ACCURACY
     for stage in MESH_STAGES[0] if is_rough else MESH_STAGES[1]:
+        # a third, coarser mesh is cheap but only worth it if the convergence that it may show would suffice
         if stage == (ROUGHEST_FINENESS,) and not _may_suffice(scene, symmetric, differences, accuracy):
             continue
         try:
@@ -147,6 +154,7 @@ def _refine_until_agreed(
             return films, differences, states[-1], (Note("limit", f"no finer mesh: {limit}"),)
         solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]  # coarser meshes first
         differences, states = [difference for difference, _ in solved], [mesh_states for _, mesh_states in solved]
+        # the error common to all meshes is half as large on the finest
         floor = ERROR_FLOOR_RELATIVE / 2 if FINE_FINENESS in solutions else ERROR_FLOOR_RELATIVE
         films = bound_film_forces(scene, symmetric, differences, floor)
         max_excess = np.inf if is_rough and len(solved) == 2 else MAX_SENSITIVITY_EXCESS
@@ -156,13 +164,16 @@ def _refine_until_agreed(
 
 
 def _may_suffice(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:
-    """Return whether two meshes suffice if a coarser one shows steady convergence: then the last step counts once."""
+    """Return whether a third, coarser mesh may make the two present ones suffice.
+
+    If it shows steady convergence, the difference of the two counts once, without a safety factor.
+    """
     films = bound_film_forces(scene, symmetric, differences, ERROR_FLOOR_RELATIVE, safety_factors=(1.0, 1.0))
     return not any(_may_improve(film, scene, accuracy) for film in films)
 
 
 def _iterate_meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
-    """Yield meshes moved from those of a similar scene, or made in parallel."""
+    """Yield the meshes of a domain in the order of ``finenesses``, moved from those of a similar scene or made in parallel."""
     moved = move_meshes(domain, finenesses)
     if moved is not None:
         for mesh in moved:
@@ -184,7 +195,7 @@ def _iterate_meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell:
 
 
 def _check_cost(domain: Domain, fineness: TetraFineness) -> None:
-    """Refuse a mesh, or the equations of a cached mesh, that would exceed the limits."""
+    """Raise ``LimitReached`` if making a mesh, or solving on a cached one, would exceed the limits of memory or time."""
     if is_meshed(domain, fineness):
         check_unknowns(UNKNOWNS_PER_TETRAHEDRON * len(mesh_domain(domain, fineness).elements))
     else:
@@ -201,7 +212,10 @@ def _may_improve(films: FilmForces, scene: Scene, accuracy: float, max_excess: f
 
 
 def _compute_tilt_forces(symmetric: SymmetricPart, difference: SceneDifference) -> tuple[Floats, Floats]:
-    """Return film forces per unit rotation and their derivatives, corrected by eq. SO.5, shape (k, 2) each."""
+    """Return film forces per unit rotation of the base about y, N/rad, corrected by eq. SO.5, and their derivatives.
+
+    The derivatives are those with respect to ln E of the target; shape (k, 2) each, for k moduli.
+    """
     tilt, derivative = (
         symmetric.propagate_change(difference, part[..., None])[..., 0] for part in (difference.tilt, difference.tilt_derivative)
     )
@@ -211,6 +225,7 @@ def _compute_tilt_forces(symmetric: SymmetricPart, difference: SceneDifference) 
 def _list_decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:
     """Yield the decisions on features of the scene that were meshed or left out."""
     exact, whole = symmetric.exact, symmetric.exact + difference.forces[0]
+    # change of ln(inner / outer film force) by inclusions, groove and edges
     effect = abs(float(np.log(np.abs(whole.sum(axis=1) / exact.sum(axis=1))) @ [1.0, -1.0]))
     size = f"changes the ratio by about {effect:.2g}"
     yield Decision("inclusions, groove and edges, in three dimensions", True, effect, accuracy, f"modelled: {size}")

@@ -65,6 +65,7 @@ def bound_film_forces(
     for k, mesh_forces in enumerate(forces[-1]):
         totals = [entry[k].sum(axis=1) for entry in forces]
         change = np.abs(totals[-1] - symmetric_totals)
+        # errors at the rims that do not cancel, where inclusions take force from the films
         rim_forces = SOFT_RIM_FACTOR * reference_errors * change * np.clip(1 - totals[-1] / symmetric_totals, 0.0, None)
         error = bound_error(totals, force_factor) + mesh_errors * change + rim_forces + exact_films.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -73,7 +74,8 @@ def bound_film_forces(
         logs = [_compute_log_ratio(entry) for entry in totals]
         log_change = max(abs(logs[-1] - _compute_log_ratio(symmetric_totals)), RATIO_CHANGE_SHARE * float(log_changes.max()))
         log_ratio_error = float(bound_error(logs, force_factor) + mesh_errors.max() * log_change + rim_errors.sum())
-        log_ratio = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
+        # a film force that may be zero has no ratio
+        log_ratio_bound = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
         sensitivities: Floats = np.array(
             [
                 _compute_sensitivities(modulus_derivative[k], entry[k])
@@ -86,30 +88,42 @@ def bound_film_forces(
             + np.abs(sensitivities[-1]) @ rim_errors
         )
         derivative = derivatives[-1][k] if scene.target is not None else None
-        films.append(FilmForces(mesh_forces, Bound(error, log_ratio), derivative, float(sensitivity_error)))
+        films.append(FilmForces(mesh_forces, Bound(error, log_ratio_bound), derivative, float(sensitivity_error)))
     return tuple(films)
 
 
 def bound_error(values: Sequence[Floats | float] | Floats, safety_factor: float) -> Floats:
-    """Bound the error of the last of the values on finer and finer meshes, each of shape (n,) or a number."""
+    """Bound the error of a value on the finest of several meshes by the differences between meshes.
+
+    Parameters
+    ----------
+    values
+        The value on each mesh, the finest last; numbers or arrays of shape (n,).
+    safety_factor
+        Factor of the difference of two meshes; with three it is only an upper limit, see the module.
+    """
     steps = np.abs(np.diff(np.array(values), axis=0))
-    last = safety_factor * steps[-1]
+    bound = safety_factor * steps[-1]
     if len(steps) > 1:
-        known = safety_factor * steps[-2] > steps[-1]
-        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], safety_factor), where=known), 1.0)
-        last = np.maximum(
-            np.minimum(last, np.maximum(EARLIER_STEP_SHARE * steps[-2], growth * steps[-1])), MIN_EARLIER_STEP_SHARE * steps[-2]
+        # where steps grow by more than the safety factor, or the step before is zero, the growth is the safety factor
+        is_limited = safety_factor * steps[-2] > steps[-1]
+        growth = np.maximum(np.divide(steps[-1], steps[-2], out=np.full_like(steps[-1], safety_factor), where=is_limited), 1.0)
+        bound = np.maximum(
+            np.minimum(bound, np.maximum(EARLIER_STEP_SHARE * steps[-2], growth * steps[-1])), MIN_EARLIER_STEP_SHARE * steps[-2]
         )
-    return np.asarray(last)
+    return np.asarray(bound)
 
 
 def _compute_log_ratio(totals: Floats) -> float:
-    """Return the log of the ratio of both films' total forces."""
+    """Return ln |inner / outer film force| of both films' total forces, shape (2,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.log(np.abs(totals)) @ [1.0, -1.0])
 
 
 def _compute_sensitivities(modulus_derivative: Floats, forces: Floats) -> Floats:
-    """Return d ln F / d ln E of both film forces F, with the target's modulus E; shape (2,)."""
+    """Return d ln F / d ln E of both film forces F, with the target's modulus E; shape (2,).
+
+    ``forces`` and ``modulus_derivative`` are F_ij and its derivative with respect to ln E, N/m, shape (2, 2): film i, base j.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(modulus_derivative.sum(axis=1) / forces.sum(axis=1)))

@@ -49,8 +49,8 @@ PER_EDGE = 6 * 2**0.5  # cube of a regular tetrahedron's edge over its volume
 
 
 def remove_movable_sizes(layout: BodyLayout) -> BodyLayout:
-    """Return the layout without all that a moved mesh may change."""
-    sides = None if layout.tissue_radius is None else 0.0
+    """Return the layout without all that a moved mesh may change: layouts with equal results differ only in this."""
+    sides = None if layout.tissue_radius is None else 0.0  # 0 only marks that there are sides
     return replace(layout, inclusions=(), tissue_radius=sides, depth=0.0, interfaces=(0.0,) * len(layout.interfaces))
 
 
@@ -75,7 +75,7 @@ def may_move(old_layout: BodyLayout, new_layout: BodyLayout) -> bool:
 
 
 def _is_near(old: object, new: object) -> bool:
-    """Return whether two inclusions are ellipsoids that differ only a little."""
+    """Return whether two inclusions are ellipsoids whose centres and axes differ only a little."""
     if not (isinstance(old, Ellipsoid) and isinstance(new, Ellipsoid)):
         return False
     return bool(
@@ -84,7 +84,18 @@ def _is_near(old: object, new: object) -> bool:
 
 
 def move_mesh(mesh: TetMesh, old_layout: BodyLayout, new_layout: BodyLayout, fineness: TetraFineness) -> TetMesh | None:
-    """Move the mesh of a layout to another layout, see ``may_move``; return None if the result is not good enough."""
+    """Move the mesh of a layout to another layout, see ``may_move``; return None if the result is not good enough.
+
+    Parameters
+    ----------
+    mesh, old_layout
+        The mesh and its layout.
+    new_layout
+        The layout to move it to.
+    fineness
+        Fineness of the mesh, for the check of its sizes.
+    """
+    # corners have lower numbers than mid-edge nodes
     count = int(mesh.elements[:, :4].max()) + 1
     points, cells, surfaces = mesh.nodes[:count], mesh.elements[:, :4], build_exact_surfaces(old_layout)
     faces, chosen = find_body_faces(old_layout, surfaces, points, cells, body=mesh.body, layer=mesh.layer)
@@ -114,11 +125,28 @@ def compute_stretches(elements: Ints, old_nodes: Floats, new_nodes: Floats) -> F
 def _compute_displacement(
     mesh: TetMesh, points: Floats, member: NDArray[np.bool_], old_layout: BodyLayout, new_layout: BodyLayout
 ) -> Floats:
-    """Compute the displacements of corners, (n, 3), by eq. SO.9."""
+    """Compute the displacements of the elements' corners by eq. SO.9.
+
+    Parameters
+    ----------
+    mesh
+        The mesh to move.
+    points
+        Its corners, m, shape (n, 3).
+    member
+        Mask of the exact surfaces that each corner lies on, shape (n, surfaces).
+    old_layout, new_layout
+        Layouts before and after.
+
+    Returns
+    -------
+    Floats
+        Displacements, m, shape (n, 3).
+    """
     cells, free = mesh.elements[:, :4], np.isin(mesh.body, [TISSUE_BODY, BEYOND_BODY])
     u, given = _move_tumours(mesh, points, old_layout, new_layout)
     _set_surface_displacements(u, given, points, member, (old_layout, new_layout))
-    given[np.unique(cells[mesh.body < TISSUE_BODY])] = True
+    given[np.unique(cells[mesh.body < TISSUE_BODY])] = True  # blocks stay
     given[np.setdiff1d(np.arange(len(points)), cells[free])] = True
     matrix = _assemble_conductance(points, cells[free])
     for k in range(3):
@@ -132,7 +160,7 @@ def _compute_displacement(
 def _move_tumours(
     mesh: TetMesh, points: Floats, old_layout: BodyLayout, new_layout: BodyLayout
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the displacements of tumours' corners, (n, 3), and the mask of these, (n, 3)."""
+    """Return displacements of all corners, m, zero outside tumours, and the mask of those in tumours, shape (n, 3) both."""
     u, given = np.zeros_like(points), np.zeros(points.shape, dtype=bool)
     for k, (old, new) in enumerate(zip(old_layout.inclusions, new_layout.inclusions, strict=True)):
         if isinstance(old, Ellipsoid) and isinstance(new, Ellipsoid):
@@ -145,9 +173,22 @@ def _move_tumours(
 def _set_surface_displacements(
     u: Floats, given: NDArray[np.bool_], points: Floats, member: NDArray[np.bool_], layouts: tuple[BodyLayout, BodyLayout]
 ) -> None:
-    """Set and mark the displacements (n, 3) prescribed by planes, the tissue's sides and the reference cylinder."""
+    """Set and mark the displacements prescribed by planes, the tissue's sides and the reference cylinder, in place.
+
+    Parameters
+    ----------
+    u, given
+        Displacements, m, and the mask of those that are prescribed, shape (n, 3) each; changed.
+    points
+        The corners, m, shape (n, 3).
+    member
+        Mask of the exact surfaces that each corner lies on, shape (n, surfaces); see ``build_exact_surfaces`` for their order.
+    layouts
+        Layouts before and after.
+    """
     old_layout, new_layout = layouts
     mirror = member.shape[1] - len(old_layout.interfaces) - 1  # behind the bodies' surfaces
+    # rise of each horizontal plane: z is minus the depth
     heights = {TOP_SURFACE: 0.0, FLOOR_SURFACE: old_layout.depth - new_layout.depth}
     heights |= {mirror + 1 + k: a - b for k, (a, b) in enumerate(zip(old_layout.interfaces, new_layout.interfaces, strict=True))}
     for plane, height_change in heights.items():
@@ -158,13 +199,14 @@ def _set_surface_displacements(
     first = FLOOR_SURFACE + 1 + (GROOVE_SURFACES if old_layout.groove is not None else 0)
     for side in range(first, mirror - len(old_layout.inclusions)):
         side_nodes = np.flatnonzero(member[:, side])
+        # the cylinder's side, the first, moves in proportion to its radius; flat sides and the reference cylinder stay
         wider = (new_layout.tissue_radius or 1.0) / (old_layout.tissue_radius or 1.0) if side == first else 1.0
         u[side_nodes, :2] = (wider - 1.0) * (points[side_nodes, :2] - old_layout.centre)
         given[side_nodes, :2] = True
 
 
 def _assemble_conductance(points: Floats, cells: Ints) -> sp.csr_array:
-    """Assemble the matrix of eq. SO.9 on straight tetrahedra."""
+    """Assemble the matrix of eq. SO.9 on straight tetrahedra: corners ``points``, (n, 3), of ``cells``, (t, 4); shape (n, n)."""
     corners = points[cells]
     edges = corners[:, 1:] - corners[:, :1]
     derivatives = np.swapaxes(np.linalg.inv(edges), 1, 2)
@@ -175,7 +217,7 @@ def _assemble_conductance(points: Floats, cells: Ints) -> sp.csr_array:
 
 
 def _is_good(mesh: TetMesh, result: TetMesh, old_layout: BodyLayout, new_layout: BodyLayout, fineness: TetraFineness) -> bool:
-    """Return whether no tetrahedron is much larger than wanted or much flatter than before."""
+    """Return whether no tetrahedron of the moved mesh, ``result``, is much larger than wanted or much flatter than before."""
     quality, old_quality = (compute_scaled_jacobians(item.nodes, item.elements) for item in (result, mesh))
     allowed = MIN_QUALITY_SHARE * np.minimum(old_quality, np.sort(old_quality)[min(9, len(old_quality) - 1)])
     large, large_before = (_compute_oversize(*pair, fineness) for pair in ((result, new_layout), (mesh, old_layout)))
@@ -183,7 +225,7 @@ def _is_good(mesh: TetMesh, result: TetMesh, old_layout: BodyLayout, new_layout:
 
 
 def _compute_oversize(mesh: TetMesh, layout: BodyLayout, fineness: TetraFineness) -> float:
-    """Return the edge length of large tetrahedra in tissue and tumours relative to the wanted length."""
+    """Return the edge length of large tetrahedra in tissue and tumours relative to the wanted length (``LARGE_QUANTILE``)."""
     inside = mesh.body >= TISSUE_BODY
     middles = mesh.nodes[mesh.elements[inside, :4]].mean(axis=1)
     edges = np.cbrt(PER_EDGE * compute_volumes(mesh.nodes, mesh.elements[inside]))

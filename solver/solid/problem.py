@@ -38,7 +38,7 @@ class Solid:
     Attributes
     ----------
     mesh
-        As given.
+        The mesh as it was given.
     nodes
         Nodes; those of the blocks' ends are doubled where they slide on the tissue, shape (n, 3).
     elements
@@ -60,9 +60,16 @@ class Solid:
 
     @classmethod
     def from_mesh(cls, mesh: TetMesh, frictionless: bool = False, like: Solid | None = None) -> Solid:
-        """Integrate a mesh; each element's dilation is its mean, which avoids locking near nu = 1/2.
+        """Integrate the stiffness of a mesh; each element's dilation is its mean, which avoids locking near nu = 1/2.
 
-        ``like`` is a solid of the same elements and kind; bodies with unmoved nodes are copied from it.
+        Parameters
+        ----------
+        mesh
+            The mesh.
+        frictionless
+            Whether the blocks slide on the tissue; otherwise they are bonded to it.
+        like
+            A solid of the same elements and kind, from which the parts of bodies with unmoved nodes are copied; or None.
 
         Raises
         ------
@@ -90,7 +97,10 @@ class Solid:
 
 
 def _split_sliding_nodes(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
-    """Double the nodes between blocks and tissue, so that the blocks can slide."""
+    """Double the nodes between blocks and tissue, so that the blocks can slide.
+
+    Returns nodes and elements of the doubled mesh and ``Solid.twin``: for a doubled node, the tissue's node.
+    """
     block = np.isin(mesh.body, BLOCK_BODIES)
     shared = np.intersect1d(mesh.elements[block], mesh.elements[~block])
     block_nodes = np.arange(len(mesh.nodes))
@@ -103,6 +113,8 @@ def _split_sliding_nodes(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
 @dataclass(frozen=True)
 class Supports:
     """Unknowns of some bodies of a solid, and the lifts of the three states.
+
+    A lift is a known displacement that is added to the unknowns: here the base's motion, see eq. SO.3.
 
     Attributes
     ----------
@@ -125,7 +137,10 @@ class Supports:
 
     @classmethod
     def from_bodies(cls, solid: Solid, bodies: Iterable[int]) -> Supports:
-        """Fix the blocks' tops, the tissue's floor and, on a half mesh, the plane of symmetry."""
+        """Return the supports of a solid of which only ``bodies`` are present.
+
+        The blocks' tops and the tissue's floor are fixed and, on a half mesh, the plane of symmetry y = 0 in y.
+        """
         nodes, tolerance = solid.nodes, PLANE_TOLERANCE_RELATIVE * float(np.ptp(solid.nodes, axis=0).max())
         inner, outer = solid.find_nodes([INNER_BODY]), solid.find_nodes({OUTER_BODY, GROOVE_BODY} & set(bodies))
         fixed = np.zeros(nodes.shape, dtype=bool)
@@ -134,7 +149,8 @@ class Supports:
         fixed[nodes[:, 2] < nodes[:, 2].min() + tolerance] = True
         if solid.mesh.half:
             fixed[np.abs(nodes[:, 1]) < tolerance, 1] = True
-        fixed[~solid.find_nodes(bodies)] = True
+        fixed[~solid.find_nodes(bodies)] = True  # nodes of absent bodies have no unknowns
+        # number of the displacement that stands for each: u_z of a sliding node is that of its twin
         owner = 3 * np.arange(len(nodes))[:, None] + np.arange(3)
         owner[:, 2] = 3 * solid.twin + 2
         number = np.full(nodes.size, -1)
@@ -148,11 +164,15 @@ class Supports:
 
 
 def _compute_motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -> Floats:
-    """Return the three unit motions at every node: inner block down, outer block down, rotation about y (+ lowers +x)."""
+    """Return the three unit motions at every node of the blocks, masks ``inner`` and ``outer``; zero elsewhere.
+
+    They are: inner block down, outer block down, rotation about y (a positive angle lowers the side +x). Shape (n, 3, 3): node,
+    axis, motion.
+    """
     nodes, motions = solid.nodes, np.zeros((len(solid.nodes), 3, 3))
     motions[inner, 2, 0], motions[outer, 2, 1] = -1.0, -1.0
     block = inner | outer
-    height = nodes[block, 2] - nodes[inner, 2].max()
+    height = nodes[block, 2] - nodes[inner, 2].max()  # the base rotates about a point at the inner block's top
     motions[block, 0, 2], motions[block, 2, 2] = height, -nodes[block, 0]
     return motions
 
@@ -178,7 +198,7 @@ class Problem:
 
     @classmethod
     def assemble(cls, solid: Solid, laws: Mapping[int, Isotropic], supports: Supports | None = None) -> Problem:
-        """Assemble a problem; problems with the same bodies may share their supports."""
+        """Assemble the problem of a solid whose bodies have these laws; problems with the same bodies may share supports."""
         supports = supports or Supports.from_bodies(solid, laws)
         return cls(solid, laws, supports, Stiffness(assemble(solid.parts, laws, supports.number)))
 

@@ -39,12 +39,12 @@ class Region(NamedTuple):
     @property
     def number(self) -> int:
         """Number of the region in ``Solid``; without layers, the body's number."""
-        inside = self.body + NUMBERS_PER_LAYER * self.layer
+        inside = self.body + NUMBERS_PER_LAYER * self.layer  # regions outside have negative numbers, from -1
         return -1 - inside if self.outside else inside
 
     @classmethod
     def from_number(cls, number: int) -> Region:
-        """Return the region with a number."""
+        """Return the region that has a number; the inverse of ``number``."""
         layer, body = divmod(-1 - number if number < 0 else number, NUMBERS_PER_LAYER)
         return cls(body, layer, number < 0)
 
@@ -57,7 +57,7 @@ def number_elements(mesh: TetMesh) -> Ints:
 
 def find_layer_material(scene: Scene, layer: int) -> Material:
     """Return the tissue's material in a layer, numbered as in ``TetMesh``."""
-    return scene.tissue.layer[layer - 1] if layer else scene.tissue
+    return scene.tissue.layer[layer - 1] if layer else scene.tissue  # 0 is the tissue below all layers
 
 
 def find_material_at_depth(scene: Scene, depth: float) -> Material:

@@ -71,7 +71,7 @@ class SymmetricPart:
     compliance
         C, m/N, shape (2, 2).
     whole
-        The whole probe on the whole tissue, without inclusions and groove.
+        Film forces of the whole probe on the whole tissue, without inclusions and groove: F_whole.
     edges
         Relative change of the total forces by far tissue, the part of C that is not exact.
     """
@@ -87,12 +87,16 @@ class SymmetricPart:
         return np.asarray(np.linalg.inv(np.linalg.inv(self._compute_bare_forces(difference)) + self.compliance))
 
     def propagate_change(self, difference: SceneDifference, small: Floats) -> Floats:
-        """Return the change of F for a small change of D: matrices (k, 2, 2), or columns (k, 2, 1)."""
-        left = self.correct_forces(difference) @ np.linalg.inv(self._compute_bare_forces(difference))
-        return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
+        """Return the change of F of eq. SO.5 for a small change of D, or of forces on the films.
+
+        ``small`` holds changes of D, matrices of shape (k, 2, 2), or of the forces by a tilt, columns of shape (k, 2, 1).
+        """
+        # dF = F (A + D)^-1 dD (A + D)^-1 F, symmetric; columns, forces at a held base, take the left factor only
+        left_factor = self.correct_forces(difference) @ np.linalg.inv(self._compute_bare_forces(difference))
+        return np.asarray(left_factor @ small @ (left_factor.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
 
     def _compute_bare_forces(self, difference: SceneDifference) -> Floats:
-        """Return the film forces without the compliance C, shape (k, 2, 2)."""
+        """Return the film forces without the compliance C: A + D, or what eq. SO.10 puts in its place; shape (k, 2, 2)."""
         if difference.edges is None:
             return self.exact + difference.forces
         compliance_change = np.linalg.inv(difference.edges) - np.linalg.inv(difference.reference)
@@ -104,7 +108,10 @@ class SymmetricPart:
 
 
 def compute_symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:
-    """Choose the domain: cut far tissue off if that changes the effect of inclusions by less than the accuracy."""
+    """Choose the domain to mesh and compute the symmetric part of its film forces.
+
+    Far tissue is cut off as long as that changes the effect of inclusions by no more than the accuracy.
+    """
     alone = remove_asymmetry(scene)
     whole = _solve_exact(alone, SYMMETRIC_ACCURACY_SHARE * accuracy)
     unsure = not is_coaxial(scene) and whole.films.compute_max_error(alone) > accuracy / 4
@@ -136,7 +143,21 @@ def find_reference_wall(scene: Scene) -> float | None:
 def _compute_compliance(
     alone: Scene, chosen: Domain, exact: Floats, whole: Exact, accuracy: float
 ) -> tuple[Floats, Exact, float]:
-    """Return C of eq. SO.5, the converged film forces of the whole, and the relative effect of far tissue."""
+    """Return C of eq. SO.5, the converged film forces of the whole, and the relative effect of far tissue.
+
+    Parameters
+    ----------
+    alone
+        The scene without what is not rotationally symmetric.
+    chosen
+        The domain to mesh.
+    exact
+        A of eq. SO.5, N/m, shape (2, 2).
+    whole
+        Film forces of ``alone``.
+    accuracy
+        Relative accuracy.
+    """
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
         whole = _solve_exact(chosen.reference.model_copy(update={"probe": probe}), SYMMETRIC_ACCURACY_SHARE * accuracy)
@@ -146,7 +167,7 @@ def _compute_compliance(
 
 
 def _compute_far_tissue_effect(alone: Scene, chosen: Domain, exact: Floats, accuracy: float) -> float:
-    """Return the relative change of the total forces by far tissue, for blocks on a rigid base."""
+    """Return the relative change of the total forces by far tissue, for blocks on a rigid base; parameters as above."""
     bare = alone.model_copy(update={"probe": chosen.reference.probe})
-    with_it = _solve_exact(bare, SYMMETRIC_ACCURACY_SHARE * accuracy).films.forces.sum(axis=1)
-    return float(np.abs(with_it / exact.sum(axis=1) - 1).max())
+    whole_totals = _solve_exact(bare, SYMMETRIC_ACCURACY_SHARE * accuracy).films.forces.sum(axis=1)
+    return float(np.abs(whole_totals / exact.sum(axis=1) - 1).max())

@@ -41,11 +41,11 @@ class Rule:
     Attributes
     ----------
     weights
-        Sum to 1/6, shape (q,).
+        Weights of the q points, which sum to the volume 1/6, shape (q,).
     values
-        Of the functions, shape (q, 10).
+        Values of the ten functions, shape (q, 10).
     derivatives
-        Their derivatives, shape (q, 10, 3).
+        Derivatives of the functions with respect to x, y and z, shape (q, 10, 3).
     """
 
     weights: Floats
@@ -54,7 +54,7 @@ class Rule:
 
 
 def evaluate_functions(points: Floats) -> tuple[Floats, Floats]:
-    """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3)."""
+    """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3) of ``Rule``'s tetrahedron."""
     bary = np.column_stack([1 - points.sum(axis=1), points])
     derivative = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
     a, b = EDGE_CORNERS.T
@@ -70,7 +70,7 @@ def build_rule(curved: bool) -> Rule:
 
     Source: Keast, Comput. Methods Appl. Mech. Eng. 55 (1986); Walkington's rule of 14 points with positive weights.
     """
-    if not curved:
+    if not curved:  # a and b are the barycentric coordinates of each point: a near one corner, b three times
         a, b = 0.5854101966249685, 0.1381966011250105
         bary, weights = np.full((4, 4), b) + (a - b) * np.eye(4), np.full(4, 1 / 24)
     else:
@@ -97,7 +97,19 @@ def find_curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
 
 
 def compute_gradients(x: Floats, derivatives: Floats) -> tuple[Floats, Floats]:
-    """Return gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for derivatives (q, 10, 3).
+    """Compute the gradients of the shape functions in space, and the Jacobians, at quadrature points of elements.
+
+    Parameters
+    ----------
+    x
+        Nodes of the elements, m, shape (t, 10, 3).
+    derivatives
+        Derivatives of the functions on the unit tetrahedron at the points, shape (q, 10, 3).
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Gradients g, 1/m, shape (t, q, 10, 3), and Jacobians, m^3, shape (t, q).
 
     Raises
     ------
@@ -105,6 +117,7 @@ def compute_gradients(x: Floats, derivatives: Floats) -> tuple[Floats, Floats]:
         An element is turned inside out.
     """
     mapping = np.einsum("tai,qaj->tqij", x, derivatives, optimize=True)  # dx_i / dxi_j
+    # the inverse of the mapping is its cofactors over its determinant
     cofactors = np.stack([np.cross(mapping[..., (k + 1) % 3], mapping[..., (k + 2) % 3]) for k in range(3)], axis=-2)
     jacobian = np.einsum("tqi,tqi->tq", cofactors[..., 0, :], mapping[..., 0])
     if not np.all(jacobian > 0):
@@ -113,7 +126,11 @@ def compute_gradients(x: Floats, derivatives: Floats) -> tuple[Floats, Floats]:
 
 
 def iterate_quadrature(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
-    """Yield chunks of elements with nodes x (t, 10, 3): indices, functions (q, 10), gradients (n, q, 10, 3), weights (n, q)."""
+    """Yield the quadrature of elements with nodes x, (t, 10, 3), in chunks that limit the memory.
+
+    First come straight elements, then curved ones, which have another rule. Each chunk of n elements gives their indices, (n,),
+    the functions at the q points, (q, 10), their gradients, 1/m, (n, q, 10, 3), and the weights, m^3, (n, q).
+    """
     bent = find_curved(x)
     for kind in (False, True):
         number, points = np.flatnonzero(bent == kind), build_rule(kind)
