@@ -53,9 +53,18 @@ NODES_PER_WAVE, MIN_WAVE_NODES = 0.35, 8  # nodes per wave number times outermos
 
 @dataclass(frozen=True)
 class Tissue:
-    """Tissue bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI.
+    """The tissues of n designs; arrays of shape (n,), SI.
 
-    ``radius`` is that of the free sides, if they are near; ``layers`` are of other materials, from the surface downwards.
+    Attributes
+    ----------
+    depth
+        Of the rigid floor, m; None for half-spaces.
+    E, nu
+        Young's modulus, Pa, and Poisson's ratio of the tissue's own material.
+    radius
+        Of the free sides, m; used where they are near.
+    layers
+        Layers of other materials above, from the surface downwards.
     """
 
     depth: Any
@@ -72,7 +81,7 @@ class Tissue:
 
     @property
     def mu(self) -> Array:
-        """Shear modulus."""
+        """Shear modulus of the tissue's own material, Pa."""
         return self.E / (2 * (1 + self.nu))
 
     @property
@@ -134,21 +143,21 @@ def solve_contact(
     blocks
         Inner (solid) and outer (tube).
     tissue
-        Without a depth, a half-space.
+        The tissues; half-spaces where they have no depth.
     spheres
-        Any number.
+        The inclusions of each design, any number.
     target
-        Which sphere the derivative is of.
+        Index of the sphere by whose modulus the forces are differentiated; None for none.
     bonded
         Whether shear is carried; frictionless otherwise.
     nodes
-        Of the integrals over wave numbers.
+        Number of nodes of the integrals over wave numbers.
     side_nodes
-        Of those for the tissue's sides, 0 where they are far.
+        Number for the integrals of the tissue's sides, 0 where they are far.
     layer_nodes
-        Of those for its layers.
+        Number for the integral of its layers.
     shared
-        Which designs have the same blocks and tissue.
+        Which designs have the same blocks and tissue, whose works are then computed once; None to compute all.
     """
     C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
     if tissue.depth is not None or spheres:
@@ -156,31 +165,40 @@ def solve_contact(
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
             C = C + _compute_floor_works(k, TissueLayer(tissue.depth, stiffest.E, stiffest.nu), loads, weights)
-    bare_tractions, higher_moments, derivative, softened, target_body = (
+    bare_tractions, beyond_moments, derivative, softened_works, target_body = (
         np.linalg.solve(C, A),
         0.0,
         np.zeros_like(A[:, :2]),
         C,
         None,
     )
+    # tractions without spheres give what eq. CF.13 has beyond the moments; the moments act through C, so that tractions give way
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
         layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _build_disc(blocks, tissue, layer_nodes)
         in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None)
         body = build_loaded_spheres(sphere, in_layer, loads, weights, layer=layer, disc=disc, sides=sides)
         forces, by_log = body.compute_higher_moments(bare_tractions)
-        softened, higher_moments = softened - body.works, higher_moments + forces
+        softened_works, beyond_moments = softened_works - body.works, beyond_moments + forces
         if index == target:
             target_body, derivative = body, by_log
-    tractions = np.linalg.solve(softened, A) if spheres else bare_tractions
-    forces = A.swapaxes(1, 2) @ tractions + higher_moments
+    tractions = np.linalg.solve(softened_works, A) if spheres else bare_tractions
+    forces = A.swapaxes(1, 2) @ tractions + beyond_moments
     derivative = derivative if target_body is None else derivative + target_body.compute_log_modulus_derivative(tractions)
-    return ContactSolution(forces, derivative, softened, A, tractions)
+    return ContactSolution(forces, derivative, softened_works, A, tractions)
 
 
 @dataclass(frozen=True)
 class Shared:
-    """Designs that have the same blocks and tissue as others: the first of each kind, and which kind each is."""
+    """Designs that have the same blocks and tissue as others.
+
+    Attributes
+    ----------
+    first
+        Index of the first design of each kind, shape (kinds,).
+    which
+        The kind of each design, shape (n,).
+    """
 
     first: Any
     which: Any
@@ -189,7 +207,10 @@ class Shared:
 def _assemble_without_spheres(
     blocks: BlockPair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
 ) -> tuple[Array, Array, Sides | None]:
-    """Return C without the floor, A, and the sides; equal blocks and tissues are computed once."""
+    """Return C and A of eq. CF.12, C without spheres and the floor of one material, and the sides, None where they are far.
+
+    ``nodes`` are those for sides and for layers; with ``shared``, equal blocks and tissues are computed once.
+    """
     if shared is not None:
         inner, outer = (block.take(shared.first) for block in blocks)
         C, A, sides = _assemble_without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
@@ -202,7 +223,7 @@ def _assemble_without_spheres(
 
 
 def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
-    """Add the compliance of the blocks' ends to C; pressures of both blocks come before shears of both."""
+    """Add the compliance of the blocks' ends to C, in place; pressures of both blocks come before shears of both."""
     loads = LOADS.loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
@@ -212,7 +233,7 @@ def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
 
 
 def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
-    """Return works of pressures, shears and pressures on shears, without the floor, from those of discs."""
+    """Return the works of pressures, shears and pressures on shears on the tissue, without the floor of one material."""
     if tissue.layers:
         return compute_layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
     return combine_disc_works(blocks, compute_disc_works(*list_disc_radii(blocks), tissue.mu, tissue.nu))
@@ -225,9 +246,8 @@ def _choose_waves(
     reaches = [INTEGRAL_REACH / _find_shortest_path(sphere, tissue) for sphere in spheres]
     reach = reduce(_choose_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_choose_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - MIN_WAVE_NODES) / (
-        NODES_PER_WAVE * across
-    )  # shorter waves do not matter for a sphere tiny beside the probe
+    # what the nodes resolve: shorter waves do not matter for a sphere that is tiny compared with the probe
+    resolved = (nodes - MIN_WAVE_NODES) / (NODES_PER_WAVE * across)
     reach = np.where(reach.real < resolved.real, reach, resolved)
     fractions, weight = build_wave_rule(nodes)
     k = reach[:, None] * fractions
@@ -236,15 +256,16 @@ def _choose_waves(
 
 def _find_shortest_path(sphere: SphereArray, tissue: Tissue) -> Array:
     """Return the shortest path from a sphere's quadrature to the surface, or to another face and back, m."""
-    path = sphere.depth - 0.8 * sphere.radius
+    path = sphere.depth - 0.8 * sphere.radius  # the outermost points lie at 0.8 radii
     for face in tissue.faces:
         face_path = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
+        # minima, as maxima of the negatives
         path = -_choose_larger(-path, -2 * _choose_larger(face_path, MIN_PATH_RADII * sphere.radius))
     return path
 
 
 def _compute_sides(blocks: BlockPair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
-    """Compute what free sides add to the works, eq. CF.11."""
+    """Compute what free sides add to the works, eq. CF.11; layers count as one material, see ``_average_column``."""
     k, weights = build_cut_waves(tissue.radius, blocks[1].radius, nodes)
     E, nu = _average_column(tissue)
     cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, E, nu)
@@ -261,10 +282,14 @@ def _average_column(tissue: Tissue) -> tuple[Array, Array]:
 
 
 def _build_disc(blocks: BlockPair, tissue: Tissue, layer_nodes: int) -> Disc:
-    """Build the disc that stands for both ends: each has the compliance of a half-space, averaged over the areas."""
+    """Build the disc that stands for both blocks' ends in ``off_axis``.
+
+    The ends have the compliance of half-spaces of their materials, averaged with the ends' areas; the tissue's is added.
+    """
     area = blocks[0].area + blocks[1].area
 
     def compute_end_compliance(poisson_weight: float) -> Array:
+        """Return the mean of (1 - poisson_weight nu) / mu of the ends: weight 1 for pressure, 1/2 for shear."""
         return sum(block.area / area * (1 - poisson_weight * block.nu) * 2 * (1 + block.nu) / block.E for block in blocks)
 
     if tissue.layers:
@@ -287,9 +312,13 @@ def _choose_larger(first: Array, second: Array) -> Array:
 
 
 def _compute_floor_works(k: Array, layer: TissueLayer, loads: tuple[Array, Array], weights: Array) -> Array:
-    """Return what a floor below one layer adds to C: 2 pi times the integral of loads times its compliance k dk."""
+    """Return what a floor below one layer adds to C, shape (n, m, m) for m loads.
+
+    It is 2 pi times the integral, over waves k (n, q) with ``weights`` k dk, of both loads' transforms times the floor's change
+    of the compliance.
+    """
     scale = (np.pi / layer.mu)[:, :, None]
     parts = [(weights / k * part)[:, :, None] for part in compute_floor_change(k, layer)]
     p, q = loads
-    pt, qt = p.swapaxes(1, 2), q.swapaxes(1, 2)
-    return scale * join_works((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))
+    p_transposed, q_transposed = p.swapaxes(1, 2), q.swapaxes(1, 2)
+    return scale * join_works((p_transposed @ (parts[0] * p), q_transposed @ (parts[1] * q), p_transposed @ (parts[2] * q)))

@@ -87,7 +87,10 @@ class Shape:
 
 
 def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
-    """Solve the contact for parameters p, shape (parameters, n)."""
+    """Solve the contact for parameters p of n designs, shape (parameters, n), in the order of ``compute_forces``.
+
+    With ``reuse``, what designs with the same probe and tissue have in common is computed once.
+    """
     depth, side, modulus, poisson = p[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers = split_parameters(shape, p)
     tissue_layers = tuple(TissueLayer(*layer) for layer in layers)
@@ -113,7 +116,10 @@ def build_blocks(parameters: Array) -> BlockPair:
 
 
 def _find_shared(rows: Array) -> Shared | None:
-    """Find equal columns by a weighted sum of their numbers, then compare them; None where fewer than half repeat."""
+    """Find equal columns of an array (numbers, n); None where more than half are distinct, as little would be saved.
+
+    Columns with equal weighted sums of their numbers are taken as candidates, then compared.
+    """
     with np.errstate(invalid="ignore"):
         _, first, which = np.unique(_HASH_WEIGHTS[: len(rows)] @ rows, return_index=True, return_inverse=True)
     if 2 * len(first) > rows.shape[1] or not (rows[:, first[which]] == rows).all():
@@ -213,8 +219,13 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
 
 
 def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
-    """Return how many nodes resolve the shallowest sphere, its reflections in other faces, and the waves across the probe."""
+    """Return how many nodes the integrals over wave numbers need, an even number.
+
+    They resolve waves that decay over the shortest path, from a sphere's points (up to 0.4 diameters from its centre) to the
+    surface or to another face and back, and that oscillate across the probe. ``faces`` are the depths of layers' interfaces, m.
+    """
     faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
+    # maximum wave numbers, 1/m; a path to a face and back counts twice, hence the half below
     reach = [INTEGRAL_REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:
         size = body.diameter or 0.0
@@ -227,4 +238,5 @@ def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
 
 
 def _compute_offset(scene: Scene, body: Inclusion) -> float:
+    """Return the distance of an inclusion's centre from the probe's axis, m."""
     return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)

@@ -77,7 +77,8 @@ def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tu
     z
         Depths, shape (n, p).
     mirrored
-        Whether the depths are their own mirror image in the layer's middle, so that exponentials are used for both directions.
+        Whether the depths are their own mirror image in the layer's middle, so that the same exponentials serve waves of both
+        directions.
 
     Returns
     -------

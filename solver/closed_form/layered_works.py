@@ -125,7 +125,10 @@ def _choose_last_wave(radius: Array, first: TissueLayer, nodes: int) -> Array:
 
 
 def count_layer_nodes(radius: float, thickness: float) -> int:
-    """Return how many nodes, a multiple of 4, the integral of eq. CF.20 needs; radius of the probe, thickness of the first layer."""
+    """Return how many nodes, a multiple of 4, the integral of eq. CF.20 needs.
+
+    ``radius`` is the probe's outer radius, ``thickness`` that of the first layer, m.
+    """
     reach = min(LAYER_WAVE_REACH / thickness * radius, PROBE_WAVE_REACH)
     return 4 * math.ceil((8 + NODES_PER_WAVE * reach) / 4)
 

@@ -124,7 +124,7 @@ def compute_off_axis_response(
 
 
 def _combine_shear(sphere_waves: SphereWaves) -> tuple[Array, Array]:
-    """Return moments under waves of shear in the plane minus, and plus, those under shear about the vertical."""
+    """Return the moments under waves of shear along the wave minus, and plus, those under shear about the vertical."""
     turned = sphere_waves.turned
     return sphere_waves.moments[1] - turned, sphere_waves.moments[1] + turned
 
@@ -136,15 +136,16 @@ class Pairs:
     Attributes
     ----------
     degrees
-        For each parity and m, the first l, and where its products are.
+        For each parity and m, the first l, and the slice of its products.
     pressed, sheared
         l of each column of v, under pressure, and under shear with n + 1 before n - 1, shapes (columns,).
     positions
-        For each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
+        For each column, the indices of the products of j_l with J_n, J_n-1, J_n+1, J_n-2 and J_n+2 among those of their parity,
+        shape (5, columns).
     sign
         Of J_n-2, shape (columns,).
     added
-        Of the columns of shear, those with n - 1, shape (columns,).
+        Whether a column of shear has m = n - 1 rather than n + 1, shape (columns of shear,).
     """
 
     degrees: tuple[tuple[tuple[int, slice], ...], ...]
@@ -155,7 +156,10 @@ class Pairs:
     added: Any
 
     def compute_products(self, J: Array, j: Array, parity: int) -> Array:
-        """Return the products J_m j_l of one parity, shape (products, n, q)."""
+        """Return the products J_m j_l of one parity (0: m + l even, 1: odd), shape (products, n, q).
+
+        ``J`` are J_0, J_1, ... of k d and ``j`` are j_0, j_1, ... of k a, shapes (orders, n, q) and (degrees, n, q).
+        """
         degrees = self.degrees[parity]
         table = np.empty((degrees[-1][1].stop, *J.shape[1:]), dtype=np.result_type(J, j))
         for wave, (first, place) in zip(J, degrees, strict=True):
@@ -165,6 +169,7 @@ class Pairs:
 
 @lru_cache(maxsize=4)
 def _build_pairs(orders: int, degree: int) -> Pairs:
+    """Build the list of products for n up to ``orders`` and l up to ``degree``."""
     degrees = tuple(tuple(_iterate_degrees(orders, degree, parity)) for parity in (0, 1))
     places = {
         (m, first + 2 * position): place.start + position
@@ -174,6 +179,7 @@ def _build_pairs(orders: int, degree: int) -> Pairs:
     }
 
     def list_columns(step: int) -> list[tuple[int, int]]:
+        """Return the (n, l) of all columns whose pressures or shears have m = n + step; l = m, m + 2, ... (eq. CF.18)."""
         return [(n, ell) for n in range(1, orders + 1) for ell in range(n + step, degree + 1, 2)]
 
     pressed, difference_columns, sum_columns = list_columns(0), list_columns(1), list_columns(-1)
@@ -200,10 +206,16 @@ def _iterate_degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[in
 
 
 def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Array:
-    """Assemble v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
+    """Assemble v of eq. CF.18, shape (n, moments, columns), from the moments' integrals with the products J_m j_l.
+
+    ``even_rows`` and ``odd_rows`` hold integrals with the products of m + l even and odd, shape (n, rows, products), in the order
+    of rows of ``compute_off_axis_response``. Each block below is one bracket of eq. CF.17.
+    """
+    # columns: p pressures, s shears, of which sub those with m = n + 1 and add those with m = n - 1
     count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
     p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
     same_order, order_below, order_above, two_below, two_above = pairs.positions
+    # moments: sym symmetric about the sphere's axis, once as cos of the angle; the last goes as cos of twice the angle
     sym, once = slice(0, AXIAL_MOMENTS), slice(AXIAL_MOMENTS, 2 * AXIAL_MOMENTS)
     difference_rows, sum_rows = even_rows[:, AXIAL_MOMENTS + 1 : 2 * AXIAL_MOMENTS + 1], even_rows[:, 2 * AXIAL_MOMENTS + 1 :]
     v = np.empty((len(even_rows), ALL_MOMENTS, len(same_order)), dtype=even_rows.dtype)
@@ -224,10 +236,16 @@ def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Arra
 
 
 def _select_degrees(compliance: Array, degrees: Ints) -> Array:
-    """Return the compliance at each of the degrees, shape (n, degrees); one value may serve all."""
+    """Return the compliance c of each column's degree l, shape (n, columns).
+
+    ``compliance`` is the same for all degrees, shape (n,), or has a value for each, shape (n, degrees).
+    """
     return np.repeat(compliance[:, None], len(degrees), axis=1) if compliance.ndim == 1 else compliance[:, degrees]
 
 
 def _repeat_for_moments(symmetrical: Array, once: Array, twice: Array) -> Array:
-    """Return one row for each moment: five symmetrical about the sphere's axis, five as cos, one as cos of twice the angle."""
+    """Return one row for each moment, shape (n, moments, q), from arrays (n, q).
+
+    Five moments are symmetrical about the sphere's axis, five go as cos of the angle, one as cos of twice the angle.
+    """
     return np.stack([symmetrical] * AXIAL_MOMENTS + [once] * AXIAL_MOMENTS + [twice], axis=1)
