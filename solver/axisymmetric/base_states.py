@@ -88,8 +88,7 @@ class MeridianModel:
     def recover_values(self, edge: Floats) -> Floats:
         """Return all values of k displacement fields, shape (n, 2 s, k), from those on corners and edges, shape (n, 8 p, k).
 
-        Each of the n elements has s functions; ``edge`` holds u_r, then u_z of the 4 p functions on corners and edges (the
-        first).
+        Each of the n elements has s functions, of which the first 4 p are on corners and edges; u_r comes before u_z.
         """
         n, s, m, k = len(edge), len(self.shapes.degrees), self.shapes.skeleton, edge.shape[-1]
         out = np.empty((n, 2, s, k))

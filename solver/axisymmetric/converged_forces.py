@@ -93,7 +93,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         small = reached <= accuracy or (reached - numerical_error > accuracy and numerical_error <= accuracy / 2)
         return small and all(film.meets_sensitivity(accuracy) for film in numerical)
 
-    # one mesh bounds its own errors only if it is graded at every singular point, see ``is_graded_everywhere``
+    # bounds from one mesh assume that errors fall with the order as on meshes graded at every singular point, eq. AX.10
     mesh_sample, errors, reason = refine(
         lambda level: solve_coarsest() if level == MESH_LEVELS[0] and sections is bare_sections else solve(level),
         accuracy,

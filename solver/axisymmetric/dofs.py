@@ -105,7 +105,7 @@ def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0
     lift = np.zeros((len(functions), components, functions.shape[1], 2))
     vertical = np.zeros((components, functions.shape[1]))
     if m == 0:
-        # minus: displacements of bonded tissue are counted relative to the block's shift
+        # minus: the block shifts into the tissue, along -z; the unknowns at the contact are counted from there
         lift[:, 1] = np.where(probe[:, None, None], 0.0, -unit_shift[functions])
         vertical[1, :4] = 1.0
     all_signs = np.tile(signs, components)

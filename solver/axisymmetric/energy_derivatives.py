@@ -151,7 +151,7 @@ def _differentiate_elements(model: MeridianModel, states: Floats, chosen: Ints, 
     # chain rule: lengths also act through the corner size, the last column
     lengths = lengths[..., :-1] + lengths[..., -1:] * corner_size_derivatives
     combined = np.concatenate([lengths, *_differentiate_by_materials(model, chosen, energy, volume)], axis=-1).transpose(2, 1, 0)
-    # the energies of S with D were computed twice over, see ``EnergyPoints.compute_tensors``
+    # column 0 is of S with S, column 1 twice of S with D, see ``EnergyPoints.compute_tensors``
     total, difference = combined[:, 0] / 2, combined[:, 1] / 4
     return np.stack([total + difference, total - difference], axis=1)
 

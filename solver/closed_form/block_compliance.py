@@ -96,9 +96,9 @@ class RitzSystem:
     Attributes
     ----------
     S
-        Stiffness of the functions of u without the modes, shape (n, u, u).
+        Stiffness of the functions of u with the modes of w eliminated, shape (n, u, u).
     E
-        Work of the loads on these, the modes' part included, shape (n, loads, u).
+        Work of the loads on these, that through the eliminated modes included, shape (n, loads, u).
     C
         Work of the loads on the modes, shape (n, loads, modes).
     mode_coupling

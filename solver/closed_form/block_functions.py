@@ -64,7 +64,7 @@ class AxialFunctions:
     def interpolate(self, fraction: Array) -> tuple[Array, ...]:
         """Return g, dg, f and df at fractions (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
-        # y: the nodes' own coordinate from -1 to 1, of which the functions are polynomials
+        # y: coordinate from -1 to 1 in which the functions are interpolated by polynomials
         y = np.arctanh((2 * fraction - 1) * np.tanh(steep)) / steep
         nodes = len(self.zeta)
         interpolation = (legendre.legvander(y, nodes - 1) @ _HEIGHT_RULES[nodes].series).swapaxes(1, 2)

@@ -165,7 +165,7 @@ def solve_contact(
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
             C = C + _compute_floor_works(k, TissueLayer(tissue.depth, stiffest.E, stiffest.nu), loads, weights)
-    bare_tractions, beyond_moments, derivative, softened_works, target_body = (
+    bare_tractions, higher_moment_forces, derivative, softened_works, target_body = (
         np.linalg.solve(C, A),
         0.0,
         np.zeros_like(A[:, :2]),
@@ -179,11 +179,11 @@ def solve_contact(
         in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None)
         body = build_loaded_spheres(sphere, in_layer, loads, weights, layer=layer, disc=disc, sides=sides)
         forces, by_log = body.compute_higher_moments(bare_tractions)
-        softened_works, beyond_moments = softened_works - body.works, beyond_moments + forces
+        softened_works, higher_moment_forces = softened_works - body.works, higher_moment_forces + forces
         if index == target:
             target_body, derivative = body, by_log
     tractions = np.linalg.solve(softened_works, A) if spheres else bare_tractions
-    forces = A.swapaxes(1, 2) @ tractions + beyond_moments
+    forces = A.swapaxes(1, 2) @ tractions + higher_moment_forces
     derivative = derivative if target_body is None else derivative + target_body.compute_log_modulus_derivative(tractions)
     return ContactSolution(forces, derivative, softened_works, A, tractions)
 
@@ -207,9 +207,10 @@ class Shared:
 def _assemble_without_spheres(
     blocks: BlockPair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
 ) -> tuple[Array, Array, Sides | None]:
-    """Return C and A of eq. CF.12, C without spheres and the floor of one material, and the sides, None where they are far.
+    """Return C and A of eq. CF.12, and the sides, None where they are far.
 
-    ``nodes`` are those for sides and for layers; with ``shared``, equal blocks and tissues are computed once.
+    C leaves out the spheres and what ``_compute_floor_works`` adds. ``nodes`` are those for sides and for layers; with
+    ``shared``, equal blocks and tissues are computed once.
     """
     if shared is not None:
         inner, outer = (block.take(shared.first) for block in blocks)
@@ -233,7 +234,7 @@ def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
 
 
 def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
-    """Return the works of pressures, shears and pressures on shears on the tissue, without the floor of one material."""
+    """Return the works of pressures, shears and pressures on shears on the tissue, without ``_compute_floor_works``."""
     if tissue.layers:
         return compute_layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
     return combine_disc_works(blocks, compute_disc_works(*list_disc_radii(blocks), tissue.mu, tissue.nu))
@@ -256,7 +257,7 @@ def _choose_waves(
 
 def _find_shortest_path(sphere: SphereArray, tissue: Tissue) -> Array:
     """Return the shortest path from a sphere's quadrature to the surface, or to another face and back, m."""
-    path = sphere.depth - 0.8 * sphere.radius  # the outermost points lie at 0.8 radii
+    path = sphere.depth - 0.8 * sphere.radius  # the highest points of the quadrature lie 0.8 radii above the centre
     for face in tissue.faces:
         face_path = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
         # minima, as maxima of the negatives

@@ -118,7 +118,7 @@ def build_blocks(parameters: Array) -> BlockPair:
 def _find_shared(rows: Array) -> Shared | None:
     """Find equal columns of an array (numbers, n); None where more than half are distinct, as little would be saved.
 
-    Columns with equal weighted sums of their numbers are taken as candidates, then compared.
+    Columns with equal weighted sums of their numbers are compared; None, too, if they then differ.
     """
     with np.errstate(invalid="ignore"):
         _, first, which = np.unique(_HASH_WEIGHTS[: len(rows)] @ rows, return_index=True, return_inverse=True)

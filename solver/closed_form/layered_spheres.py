@@ -99,13 +99,9 @@ def build_sphere_in_layer(
     layer, upper_layers = layers[sphere.layer], layers[: sphere.layer]
     layer_echoes = compute_echoes(k, layers, rigid)
     a, own_echo = compute_arriving(layer_echoes, sphere.layer), layer_echoes[sphere.layer]
-    sphere_in_layer = replace(sphere, depth=sphere.depth - sum(upper.thickness for upper in upper_layers))
-    downward = compute_sphere_waves(
-        sphere_in_layer, build_waves_in_layer(k, layer, own_echo), compute_ball_waves(sphere_in_layer, k)
-    )
-    upward, turned_upward = (
-        (None, None) if own_echo.far_echo is None else _compute_upward_moments(sphere_in_layer, layer, downward)
-    )
+    local_sphere = replace(sphere, depth=sphere.depth - sum(upper.thickness for upper in upper_layers))
+    downward = compute_sphere_waves(local_sphere, build_waves_in_layer(k, layer, own_echo), compute_ball_waves(local_sphere, k))
+    upward, turned_upward = (None, None) if own_echo.far_echo is None else _compute_upward_moments(local_sphere, layer, downward)
     top_reflection = _compute_top_reflection(k, layers[: sphere.layer + 1])
     # V k' / (2 pi) of eq. CF.21 times k dk; moments are times 2 mu, so that k' = 2 mu k / (4 (1-nu)) is divided by (2 mu)^2
     scale = weights * k * ((4 * np.pi / 3 * sphere.radius**3) / (16 * np.pi * (1 - layer.nu) * layer.mu[:, 0]))[:, None]
@@ -116,7 +112,7 @@ def build_sphere_in_layer(
             downward.turned if turned_upward is None else downward.turned + turned_upward * (shear.far * shear.fade)[:, None, :]
         )
         G = G + _compute_turned_image(turned_moments, turned_upward, shear, (1 - layer.nu)[:, None] * scale)
-        # of xx-yy the image in a half-space is exact: the sum over waves gives only what layers change
+        # of xx-yy the image in a half-space is known exactly: the sum over waves gives the change by layers only
         G[:, -1, -1] += _compute_crossed_image(sphere, layer.mu[:, 0], layer.nu) - _sum_crossed_waves(
             sphere, layer, downward, scale
         )
@@ -125,14 +121,14 @@ def build_sphere_in_layer(
 
 
 def _compute_upward_moments(
-    sphere_in_layer: SphereArray, layer: TissueLayer, downward: SphereWaves
+    local_sphere: SphereArray, layer: TissueLayer, downward: SphereWaves
 ) -> tuple[tuple[Array, Array], Array | None]:
     """Return the moments under unit waves that run up from the layer's bottom.
 
     They are those of the mirrored sphere under mirrored loads: waves that run down from the top. First those of pressure and
     shear, then those of shear about the vertical (None on the axis).
     """
-    k, mirrored = downward.waves.k, replace(sphere_in_layer, depth=layer.thickness - sphere_in_layer.depth)
+    k, mirrored = downward.waves.k, replace(local_sphere, depth=layer.thickness - local_sphere.depth)
     waves = build_waves_in_layer(k, TissueLayer(None, layer.E, layer.nu), Echo(None, None, k))
     upward = compute_sphere_waves(mirrored, waves, downward.ball)
     (pressed, sheared), turned_moments = upward.moments, upward.turned
@@ -156,7 +152,7 @@ def _compute_image(
 ) -> Array:
     """Return the image G of eq. CF.21 for pressures and shears, shape (n, moments, moments).
 
-    ``downward`` are g, ``upward`` m' (None on a half-space), ``top`` is R, ``scale`` V k' k dk / (2 pi), shape (n, q).
+    ``downward`` are g, ``upward`` m' (None on a half-space), ``top_reflection`` is R, ``scale`` V k' k dk / (2 pi), shape (n, q).
     """
     G = _sum_quadratic_form(downward, _compute_returning(own_echo.near_echo, top_reflection), scale)
     return G if upward is None or own_echo.far_echo is None else G - _sum_quadratic_form(upward, own_echo.far_echo, scale)

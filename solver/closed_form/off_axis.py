@@ -211,22 +211,34 @@ def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Arra
     ``even_rows`` and ``odd_rows`` hold integrals with the products of m + l even and odd, shape (n, rows, products), in the order
     of rows of ``compute_off_axis_response``. Each block below is one bracket of eq. CF.17.
     """
-    # columns: p pressures, s shears, of which sub those with m = n + 1 and add those with m = n - 1
-    count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
-    p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
+    # columns: p of pressures, then of shears, first those with m = n + 1, then those with m = n - 1
+    count, plus_one_end = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
+    p, shear_columns, plus_one_columns, minus_one_columns = (
+        slice(0, count),
+        slice(count, None),
+        slice(count, plus_one_end),
+        slice(plus_one_end, None),
+    )
     same_order, order_below, order_above, two_below, two_above = pairs.positions
-    # moments: sym symmetric about the sphere's axis, once as cos of the angle; the last goes as cos of twice the angle
-    sym, once = slice(0, AXIAL_MOMENTS), slice(AXIAL_MOMENTS, 2 * AXIAL_MOMENTS)
+    # moments: symmetric about the sphere's axis, ``once`` as cos of the angle; the last goes as cos of twice the angle
+    symmetric_rows, once = slice(0, AXIAL_MOMENTS), slice(AXIAL_MOMENTS, 2 * AXIAL_MOMENTS)
     difference_rows, sum_rows = even_rows[:, AXIAL_MOMENTS + 1 : 2 * AXIAL_MOMENTS + 1], even_rows[:, 2 * AXIAL_MOMENTS + 1 :]
     v = np.empty((len(even_rows), ALL_MOMENTS, len(same_order)), dtype=even_rows.dtype)
-    v[:, sym, p], v[:, sym, s] = even_rows[:, sym].take(same_order[p], axis=2), odd_rows[:, sym].take(same_order[s], axis=2)
+    v[:, symmetric_rows, p], v[:, symmetric_rows, shear_columns] = (
+        even_rows[:, symmetric_rows].take(same_order[p], axis=2),
+        odd_rows[:, symmetric_rows].take(same_order[shear_columns], axis=2),
+    )
     v[:, once, p] = odd_rows[:, once].take(order_below[p], axis=2) - odd_rows[:, once].take(order_above[p], axis=2)
-    v[:, once, sub] = difference_rows.take(order_below[sub], axis=2) - sum_rows.take(order_above[sub], axis=2)
-    v[:, once, add] = sum_rows.take(order_below[add], axis=2) - difference_rows.take(order_above[add], axis=2)
+    v[:, once, plus_one_columns] = difference_rows.take(order_below[plus_one_columns], axis=2) - sum_rows.take(
+        order_above[plus_one_columns], axis=2
+    )
+    v[:, once, minus_one_columns] = sum_rows.take(order_below[minus_one_columns], axis=2) - difference_rows.take(
+        order_above[minus_one_columns], axis=2
+    )
     twice = (
         (p, even_rows[:, AXIAL_MOMENTS], even_rows[:, AXIAL_MOMENTS]),
-        (sub, odd_rows[:, -2], odd_rows[:, -1]),
-        (add, odd_rows[:, -1], odd_rows[:, -2]),
+        (plus_one_columns, odd_rows[:, -2], odd_rows[:, -1]),
+        (minus_one_columns, odd_rows[:, -1], odd_rows[:, -2]),
     )
     for columns, lower_part, upper_part in twice:
         v[:, -1, columns] = pairs.sign[columns] * lower_part.take(two_below[columns], axis=1) + upper_part.take(

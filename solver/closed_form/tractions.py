@@ -61,7 +61,7 @@ class ElasticBlocks:
     @property
     def steepness(self) -> Array:
         """The decay b of eq. CF.9 times the height."""
-        # b of the width: of a solid block, and of a tube's wall
+        # b times the width is one number for all discs, another for all tubes
         return (2.2 if self.hole is None else 2.0) * self.height / self.width
 
     def radii(self, y: Floats) -> Array:
@@ -212,7 +212,7 @@ def build_block_diagonal(parts: tuple[Array, Array]) -> Array:
 
 
 def list_disc_radii(blocks: BlockPair) -> tuple[Array, Array]:
-    """Return the radii, m, of the discs whose differences are the rings, and the outer radius of each disc's block, (n, discs)."""
+    """Return the radii of the discs whose differences are the rings, and the outer radius of each disc's block, m, (n, discs)."""
     inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, LOADS.loads, strict=True))
     count = inner.shape[1] - 1  # the inner block's disc of radius 0 is left out
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]

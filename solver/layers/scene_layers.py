@@ -46,7 +46,7 @@ def compute_squeeze(scene: Scene) -> float:
     stack.append(TissueLayer(left, tissue_modulus, np.array([scene.tissue.poisson_ratio])))
     near_echo = compute_echoes(k, stack, rigid)[0].near_echo
     assert near_echo is not None
-    # k times compliance (times 2 mu, which cancels) under pressure and under shear; near_echo has one design: row 0
+    # H + (C - H) of eq. LY.2, the compliance times 2 mu k, under pressure and under shear; [0]: there is one design
     compliances = [
         (tissue_modulus + change)[0]
         for tissue_modulus, change in zip(

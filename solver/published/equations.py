@@ -37,6 +37,7 @@ def check_numbers(formula: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(formula)
     def call_checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the formula; raise ``InputError`` where an argument or the result is out of range."""
         arguments = names.bind(*args, **kwargs).arguments
         for name, value in arguments.items():
             for number in _list_numbers(value):
