@@ -101,8 +101,8 @@ def differentiate_totals(
 def compute_velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     """Return derivatives of the nodes by ln of each length at a fixed corner size of the mesh, and last by ln of that size.
 
-    The corner size is the size of the smallest cells, at corners. It depends on all lengths and moves all nodes, so that it is
-    treated once; at a fixed corner size most lengths move few elements.
+    The corner size is that to which the mesh is graded at the blocks' corners. All nodes depend on it, so that it is treated
+    once; at a fixed corner size most lengths move few elements.
 
     Returns
     -------

@@ -75,7 +75,9 @@ def compute_layered_works(
     fractions, weight = build_wave_rule(nodes)
     waves = K * fractions
     C = _compute_surface_compliance(np.concatenate([waves, K, K * SLOPE_WAVE_RATIO], axis=1), layers, depth)
-    half_space, springs = _fit_short_waves(C, K, layers[0], cut=(K[:, 0] * layers[0].thickness).real < 0.999 * LAYER_WAVE_REACH)
+    half_space, springs = _fit_short_waves(
+        C, K, layers[0], is_cut=(K[:, 0] * layers[0].thickness).real < 0.999 * LAYER_WAVE_REACH
+    )
     remainders = [K * weight * (part[:, :-2] - a - b * waves) for part, a, b in zip(C, half_space, springs, strict=True)]
     ones = np.ones(len(K), dtype=K.dtype)
     closed = combine_disc_works(

@@ -157,7 +157,7 @@ def _differentiate_phase(
 def _differentiate_by_losses(scene: Scene, middle: LogDerivatives) -> dict[str, float]:
     """Return the phase's derivatives by the loss factors t = tan delta, rad.
 
-    The phase is linear in delta, with the derivatives of f = ln(ratio) by ln E as factors, and d delta / dt = 1 / (1 + t^2).
+    The phase's first term Df[delta] has the derivatives of f = ln(ratio) by ln E as factors, and d delta / dt = 1 / (1 + t^2).
     """
     losses = list_loss_factors(scene)
     derivatives = {key: middle.derivatives.get(key.replace(".loss_factor", MODULUS_SUFFIX)) for key in losses}
