@@ -53,17 +53,17 @@ class MeridianModel:
     section, materials, interface
         What is modelled.
     mesh
-        The elements.
+        The elements, n of them.
     shapes
-        Their functions.
+        The elements' shape functions, s of order p.
     geometry
-        Their geometry.
+        The elements' geometry at the Gauss points.
     law
-        Of each element, shape (n,).
+        Material law of each element, shape (n,).
     condensed
-        The elements' matrices without their insides.
+        The elements' stiffness with the functions inside them eliminated.
     system
-        Of the unknowns on corners and edges.
+        The equations of the unknowns on corners and edges, factorised.
     """
 
     section: Section
@@ -99,14 +99,14 @@ class MeridianModel:
 
 @dataclass(frozen=True)
 class BaseStates:
-    """Film forces per unit displacement of the blocks.
+    """The two base states of a model, and from them the film forces per unit displacement of each block's base.
 
     Attributes
     ----------
     model
-        What was solved.
+        The model that was solved.
     v
-        The unknowns of both states, shape (unknowns, 2).
+        The unknowns of both states, shape (unknowns, 2): state 0 displaces the base of the inner block, state 1 of the outer.
     edge
         The elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
     shift
@@ -116,7 +116,7 @@ class BaseStates:
     rounding
         Bound on the rounding error of ``forces``, shape (2, 2).
     residual
-        The larger of both solutions, relative to |K| |u|.
+        The larger of the residuals of both solutions, relative to |K| |u|.
     """
 
     model: MeridianModel

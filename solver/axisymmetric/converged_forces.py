@@ -31,9 +31,9 @@ class Converged:
     Attributes
     ----------
     films
-        With their errors.
+        Forces per unit displacement with error bounds, one for each modulus.
     sample
-        Where they come from; its states are those of one of the moduli, or of one between them.
+        The solution from which they are computed; its states are those of one of the moduli, or of one between them.
     plan
         Features that are modelled or left out, beyond blocks and tissue.
     notes

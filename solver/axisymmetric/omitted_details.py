@@ -30,12 +30,18 @@ class Change:
 
     Attributes
     ----------
+    feature
+        Name of the feature.
+    bounds
+        Bounds on the change of the film forces, one for each modulus.
     sensitivity
         Estimate of the change of the log-sensitivities, shape (k,).
     totals
         Forces on each film to which the bounds are relative, N/m, shape (k, 2).
     shift
         Known part of the change, which is added to the forces, N/m, shape (k, 2, 2); 0 where none is known.
+    modelled
+        Whether the feature is modelled, so that its effect is no error.
     """
 
     feature: str

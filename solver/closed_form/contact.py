@@ -175,6 +175,7 @@ def solve_contact(
     # tractions without spheres give what eq. CF.13 has beyond the moments; the moments act through C, so that tractions give way
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
+        # the disc stands for the blocks' response to fields that are not symmetric about the probe's axis
         layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _build_disc(blocks, tissue, layer_nodes)
         in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None)
         body = build_loaded_spheres(sphere, in_layer, loads, weights, layer=layer, disc=disc, sides=sides)
@@ -228,6 +229,7 @@ def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
     loads = LOADS.loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    # even positions belong to the inner block, odd ones to the outer
     for block, parts in zip(blocks, (places[::2], places[1::2]), strict=True):
         index = np.concatenate(parts)
         C[:, index[:, None], index] += compute_end_compliance(block, bonded)[:, : len(index), : len(index)]
@@ -243,7 +245,11 @@ def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: 
 def _choose_waves(
     blocks: BlockPair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
-    """Choose the wave numbers; return them, the transforms of the loads, shapes (n, q, loads), and the weights k dk."""
+    """Choose the wave numbers for floor and spheres.
+
+    Returns the wave numbers, 1/m, shape (n, q), the Hankel transforms of pressures and shears there, shapes (n, q, loads), and
+    the weights k dk, shape (n, q).
+    """
     reaches = [INTEGRAL_REACH / _find_shortest_path(sphere, tissue) for sphere in spheres]
     reach = reduce(_choose_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_choose_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)

@@ -58,21 +58,21 @@ class Shape:
     on_axis
         For each inclusion, whether its centre lies on the probe's axis.
     target
-        Index of the inclusion whose modulus ``derivative`` refers to.
+        Index of the inclusion by whose modulus the forces are differentiated; None for none.
     nodes
-        Of the integrals over wave numbers.
+        Number of nodes of the integrals over wave numbers.
     bonded
         Whether blocks and tissue stick; frictionless otherwise.
     bounded
         Whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
     side_nodes
-        Of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
+        Number for the integrals of the tissue's sides at ``tissue_radius``; 0 where they are far.
     sphere_layers
         For each inclusion, the index of the layer that holds it, the tissue's own material last.
     layers
         How many layers of other materials the tissue has.
     layer_nodes
-        Of the integral for these.
+        Number of nodes of the integral for these.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -193,6 +193,7 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):
         values += [block.youngs_modulus, block.poisson_ratio]
+    # a half-space has neither depth nor sides: its numbers are not used
     depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, compute_side_radius(tissue))
     values += [depth, side, tissue.youngs_modulus, tissue.poisson_ratio]
     offsets = [_compute_offset(scene, body) for body in scene.inclusion]

@@ -123,7 +123,7 @@ class ClosedForm(FilmEvaluator):
 
     @use_own_workspace
     def compute_films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
-        """Return the film forces of each scene with their errors, or its refusal."""
+        """Return the film forces of each scene with their errors, or its refusal; scenes of one structure are solved at once."""
         solutions: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
@@ -169,6 +169,7 @@ def _build_solution(solutions: Sequence[ClosedFormForces], accuracy: float) -> F
 
 def _is_near_interface(body: Inclusion, scene: Scene) -> bool:
     """Return whether two layers of different materials meet in a sphere, or nearer to it than ``MIN_COVER_DIAMETERS``."""
+    # 0.5 diameters from the centre to the sphere's surface, and the minimum cover
     faces = accumulate(layer[0] for layer in list_material_layers(scene.tissue))
     return any(abs(body.depth - face) < (0.5 + MIN_COVER_DIAMETERS) * (body.diameter or 0.0) for face in faces)
 

@@ -99,6 +99,7 @@ def _fill_symmetric(values: Array, size: int) -> Array:
 
 def _evaluate_polynomials(x: Array, coefficients: Floats) -> Array:
     """Evaluate several polynomials (rows of coefficients, lowest power first) at x; shape (polynomials, *x.shape)."""
+    # powers by products of lower ones: numpy is slow with ``**``
     powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
     powers[0], powers[1] = 1, x.ravel()
     for k in range(2, len(powers)):

@@ -159,7 +159,10 @@ def _compute_image(
 
 
 def _compute_returning(near_echo: Symmetric | None, top_reflection: Symmetric) -> Symmetric:
-    """Return -(1 - R N)^-1 R of eq. CF.21: the waves that come back down from the layer's top."""
+    """Return -(1 - R N)^-1 R of eq. CF.21: the waves that come back down from the layer's top.
+
+    N = ``near_echo`` is None on a half-space, R = ``top_reflection``.
+    """
     if near_echo is None:
         return -top_reflection[0], -top_reflection[1], -top_reflection[2]
     R = top_reflection[0], top_reflection[2], top_reflection[2], top_reflection[1]
@@ -211,14 +214,20 @@ def _compute_turned_image(downward: Array, upward: Array | None, shear: ShearEch
 
 
 def _compute_crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
-    """Compute the image of the mean of xx-yy in a half-space, eq. CF.16, shape (n,)."""
+    """Compute the image of the mean of xx-yy in a half-space, eq. CF.16, shape (n,).
+
+    ``mu`` and ``nu`` are the half-space's shear modulus, Pa, and Poisson's ratio, shape (n,).
+    """
     t_squared = (sphere.radius / sphere.depth) ** 2
     crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * t_squared + 0.225 * t_squared**2
     return t_squared**1.5 / (12 * (1 - nu) * mu) * crossed
 
 
 def _sum_crossed_waves(sphere: SphereArray, layer: TissueLayer, downward: SphereWaves, scale: Array) -> Array:
-    """Return eq. CF.16 as the sum over the waves, for the layer's material alone: layers do not change the sum's error."""
+    """Return eq. CF.16 as the sum over the waves, for a half-space of the layer's material, shape (n,).
+
+    Subtracted from the sum for layers, it removes the sum's error, which layers do not change.
+    """
     nu = layer.nu[:, None]
     plain, times = (part[:, 0] for part in downward.ball.average_downward(downward.waves.k * sphere.depth[:, None]))
     pressed, sheared = (times + (2 * nu - 1) * plain) / 2, ((2 - 2 * nu) * plain - times) / 2

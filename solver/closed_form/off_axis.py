@@ -100,6 +100,7 @@ def compute_off_axis_response(
     j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu
     j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
     pairs = _build_pairs(orders, degree)
+    # rows of moments by the parity of m + l of the products that they need; pressures (p) before both combinations of shear
     p, (difference_waves, sum_waves) = sphere_waves.moments[0], _combine_shear(sphere_waves)
     even_rows = np.concatenate(
         [p[:, :AXIAL_MOMENTS], p[:, -1:], difference_waves[:, AXIAL_MOMENTS:-1], sum_waves[:, AXIAL_MOMENTS:-1]], axis=1
@@ -111,6 +112,7 @@ def compute_off_axis_response(
         pairs,
         *(rows @ pairs.compute_products(J, j, parity).transpose(1, 2, 0) for parity, rows in enumerate((even_rows, odd_rows))),
     )
+    # the weights 2 a (2l+1) / (pi^2 c) of eq. CF.18, (2l+1) / pi^2 being in j; shear counts half
     factors = np.concatenate(
         [
             (2 * disc.radius)[:, None] / _select_degrees(disc.pressed, pairs.pressed),

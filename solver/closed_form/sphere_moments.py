@@ -23,9 +23,20 @@ ALL_MOMENTS = 11  # these, then of xz, xz zeta, a x, zz x, the shear in the plan
 
 @dataclass(frozen=True)
 class SphereArray:
-    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,).
+    """One sphere in each of n designs; arrays of shape (n,), SI.
 
-    ``layer`` counts the tissue's layers down to the one that holds them.
+    Attributes
+    ----------
+    radius, depth
+        Radius and depth of the centre, m.
+    offset
+        Distance of the centre from the probe's axis, m.
+    E, nu
+        Young's modulus, Pa, and Poisson's ratio.
+    on_axis
+        Whether all lie on the probe's axis, so that five moments suffice.
+    layer
+        Index of the tissue's layer that holds them, 0 the first.
     """
 
     radius: Array
@@ -47,14 +58,14 @@ class BallQuadrature:
     weight: Any
 
 
-def build_ball_quadrature(azimuths: Any) -> BallQuadrature:
+def build_ball_quadrature(turns: Any) -> BallQuadrature:
     """Build a quadrature of the unit ball: Gauss in radius cubed and cosine of the polar angle, midpoints in the azimuth.
 
-    The order is: above before below the centre, the pairs of ``PAIR_RADII`` and ``PAIR_HEIGHTS``, the ``azimuths`` (rad).
+    The order is: above before below the centre, the pairs of ``PAIR_RADII`` and ``PAIR_HEIGHTS``, the azimuths ``turns`` (rad).
     """
     x, z, weight = (part[:, None] for part in (PAIR_RADII, PAIR_HEIGHTS, PAIR_WEIGHTS))
-    sign, azimuth = np.array([1.0, -1.0])[:, None, None], np.asarray(azimuths)
-    kinds = np.broadcast_arrays(x * np.cos(azimuth) + 0 * sign, x * np.sin(azimuth) + 0 * sign, z * sign, weight / len(azimuths))
+    sign, turn = np.array([1.0, -1.0])[:, None, None], np.asarray(turns)
+    kinds = np.broadcast_arrays(x * np.cos(turn) + 0 * sign, x * np.sin(turn) + 0 * sign, z * sign, weight / len(turns))
     return BallQuadrature(*(kind.ravel() for kind in kinds))
 
 
