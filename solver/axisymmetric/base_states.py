@@ -78,7 +78,7 @@ class MeridianModel:
 
     @cached_property
     def recovery(self) -> Floats:
-        """Matrices that give values inside elements from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
+        """Matrices that give the values of functions inside elements from those on corners and edges, (n, 2 (p-1)^2, 8 p)."""
         return self.condensed.compute_recovery()
 
     def build_blocks(self, chosen: Ints) -> Blocks:
@@ -143,6 +143,8 @@ def build_model(
     section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, kind: Kind | None = None
 ) -> MeridianModel:
     """Build the model of a section on one mesh: integrate, condense and factorise the stiffness.
+
+    ``kind`` is the topology of the mesh; None for that which fits the section.
 
     Raises
     ------

@@ -68,7 +68,8 @@ class System:
         return np.asarray(self.numbering.scatter @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
     def compute_lift_forces(self, lift: Floats) -> Floats:
-        """Return the forces of the lift alone, shape (unknowns, k); few elements have a lift."""
+        """Return the forces of the lift alone, shape (unknowns, k)."""
+        # few elements have a lift: only those are multiplied
         elements = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
         forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
         forces[elements] = self.stiffness[elements] @ self.remove_shift(lift[elements])[0]

@@ -78,7 +78,7 @@ class Numbering:
 
     @cached_property
     def unsigned_scatter(self) -> sp.csr_array:
-        """``scatter`` without signs."""
+        """``scatter`` without signs, which sums magnitudes."""
         return abs(self.scatter)
 
     @cached_property
@@ -152,6 +152,7 @@ class Subspace:
 @keep_result
 def select_subspace(numbering: Numbering, degree: int) -> Subspace:
     """Return the subspace of functions of at most the given degree."""
+    # ``number``: of each unknown in the subspace, where it is inside
     inside = numbering.degrees <= degree
     number: Any = np.cumsum(inside, dtype=np.int32) - 1
     columns = np.repeat(np.arange(numbering.unknowns), np.diff(numbering.starts))

@@ -225,7 +225,7 @@ class EnergyPoints:
 
     @classmethod
     def from_elements(cls, model: MeridianModel, chosen: Ints) -> EnergyPoints:
-        """Return the points of some elements of a model."""
+        """Return the points of the elements with indices ``chosen`` of a model."""
         geometry, shapes, law = model.geometry.select(chosen), model.shapes, model.law.select(chosen)
         pressures = shapes.pressure.shape[1]
         return cls(
@@ -312,7 +312,11 @@ class EnergyPoints:
 
 
 def _multiply_stresses(stresses: Floats, fields: Floats, out: Floats) -> Floats:
-    """Multiply one state's stresses by another's fields, into the six products of ``out``, shape (6, n, q)."""
+    """Multiply one state's stresses by another's fields, into ``out``, shape (6, n, q), and return it.
+
+    ``stresses`` are as from ``_compute_stresses``, (5, n, q), ``fields`` as from ``_compute_fields``, (7, n, q); the products are
+    the six components of ``compute_tensors``.
+    """
     (radial, axial, hoop, shear, pushed), (rr, rz, zr, zz, turn, excess, _) = stresses, fields
     for k, (a, b, c, d) in {
         0: (radial, rr, shear, zr), 1: (axial, zz, shear, rz), 3: (axial, zr, shear, rr), 4: (radial, rz, shear, zz)

@@ -106,7 +106,9 @@ class SectionDerivatives:
 
 
 def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
-    """Differentiate totals and log-sensitivities by the section's variables; the states' own change enters F' alone.
+    """Differentiate totals and log-sensitivities by the section's variables.
+
+    Totals do not change with the states, which minimise the energy; their derivatives F' by ln E do:
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.

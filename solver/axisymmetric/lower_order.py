@@ -133,7 +133,7 @@ def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
 def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
     """Bound the errors of a sample by one step of descent, in at most half of the time of a projection.
 
-    None for several moduli, or where Poisson's ratio is above 0.48.
+    None for several moduli, or where Poisson's ratio is too near to 1/2 (``MAX_LAMBDA_OVER_TWO_MU``).
     """
     model, full = sample.states.model, sample.state_curve
     if full.rational is not None or np.any(model.law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * model.law.two_mu):
@@ -271,7 +271,7 @@ def _bound_products(energies: Floats) -> Floats:
 
 
 def _compute_sizes(energies: Floats) -> Floats:
-    """Return d_e of eq. AX.10 from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
+    """Return d_e of eq. AX.10, the size of the change in an element, from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
     total, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
     return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * total[..., None])))
 
@@ -282,5 +282,5 @@ def _replace_nan(bounds: Floats) -> Floats:
 
 
 def _divide(numerator: Floats, denominator: Floats, otherwise: float = 0.0) -> Floats:
-    """Return quotients; ``otherwise`` where a denominator is 0."""
+    """Return the quotients of two arrays of one shape; ``otherwise`` where a denominator is 0."""
     return np.divide(numerator, denominator, out=np.full_like(denominator, otherwise), where=denominator != 0)

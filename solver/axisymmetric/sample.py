@@ -41,7 +41,7 @@ class MeshSample:
 
     @property
     def state_curve(self) -> StateCurve:
-        """The states as functions of the modulus, which is 1 alone where there is one modulus."""
+        """The states as functions of the modulus; where there is one modulus, a curve that holds these states alone."""
         return self.curve or StateCurve(self.states.edge)
 
     @property
@@ -51,7 +51,7 @@ class MeshSample:
 
     @property
     def totals(self) -> Floats:
-        """Force on each film, shape (k, 2)."""
+        """Force on each film per unit displacement of both bases together, N/m, shape (k, 2)."""
         return np.asarray(self.forces.sum(axis=2))
 
     @property

@@ -28,7 +28,7 @@ SolutionOrError = FilmSolution | InputError
 
 
 def get_design(scene: Scene) -> Scene:
-    """Return the scene with a standard modulus of the inclusion and zero load: it is equal for all scenes on one curve."""
+    """Return the scene with the inclusions' moduli set to 1 Pa and no load: equal for all scenes that share a curve."""
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})

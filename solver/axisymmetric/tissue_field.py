@@ -186,7 +186,10 @@ def _invert_maps(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 def compute_jacobian(corners: Any, places: Any) -> Any:
-    """Return d(r, z) / d(u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
+    """Return the Jacobians d(r, z) / d(u, v), shape (m, 2, 2), of m quadrilaterals at places in their unit squares.
+
+    ``corners`` are the quadrilaterals' corners, m, shape (m, 4, 2), in order around each; ``places`` are (u, v), shape (m, 2).
+    """
     u, v = places[:, :1], places[:, 1:]
     a, b, c, d = np.moveaxis(corners, 1, 0)
     return np.stack([(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)], axis=-1)

@@ -64,7 +64,7 @@ class FilmCallback(DifferentiableFunction):
         return start.sample.states.model.mesh.layout, start.plan
 
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
-        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+        """Return the outputs and derivatives of one design, on a mesh of the given kind; of its own where ``kind`` is None.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class TumourCallback(FilmCallback):
         return base.field.states.model.mesh.layout, base.plan
 
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
-        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+        """Return the outputs and derivatives of one design, on a mesh of the given kind; of its own where ``kind`` is None.
 
         Raises
         ------

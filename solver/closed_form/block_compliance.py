@@ -115,7 +115,7 @@ class RitzSystem:
 
     @property
     def amplitudes(self) -> Array:
-        """Amounts a of the u under unit loads, shape (n, u, loads)."""
+        """Amounts a of the functions of u (eq. CF.8) under unit loads, shape (n, u, loads)."""
         return np.linalg.solve(self.S, self.E.swapaxes(1, 2))
 
     def compute_compliance(self, amplitudes: Array) -> Array:

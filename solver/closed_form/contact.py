@@ -280,7 +280,10 @@ def _compute_sides(blocks: BlockPair, tissue: Tissue, nodes: int, bonded: bool) 
 
 
 def _average_column(tissue: Tissue) -> tuple[Array, Array]:
-    """Return modulus and Poisson's ratio of one material whose column shortens and widens as that of the layers."""
+    """Return modulus, Pa, and Poisson's ratio of one material whose column shortens and widens as that of the layers.
+
+    Under one stress, layers shorten by thickness / E; these are also the weights of Poisson's ratios.
+    """
     if not tissue.layers:
         return tissue.E, tissue.nu
     shortening = [layer.thickness / layer.E for layer in tissue.stack]

@@ -109,7 +109,7 @@ def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
 
 
 def build_blocks(parameters: Array) -> BlockPair:
-    """Build the blocks of n designs from parameters of which PROBE_PARAMETERS are the first, shape (parameters, n)."""
+    """Build the inner and the outer blocks of n designs from parameters (parameters, n), PROBE_PARAMETERS the first of them."""
     inner_radius, gap, outer_radius, inner_height, outer_height, *materials = parameters[: len(PROBE_PARAMETERS)]
     inner = ElasticBlocks(None, inner_radius, inner_height, *materials[:2])
     return inner, ElasticBlocks(inner_radius + gap, outer_radius, outer_height, *materials[2:])

@@ -91,7 +91,7 @@ class StatedErrors:
 
 
 def state_errors(scene: Scene, shape: Shape, forces: Floats, derivatives: Floats) -> StatedErrors:
-    """State the errors of the formulas for a scene (eq. CF.19).
+    """Return the 95 % quantiles of the formulas' errors for a scene (eq. CF.19).
 
     Parameters
     ----------

@@ -199,7 +199,9 @@ def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
 
 
 def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return forces, derivatives and residuals of designs of one structure.
+    """Return forces, derivatives and residuals of n designs of one structure.
+
+    Their number is rounded up to a multiple of ``COLUMNS_AT_ONCE`` by repeating the last, see the module's docstring.
 
     Parameters
     ----------

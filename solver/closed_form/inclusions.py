@@ -75,22 +75,22 @@ class LoadedSpheres:
 
     @property
     def volume(self) -> Array:
-        """4/3 pi R^3, shape (n, 1, 1)."""
+        """Volume V of the spheres, m^3, shape (n, 1, 1)."""
         return (4 * np.pi / 3 * self.sphere.radius**3)[:, None, None]
 
     @cached_property
     def form(self) -> Array:
-        """V K of eq. CF.14: eq. CF.13 on the moments."""
+        """V K of eq. CF.14, which is eq. CF.13 on the moments, shape (n, moments, moments)."""
         return self.volume * build_moment_form(*self.strength, self.moments.shape[1])
 
     @cached_property
     def form_by_log(self) -> Array:
-        """Derivative of V K by ln E of the sphere."""
+        """Derivative of V K by ln E of the sphere, shape (n, moments, moments)."""
         return self.volume * build_moment_form(*self.strength_by_log, self.moments.shape[1])
 
     @cached_property
     def effective_moments(self) -> Array:
-        """D^-1 M of eq. CF.14, shape (n, moments, m)."""
+        """D^-1 M of eq. CF.14: the moments that polarise the sphere under each load, its image included, (n, moments, m)."""
         D = np.eye(self.moments.shape[1]) + (self.image / self.volume) @ self.form
         return np.linalg.solve(D, self.moments)
 

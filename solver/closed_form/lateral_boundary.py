@@ -171,8 +171,8 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
 def _solve_column(tissue: ElasticBlocks) -> tuple[Array, Array, Array]:
     """Return the response of a cylinder of tissue to unit works at its side.
 
-    The works are on the f_j and, divided by half the radius, on the g_j: every P_i is 1 at the side, and of the U_i the first
-    alone is not 0.
+    The works are those of tractions on the f_j and, divided by half the radius, on the g_j: every P_i is 1 at the side, and of
+    the U_i the first alone is not 0. ``tissue`` is the cylinder, as a disc fixed to the floor.
 
     Returns
     -------

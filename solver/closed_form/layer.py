@@ -122,6 +122,7 @@ def compute_strain_amplitudes(
 
 def _combine_waves(load: Sequence[Array], downward: WavePair, upward: WavePair | None) -> tuple[Array, Array, Array, Array]:
     """Return a + a', b + b', b - b' and a - a' of ``compute_fields``; see ``compute_strain_amplitudes`` for the arguments."""
+    # a' and b' belong to upward waves, which a half-space does not have
     a, b = load[0] * downward[0] + load[1] * downward[1], load[1] * downward[0]
     if upward is None:
         return a, b, b, a

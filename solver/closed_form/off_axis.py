@@ -48,7 +48,9 @@ class Disc:
 
 
 def shift_waves(k: Array, offset: Array) -> Array:
-    """Return the amount of each moment of ``SphereWaves`` in a wave J_0 about the probe's axis, shape (n, moments, q).
+    """Return the amplitudes, about the sphere's axis, of a wave J_0 about the probe's axis, eq. CF.17, shape (n, moments, q).
+
+    There is a row for each moment of ``SphereWaves``: the factor by which that moment counts.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def compute_off_axis_response(
     j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu
     j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
     pairs = _build_pairs(orders, degree)
-    # rows of moments by the parity of m + l of the products that they need; pressures (p) before both combinations of shear
+    # rows of moments by the parity of m + l of the products that they need
     p, (difference_waves, sum_waves) = sphere_waves.moments[0], _combine_shear(sphere_waves)
     even_rows = np.concatenate(
         [p[:, :AXIAL_MOMENTS], p[:, -1:], difference_waves[:, AXIAL_MOMENTS:-1], sum_waves[:, AXIAL_MOMENTS:-1]], axis=1
@@ -197,7 +199,10 @@ def _build_pairs(orders: int, degree: int) -> Pairs:
 
 
 def _iterate_degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice]]:
-    """Yield for each m the first l of the parity that a column needs, and the slice of its products."""
+    """Yield for m = 0, 1, ... the first l that a column needs, with m + l of the given parity, and the slice of its products.
+
+    Columns for the order n and l >= n - 1 need J_m with m up to n + 2, hence l from m - 3.
+    """
     start = 0
     for m in range(orders + 3):
         first = max(m - 3, 0)

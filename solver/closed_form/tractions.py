@@ -184,7 +184,10 @@ def _join_blocks(disc: Floats, tube: Floats) -> Floats:
 
 
 def compute_load_areas(blocks: BlockPair, like: Array) -> Array:
-    """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
+    """Return A of eq. CF.12, the force of each unit load on each block, m^2, shape (n, loads, 2); shears have none.
+
+    ``like`` is an array (n, loads, ...) of the same type.
+    """
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
     for i, (block, loads) in enumerate(zip(blocks, LOADS.loads, strict=True)):
@@ -227,7 +230,7 @@ def combine_disc_works(blocks: BlockPair, works: Sequence[Array]) -> list[Array]
 
 
 def _combine_works(work: Array, left: Floats, right: Floats) -> Array:
-    """Return left^T work right for matrices ``work`` (n, i, j) whose axis n is last in memory."""
+    """Return left^T work right, shape (n, loads, loads), for matrices ``work`` (n, i, j) whose axis n is last in memory."""
     rows = work.transpose(1, 2, 0)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
     return (right.T @ halves).transpose(2, 0, 1).copy()

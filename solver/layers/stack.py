@@ -208,13 +208,15 @@ def _compute_surface_transmission(near_echo: Symmetric | None) -> Matrix:
 
 
 def compute_fading(x: Array) -> Matrix:
-    """Return e^-x F of eq. LY.1: how downward waves change over x = k h."""
+    """Return e^-x F of eq. LY.1: the factor of downward waves' tractions over a path x = k h."""
     fade = np.exp(-x)
     return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
 
 
 def compute_last_wave(radius: Array, thickness: Array) -> Array:
-    """Return the wave number up to which waves are summed under probes of a radius, above first layers, shapes (n,).
+    """Return the wave number, 1/m, up to which waves are summed under probes of outer ``radius``, shape (n,).
+
+    ``thickness`` is that of the first layer, m, shape (n,).
 
     Waves much shorter than the first layer do not reach the others; loads contain few waves beyond ``PROBE_WAVE_REACH``.
     """
@@ -260,7 +262,10 @@ def compute_shear_echoes(k: Array, layers: Sequence[TissueLayer], place: int, ri
 
 
 def compute_shear_compliance(k: Array, layers: Sequence[TissueLayer]) -> Array:
-    """Return k times the surface's compliance for shear about the vertical on layers above a half-space, shape (n, q)."""
+    """Return k times the surface's compliance for shear about the vertical on layers above a half-space, 1/Pa, shape (n, q).
+
+    ``k`` are wave numbers, 1/m, shape (n, q). On a half-space alone the result is 1 / mu.
+    """
     fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
     near_echo = _chain_reflections(layers[::-1], [0 * k, *fades[::-1]], 0 * k)[-1] * fades[0] ** 2
     return (1 - near_echo) / (1 + near_echo) / layers[0].mu

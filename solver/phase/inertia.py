@@ -28,7 +28,7 @@ MAX_SWING_SHARE = 0.8  # of the frequency of eq. PH.5: up to there the tissue do
 
 
 def compute_inertia_number(scene: Scene, frequency: float) -> float:
-    """Return inertia relative to stiffness, N of eq. PH.4, at a frequency, Hz."""
+    """Return the ratio of inertia to stiffness, N of eq. PH.4, at a frequency, Hz."""
     return (_compute_wave_number(scene, frequency) * scene.probe.tube_radius) ** 2
 
 

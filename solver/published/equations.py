@@ -133,13 +133,16 @@ def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: flo
 
 @check_numbers
 def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
-    """Return E_eq from the shortenings, Pa. Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings)."""
+    """Return the equivalent modulus E_eq from shortenings, Pa.
+
+    Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings).
+    """
     return 2 * (1 - nu_1**2) * sigma * a / sum(shortenings)
 
 
 @check_numbers
 def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
-    """Return E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
+    """Return the equivalent modulus E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
     return 1 / (1 / E_1 + 1 / E_2 + 1 / E_3)
 
 
@@ -182,7 +185,7 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
 
 @check_numbers
 def modulus_corrected(a: float, d: float, D: float, *, E_matrix: float, E_object: float) -> float:
-    """Return E_eq with the defects of eqs. (4) and (6) to (8) corrected, by eq. PU.1, Pa.
+    """Return the equivalent modulus E_eq with the defects of eqs. (4) and (6) to (8) corrected, by eq. PU.1, Pa.
 
     Raises
     ------

@@ -78,7 +78,19 @@ class ManyTumours:
     def from_draws(
         cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
     ) -> ManyTumours:
-        """Compute everything that does not depend on the probe."""
+        """Compute everything that does not depend on the probe.
+
+        Parameters
+        ----------
+        draws
+            The tumours.
+        positions
+            x and y of the probe's axis, m, shape (P, 2).
+        widest
+            Outer radius of the widest probe, m.
+        bonded, side, layer_nodes
+            See the class.
+        """
         return cls(draws, compute_moments(draws, positions, widest), bonded, side, layer_nodes)
 
     def compute_films(self, probes: Array) -> Films:
