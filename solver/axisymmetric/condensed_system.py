@@ -26,13 +26,13 @@ class System:
     Attributes
     ----------
     numbering
-        Of the unknowns.
+        The numbering of the unknowns.
     stiffness
         Of the elements, shape (n, 8 p, 8 p).
     matrix
         The assembled stiffness, shape (unknowns, unknowns).
     factor
-        Of the matrix.
+        The matrix's Cholesky factor.
     """
 
     numbering: Numbering

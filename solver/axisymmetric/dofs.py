@@ -37,9 +37,10 @@ class Numbering:
         The elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape (n, 8 p, 2); for
         blocks it is zero, as their shift causes no strain.
     rows, starts
-        Of the system's matrix in compressed columns.
+        Row numbers and column starts of the system's matrix in compressed columns.
     sums
-        Of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
+        Sparse matrix that sums the entries of the elements' matrices, with their signs, to those of the system's matrix; shape
+        (entries, n (8 p)^2).
     signs
         Of the elements' own values, shape (n, 8 p).
     degrees
@@ -47,7 +48,7 @@ class Numbering:
     vertical
         The elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
     pattern
-        Shared by the matrices of systems that are used one after the other.
+        Sparsity pattern, shared by the matrices of systems that are used one after the other.
     """
 
     gather: sp.csr_array
@@ -128,13 +129,13 @@ class Subspace:
     Attributes
     ----------
     unknowns
-        Their numbers.
+        Numbers of the subspace's unknowns among all.
     entries
         Indices of the whole matrix's entries whose row and column both belong to these unknowns.
     rows, starts
-        Of their matrix in compressed columns.
+        Row numbers and column starts of their matrix in compressed columns.
     pattern
-        Of their matrices.
+        Sparsity pattern, shared by their matrices.
     """
 
     unknowns: Ints

@@ -79,7 +79,7 @@ class _Change:
     Attributes
     ----------
     model
-        The full space.
+        The model on the full space.
     values
         Vectors that span the difference, elements' values, shape (n, 8 p, m).
     loads

@@ -33,7 +33,7 @@ class Sections:
     bracket
         Cylinders from the inscribed to the circumscribed one; empty where the tissue is round about the axis.
     materials
-        Of every body.
+        The material of every body.
     outline
         Distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
     """

@@ -145,7 +145,7 @@ class AxialIntegrals:
     Attributes
     ----------
     gg, dg_dg
-        Of two functions.
+        Of two functions g, and of the derivatives of two, shape (g_j, g_j, n).
     g_dmode, dg_mode
         Of g with the modes' derivatives, and of dg with the modes.
     derivative

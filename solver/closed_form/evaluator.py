@@ -206,7 +206,7 @@ def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats
     Parameters
     ----------
     shape
-        Of all the designs.
+        The structure of all the designs.
     columns
         The parameters of n designs, one in each column, see ``designs.build_parameters``, shape (parameters, n).
 

@@ -73,7 +73,7 @@ def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tu
     Parameters
     ----------
     waves
-        Of q wave numbers.
+        Coefficients of q waves for each of n designs.
     z
         Depths, shape (n, p).
     mirrored

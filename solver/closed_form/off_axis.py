@@ -94,9 +94,9 @@ def compute_off_axis_response(
     bonded
         Whether the disc takes shear, too.
     orders
-        The largest n.
+        The largest azimuthal order n of the waves about the probe's axis.
     degree
-        The largest l.
+        The largest degree l of the pressures j_l.
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
     j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu

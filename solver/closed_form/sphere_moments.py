@@ -184,9 +184,9 @@ class SphereWaves:
     Attributes
     ----------
     ball
-        The waves at the sphere.
+        The factors of the waves at the points in the sphere.
     waves
-        As they fade in its layer.
+        The waves in the layer that holds it.
     depth
         Of its centre below its layer's top, shape (n,).
     moments
@@ -254,7 +254,7 @@ def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array],
     Parameters
     ----------
     sphere_waves
-        The waves.
+        The waves at the spheres.
     loads
         Amplitudes of each wave under l loads, two arrays (n, l, q): of pressure and of shear at the surface, or, in a layer among
         others, of the downward waves at the layer's top.

@@ -144,7 +144,7 @@ class PairLoads:
     Attributes
     ----------
     loads
-        Of the disc and of the tube.
+        The functions under the disc and under the tube.
     discs
         Pressures, and shears, as sums of uniform loads on discs: factors of the discs, shapes (discs, functions).
     transform_weights
