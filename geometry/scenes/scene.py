@@ -135,7 +135,10 @@ class HalfSpaceTissue(_Layered):
 
 
 def _read_shape(tissue: object) -> str | None:
-    """Return the tag of a tissue; pydantic's own message cannot print every integer, so that only text is passed on."""
+    """Return the shape of a tissue, table or object, by which pydantic chooses its model; None if it is no text.
+
+    Pydantic's own message for a wrong shape fails for very large integers, so that only text is passed on.
+    """
     shape = tissue.get("shape") if isinstance(tissue, Mapping) else getattr(tissue, "shape", None)
     return shape if isinstance(shape, str) else None
 
@@ -165,7 +168,7 @@ class Inclusion(Material):
     depth
         From the tissue's surface to the centre.
     x, y
-        The centre beside the tissue's axis.
+        Lateral offset of the centre from the tissue's axis.
     target
         Whether ``log_sensitivity`` refers to this one.
     """
@@ -181,11 +184,13 @@ class Inclusion(Material):
 
     @model_validator(mode="after")
     def _check_exactly_one_shape(self) -> Self:
+        """Raise ``InputError`` unless one of the keys of a shape is given: diameter, diameters or surface."""
         if sum(shape is not None for shape in (self.diameter, self.diameters, self.surface)) != 1:
             raise InputError("diameter", self._describe_shapes(), "exactly one of diameter, diameters and surface")
         return self
 
     def _describe_shapes(self) -> Words:
+        """Return, for the message, how the number of shapes is wrong: "missing", or the keys given besides the first."""
         given = [key for key in ("diameter", "diameters", "surface") if getattr(self, key) is not None]
         return Words("given beside " + " and ".join(given[1:]) if given else "missing")
 

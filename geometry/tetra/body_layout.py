@@ -126,7 +126,10 @@ class BodyLayout:
         return np.asarray((distances / np.maximum(np.abs(directions), 1e-300)).min(axis=1))
 
     def contains(self, points: Points) -> NDArray[np.bool_]:
-        """Return which points (n, 3) lie in tissue or blocks, (n,), gap and groove counted as blocks; in a half mesh only with y >= 0."""
+        """Return which points (n, 3) lie in tissue or blocks, (n,), gap and groove counted as blocks.
+
+        In a half mesh only with y >= 0.
+        """
         radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.compute_side_distance(np.arctan2(points[:, 1], points[:, 0])))
         blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)

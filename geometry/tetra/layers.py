@@ -125,7 +125,7 @@ def split_at_height(points: Points, cells: Indices, height: float) -> tuple[Poin
     if len(pairs) == 0:
         return points, cells, parent
     pairs = pairs[np.argsort(-np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1), kind="stable")]
-    # each end's distance from the plane over the sum of both: the far end's fraction weights the near end
+    # each end's distance from the plane over the sum of both: the weight of the other end in the new corner
     fraction = np.abs(points[pairs, 2] - height)
     fraction /= fraction.sum(axis=1, keepdims=True)
     new = fraction[:, 1:] * points[pairs[:, 0]] + fraction[:, :1] * points[pairs[:, 1]]
@@ -182,7 +182,10 @@ def _move_to_plane(surfaces: list[Surface], points: Points, cells: Indices, memb
 
 
 def _find_shortest_edges(points: Points, ends: Indices) -> Points:
-    """Return the length (n,) of the shortest edge at each point (n, 3), 0 where there is none; ``ends`` (m, 2) are the edges' points."""
+    """Return the length (n,) of the shortest edge at each point (n, 3), 0 where there is none.
+
+    ``ends`` (m, 2) are the edges' points.
+    """
     result = np.full(len(points), np.inf)
     np.minimum.at(result, ends, np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)[:, None])
     result[np.isinf(result)] = 0.0
