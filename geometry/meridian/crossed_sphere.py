@@ -185,9 +185,9 @@ def place_box_lines(box: CrossedBox, radii: Numeric, levels: Numeric, centre: Nu
     """Return where a box's lines lie.
 
     Rays to the box's side have a bend on the sphere's surface: the points where they meet it are turned about the centre by s v,
-    |s| < 1, with v = acos(radius / distance), the angle to the tangent from the ray's end (ME.3). s is linear in the ray's angle between interfaces and corners. A corner's ray is not turned where
-    none is, else at most half-way from the next interface to the terrain. On the terrain beyond the sphere the
-    angles on the sphere are linear in those on the terrain.
+    |s| < 1, with v = acos(radius / distance), the angle to the tangent from the ray's end (ME.3). s is linear in the ray's angle
+    between interfaces and corners. A corner's ray is not turned where none is, else at most half-way from the next interface to
+    the terrain. On the terrain beyond the sphere the angles on the sphere are linear in those on the terrain.
 
     Parameters
     ----------

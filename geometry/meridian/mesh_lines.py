@@ -224,10 +224,7 @@ class MeshTopology:
         return CrossedBox(lines, tuple(sides[::-1]), (lower, upper))
 
     def _number_levels(self, first: int) -> int:
-        """Number the lines of blocks and base: levels above the surface, from ``first``, and radii beyond the tissue's.
-
-        Return the number after the last level. -1 stands for what the mesh does not have.
-        """
+        """Assign numbers to levels above the surface, from ``first``, and radii beyond the tissue's; return the next level."""
         n, kind = self.fineness.count, self.kind
         middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))

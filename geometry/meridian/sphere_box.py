@@ -83,7 +83,7 @@ class SphereBox:
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 
     def find_edge(self, s: Section, box: int, breaks: list[Numeric]) -> Numeric:
-        """Return the radius where the box ends: the middle of the part of interval ``box`` of ``breaks`` within ``box_limits``."""
+        """Return the radius where the box ends: the middle of what ``box_limits`` leave of the interval ``box`` of ``breaks``."""
         low, high = s.box_limits()
         blur = 0.2 * (high - low)
         lower = low if box == 0 else smooth_max(low, breaks[box], blur)

@@ -274,13 +274,7 @@ def format_modulus(value: float) -> str:
 
 
 def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> CatalogueMaterial:
-    """Return the material ``name`` with a fraction of thinner or a mixing ratio; None for its usual recipe.
-
-    Raises
-    ------
-    InputError
-        No such recipe is known for it, or it was not measured with these numbers.
-    """
+    """Return a material with a fraction of thinner or a mixing ratio, None for the usual; raise as ``find_material``."""
     entry, thinned = read_catalogue()[name], read_compressed().get(name)
     if thinner is not None and thinned is None:
         raise InputError("thinner", thinner, f"none for {name}; measured with thinner: {', '.join(read_compressed())}")
@@ -332,8 +326,8 @@ def _build_material(
 def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
     """Return Young's modulus in Pa, the standard deviation of its logarithm and the source of that standard deviation.
 
-    Several published values follow eq. SC.2. A single one is taken as it is, with the tolerance that the entry states or, where it
-    states none, the scatter between test methods by eq. SC.3.
+    Several published values follow eq. SC.2. A single one is taken as it is, with the tolerance that the entry states, or with
+    the scatter between test methods, eq. SC.3.
     """
     low, high = (pick(value.youngs_modulus for value in published) for pick in (min, max))
     if len(published) > 1:

@@ -80,11 +80,15 @@ def choose_space(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
 
 
 def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
-    """Return the wanted edge lengths in m at points (n, 3) of the scene: (n,)."""
+    """Return the wanted edge lengths in m at points (n, 3) of the scene, (n,).
+
+    Each feature asks for a size on it, which grows linearly with the distance from it; the smallest wins. ``fine`` are the sizes
+    relative to the features, ``space`` says how much far tissue is drawn near, where tetrahedra may be larger.
+    """
     radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     rims = np.full(len(points), np.inf)
     thickness = min(layout.tube - layout.hole, layout.inner)
-    for rim, size in (
+    for rim, size in (  # radii of the gap's and of the tube's rim on the tissue, and the sizes there
         ((layout.inner + layout.hole) / 2, fine.rim * min(layout.inner, _THIN_WALL_FACTOR * thickness)),
         (layout.tube, fine.rim * min(2 * layout.inner, _THIN_WALL_FACTOR * thickness)),
     ):
@@ -102,7 +106,7 @@ def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, poi
             result, fine.groove * min(2 * width, depth) + fine.growth * (distance + _distance_from_blocks(layout, radius, z))
         )
     layers = list(pairwise((0.0, *layout.interfaces)))
-    for top, bottom in layers:
+    for top, bottom in layers:  # depths of a layer's upper and lower plane
         layer_size = max(fine.layer * (bottom - top), _FLAT_SIZE_FRACTION * fine.block * layout.inner)
         result = np.minimum(
             result, layer_size + fine.growth * (_distance_from_layer(top, bottom, z) + _distance_from_blocks(layout, radius, z))
@@ -134,7 +138,10 @@ def _distance_from_layer(top: float, bottom: float, z: Points) -> Points:
 
 
 def count_squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
-    """Return the area of the planes between layers, of a half where that is meshed, in squares of the sizes wanted there."""
+    """Return how many squares of the wanted edge length cover the planes between layers; of a half mesh, their halves.
+
+    The integral of 1 / size^2 over the planes, by samples at some angles and at radii that are dense near the probe.
+    """
     angles: Points = np.arange(_ANGLE_SAMPLES, dtype=np.float64) * (2 * np.pi / _ANGLE_SAMPLES)
     steps = np.geomspace(1e-3, 1.0, _RADIUS_SAMPLES)
     shares, widths = np.sqrt(steps[1:] * steps[:-1]), np.diff(steps)
@@ -148,14 +155,17 @@ def count_squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> 
 
 
 def _distance_from_blocks(layout: BodyLayout, radius: Points, z: Points) -> Points:
-    """Return the distances (n,) from the cylinder around the probe's blocks."""
+    """Return the distances (n,) from the cylinder around the probe's blocks, of points at radii and heights z (n,)."""
     return np.hypot(np.maximum(radius - layout.tube, 0), np.maximum(-z, 0))
 
 
 def build_background(
     layout: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points
 ) -> tuple[Points, NDArray[np.int32], Points]:
-    """Build a mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
+    """Build a mesh of a box in the mesher's space, on which pytetwild interpolates the wanted edge lengths.
+
+    ``box`` (2, 3) has its lower and its upper corner. Return points (n, 3), tetrahedra (t, 4) and an edge length at each point.
+    """
     min_size = fine.rim * layout.inner
     axes = [_grade_axis(low, high, min_size, space.linear_radius) for low, high in box.T]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -181,6 +191,7 @@ def _is_outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
 
 def _grade_axis(low: float, high: float, min_size: float, linear_radius: float) -> Points:
     """Return the points of an axis from low to high, about ``min_size`` apart near zero and further apart away from it."""
+    # points equally spaced in asinh(x / scale), with a scale of a third of ``linear_radius``
     ends = np.arcsinh(np.array([low, high]) / (linear_radius / 3))
     count = int(np.clip(np.ptp(ends) * linear_radius / 3 / min_size, 12, 48))
     return np.asarray(np.sinh(np.linspace(ends[0], ends[1], count + 1)) * linear_radius / 3)

@@ -50,9 +50,9 @@ class Sheet:
     centre
         The inclusion's, (3,).
     fewer
-        Triangles that follow a surface of very many, or None where there are none.
+        The surface with fewer triangles, for meshers, where it has very many; else None.
     decimation_error
-        How far these are from it.
+        Distance of ``fewer`` from the surface, m.
     """
 
     points: Points
@@ -90,7 +90,10 @@ class Sheet:
         return len(forth) == len(edges) and len(np.unique(np.vstack([edges, edges[:, ::-1]]), axis=0)) == len(edges)
 
     def compute_winding(self, points: Points) -> Points:
-        """Return winding numbers of the surface about points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
+        """Return winding numbers of the surface about points (m, 3), (m,): 1 inside, 0 outside, between them where it is open.
+
+        They are -1 inside where the triangles are turned inside out.
+        """
         return self._winding_tree.compute_winding(points)
 
     def is_inside(self, points: Points) -> NDArray[np.bool_]:
@@ -101,7 +104,7 @@ class Sheet:
         return result
 
     def find_nearest(self, points: Points) -> Points:
-        """Return the nearest points of the surface, (m, 3)."""
+        """Return the point of the surface that is nearest to each of the points (m, 3), (m, 3)."""
         _, nearest = self._poly.find_closest_cell(points, return_closest_point=True)  # type: ignore[misc]  # a pair if asked for
         return np.asarray(nearest, dtype=float).reshape(-1, 3)
 
@@ -186,7 +189,10 @@ def _read_triangles(suffix: str, content: bytes) -> Arrays:
 
 
 def _check_enclosing(sheet: Sheet, name: str, key: str) -> None:
-    """Refuse a surface that encloses nothing: the winding numbers inside have to stand out from those near its openings."""
+    """Refuse a surface that encloses nothing, by the winding numbers at random points of its bounding box.
+
+    Some have to be nearly 1 (inside), and few between 0 and 1, as they are near an opening.
+    """
     if np.ptp(sheet.points, axis=0).min() <= 0:
         raise InputError(key, Words(f"{name}, a flat surface"), "a closed surface")
     draws = np.random.default_rng(0).uniform(sheet.points.min(axis=0), sheet.points.max(axis=0), (400, 3))
