@@ -87,7 +87,7 @@ def _move_together(drafts: Path, folder: Path, names: Sequence[str], once: bool)
 
 
 def _place_once(draft: Path, path: Path) -> None:
-    """Give a file its name unless there is one of that name."""
+    """Give a finished draft its final name, ``path``, unless there is a file of that name already."""
     with suppress(FileExistsError):
         try:
             os.link(draft, path)

@@ -248,6 +248,7 @@ class Probe(Frozen):
         return self
 
     def _check_wall(self) -> None:
+        """Raise ``InputError`` if the tube has no wall."""
         if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
             return
         allowed = (
@@ -257,6 +258,7 @@ class Probe(Frozen):
         raise InputError(*_describe_given(self, "outer_radius", "area_ratio"), allowed)
 
     def _check_groove(self) -> None:
+        """Raise ``InputError`` if the groove is as wide as the hole or as deep as the outer block is high."""
         if self.groove is None:
             return
         for key, limit, limit_name in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
@@ -329,5 +331,6 @@ def _describe_given(probe: Probe, *keys: str) -> tuple[str, Words]:
 
 
 def _describe_value(probe: Probe, key: str) -> str:
+    """Return the value of a key of the probe as text: "missing", a number, or a length in mm."""
     value = getattr(probe, key)
     return "missing" if value is None else f"{value:g}" if key == "area_ratio" else format_mm(value)

@@ -57,8 +57,9 @@ def list_materials(scene: Scene) -> dict[str, Material]:
 
 
 def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
-    """Return for each length of a scene by how much the lengths of its ``geometry.meridian.section.Section`` change with it.
+    """Return the derivatives of the lengths of a scene's ``geometry.meridian.section.Section`` with respect to its own lengths.
 
+    The outer keys are those of the scene file, the inner ones fields of the section; derivatives that are 0 are left out.
     A block of tissue stands for the cylinder of the same area; a half-space has no length.
     """
     probe, tissue, present = scene.probe, scene.tissue, list_values(scene)

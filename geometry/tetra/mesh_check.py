@@ -172,7 +172,7 @@ def _count_pieces(tetrahedra: Indices) -> int:
 
 
 def _may_be_split(layout: BodyLayout, label: int) -> bool:
-    """Return whether the body with a label may be in several pieces: one from a file, or tissue outside the reference cylinder."""
+    """Return whether a body may be in several pieces: a surface from a file, or tissue outside the reference cylinder."""
     return label == BEYOND_BODY or (
         label >= FIRST_INCLUSION_BODY and not isinstance(layout.inclusions[label - FIRST_INCLUSION_BODY], Ellipsoid)
     )

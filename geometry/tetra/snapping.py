@@ -189,7 +189,7 @@ def curve_mesh(
 
 
 def _find_edges_between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
-    """Return which edges of elements (t, 10) are common to two of the element's own faces that are among ``faces`` (f, 3), (t, 6)."""
+    """Return which of the six edges of elements (t, 10) are common to two of their faces among ``faces`` (f, 3), (t, 6)."""
     # a face is known by one number: its sorted corners as digits to a base above all of them
     base = int(elements[:, :4].max(initial=faces.max(initial=0))) + 1
     element_keys, given = (np.sort(part, axis=-1) @ np.array([base**2, base, 1]) for part in (elements[:, FACE_CORNERS], faces))
