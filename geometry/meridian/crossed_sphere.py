@@ -27,10 +27,7 @@ from geometry.common.arrays import Ints, Numeric
 from geometry.meridian.grading import smooth_min
 from geometry.meridian.sphere_box import CORE_REACH
 
-FEW_LAYERS, MANY_LAYERS = (
-    3,
-    8,
-)  # where an interface meets the sphere: few at a pole, where more would be as thin as rounding errors
+FEW_LAYERS, MANY_LAYERS = 3, 8  # where an interface meets the sphere; at a pole more would be as thin as rounding errors
 MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD = (
     np.pi / 6,
     np.pi / 3,

@@ -159,6 +159,7 @@ class MeshTopology:
     """
 
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
+        """Assign numbers to the lines of all meshes of a kind that have this fineness."""
         n = fineness.count
         self.kind, self.fineness = kind, fineness
         names, levels = ["axis", *_list_block_names(kind.edges), "side"], _list_level_names(kind.layers, kind.box is not None)

@@ -53,6 +53,7 @@ def build_size_cubes(
     cubes, accepted = centre[None, :], []
     while len(cubes):
         size = sizes(cubes)
+        # also accepted: cubes that are too large, where dividing them would give too many
         small = (edge <= _CUBE_EDGE_FRACTION * size) | (len(cubes) > _MAX_CUBES)
         accepted.append((cubes[small], np.full(np.count_nonzero(small), edge), size[small]))
         cubes = (cubes[~small][:, None] + edge * _CHILD_OFFSETS).reshape(-1, 3)

@@ -93,6 +93,7 @@ def compute_lateral_reach(body: Inclusion) -> float:
     first_axis, second_axis, _ = compute_semi_axes(body)
 
     def support(angle: float) -> float:
+        """Return the support function in the direction n = (cos, sin) of an angle."""
         n, m = math.cos(angle), math.sin(angle)
         return n * body.x + m * body.y + math.hypot(*(n * a + m * b for a, b in zip(first_axis, second_axis, strict=True)))
 

@@ -214,6 +214,7 @@ class Contact(Frozen):
 
     @model_validator(mode="after")
     def _check_friction(self) -> Self:
+        """Raise ``InputError`` for friction at an interface that cannot open."""
         if self.friction > 0 and self.interface != "unilateral":
             raise InputError("friction", self.friction, "0 unless interface = 'unilateral'")
         return self
@@ -309,8 +310,8 @@ class Scene(Frozen):
         Returns
         -------
         Self
-            The new scene. A key that excludes a new one is gone, as ``area_ratio`` where ``outer_radius`` is new; a varied
-            material has lost its name.
+            The new scene. A key that cannot stand beside a new one is removed, such as ``area_ratio`` beside a new
+            ``outer_radius``; a material with a new number loses its name.
 
         Raises
         ------

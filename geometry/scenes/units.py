@@ -164,7 +164,7 @@ def read_number(key: str, entry: object, allowed: str) -> float:
     Raises
     ------
     InputError
-        It is none; ``allowed`` says what is one.
+        The entry is no number; ``allowed`` states in the message what is accepted.
     """
     if entry is None:
         raise InputError(key, Words("missing"), allowed)
@@ -182,7 +182,7 @@ def read_fraction(key: str, entry: object, allowed: str) -> float:
     Raises
     ------
     InputError
-        It is none; ``allowed`` says what is one.
+        The entry is no fraction; ``allowed`` states in the message what is accepted.
     """
     text = entry.strip() if isinstance(entry, str) else entry
     if not isinstance(text, str) or not text.endswith("%"):

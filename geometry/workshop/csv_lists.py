@@ -28,7 +28,7 @@ TOLERANCE_COLUMNS = ("quantity", "kind", "drawing", "nominal", "deviation", "fro
 
 
 def write_bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], edge_radius: float = 0.0) -> str:
-    """Return the bill of materials as CSV, with masses where the density is known, since a scene names no products."""
+    """Return the bill of materials as CSV; masses stay empty where the scene does not determine the density."""
     rows: list[tuple[object, ...]] = []
     for name, body in compute_expected_bodies(probe, edge_radius).items():
         rows.append((name, 1, *_describe_material(stamp.materials[name], body.volume), f"{name}.step"))

@@ -277,9 +277,9 @@ def find_length_tolerance(probe: Probe, key: str) -> LengthTolerance:
 
 
 def find_length_sd(probe: Probe, key: str) -> float:
-    """Return the standard deviation, m, to which a built probe has one of its lengths: of the tightest tolerance of its process.
+    """Return the standard deviation, m, of one of a built probe's lengths, made to the tightest tolerance of its process.
 
-    It is never below ``MIN_LENGTH_SD_M``, which stands for the lengths of films and base, too.
+    ``key`` is that of the scene file. It is never below ``MIN_LENGTH_SD_M``, which holds for the lengths of films and base, too.
     """
     if key not in BLOCK_LENGTHS:
         return MIN_LENGTH_SD_M
