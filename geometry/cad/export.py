@@ -28,7 +28,7 @@ def export_parts(
     """Write inner, outer, film-inner, film-outer (if any), base and assembly ``.step`` (mm) into ``folder``; returns their paths.
 
     Every draft is read back and compared with the probe's parameters through formulas that are independent of the CAD
-    model; the files take their names together, only after all have passed. ``parts.json`` beside them records their
+    model; the files are moved to the folder together, only after all have passed. ``parts.json`` beside them records their
     design and the dimensions that the scene leaves open; see ``geometry.cad.parts_record``. Its path follows those of the parts.
 
     Parameters

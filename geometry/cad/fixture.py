@@ -132,7 +132,7 @@ def compute_expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
 
 
 def _expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
-    """Compute measures of a tube with a slot along x from the carrier's top upwards: it takes |y| < a, x > 0."""
+    """Compute the measures of the sleeve: a tube whose slot removes |y| < a, x > 0 from the carrier's top upwards."""
     a, inner, outer, low = sizes.slot / 2, sizes.bore, sizes.bore + SLEEVE_WALL_MM, -CARRIER_RISE_MM - SLEEVE_GRIP_MM
     strip = 2 * (_half_strip_area(outer, a) - _half_strip_area(inner, a))
     annulus = math.pi * (outer**2 - inner**2)

@@ -111,7 +111,7 @@ def create_document() -> TDocStd_Document:
 
 
 def find_colour(name: str) -> Quantity_Color:
-    """Return the colour of the part of that name as OCC has it."""
+    """Return the colour of a part, by its name, as an object of OCC."""
     from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
 
     return Quantity_Color(*solids.PART_COLOURS[name], Quantity_TypeOfColor.Quantity_TOC_sRGB)

@@ -107,7 +107,7 @@ class Cap:
 
 @dataclass(frozen=True)
 class CrossedBox:
-    """Numbers of the mesh's lines of which the box round the sphere consists.
+    """The box round the sphere, by the numbers of its lines in the mesh.
 
     Attributes
     ----------

@@ -115,13 +115,13 @@ class Section:
 
     @cached_property
     def cover(self) -> Numeric:
-        """Tissue between the sphere's top and the next interface above it, or the surface."""
+        """Distance between the sphere's top and the next interface above it, or the surface."""
         count_above, _ = self.interfaces_apart
         return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][count_above])
 
     @cached_property
     def clearance(self) -> Numeric:
-        """Tissue between the sphere's bottom and the next interface below it, or the floor."""
+        """Distance between the sphere's bottom and the next interface below it, or the floor."""
         count_below = sum(self.interfaces_apart)
         return [*self.interfaces, self.tissue_depth][count_below] - self.sphere_depth - self.sphere_radius
 
@@ -140,7 +140,7 @@ class Section:
 
     @cached_property
     def under_blocks(self) -> Numeric:
-        """Tissue between the blocks and what is below them: the first interface, the sphere or the floor."""
+        """Distance between the blocks and what is below them: the first interface, the sphere or the floor."""
         if self.interfaces_apart[0]:
             return self.interfaces[0]
         return self.cover if "sphere_radius" in self.lengths else self.tissue_depth

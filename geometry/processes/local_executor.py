@@ -54,7 +54,7 @@ class LocalExecutor(Generic[Item, Row]):
         return len(self._workers)
 
     def submit(self, items: Sequence[Item]) -> int:
-        """Give a batch to an idle worker, of which there has to be one; return the batch's number."""
+        """Give a batch to an idle worker, and return the batch's number; ``count_free`` has to be above 0."""
         worker, number = self._idle.pop(), next(self._numbers)
         self._running[self._threads.submit(worker.evaluate, items)] = number, worker
         return number

@@ -114,5 +114,5 @@ def parse_name(text: str) -> tuple[str, float | None, float | None]:
 
 
 def normalise_name(name: str) -> str:
-    """Return a name as the catalogue has it: "Dragon Skin 30" is dragon-skin-30."""
+    """Return a name in the catalogue's spelling: dragon-skin-30 for "Dragon Skin 30"."""
     return re.sub(r"[\s_]+", "-", name.strip().lower())

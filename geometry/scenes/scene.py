@@ -190,7 +190,7 @@ class Inclusion(Material):
         return self
 
     def _describe_shapes(self) -> Words:
-        """Return, for the message, how the number of shapes is wrong: "missing", or the keys given besides the first."""
+        """Return, for the message, why the shape is refused: it is missing, or other keys of a shape stand beside the first."""
         given = [key for key in ("diameter", "diameters", "surface") if getattr(self, key) is not None]
         return Words("given beside " + " and ".join(given[1:]) if given else "missing")
 

@@ -33,7 +33,7 @@ def convert_error(refused: ValidationError, model: type[BaseModel], label: str =
 
 
 def _rank_error(error: ErrorDetails) -> int:
-    """Return the rank of an error, of which the lowest is reported: 0 for unknown keys, 2 for missing ones, else 1."""
+    """Return the rank of an error: 0 for unknown keys, 2 for missing ones, else 1; the lowest is reported."""
     return {"extra_forbidden": 0, "missing": 2}.get(error["type"], 1)
 
 

@@ -121,7 +121,7 @@ def _describe_work(layout: BodyLayout) -> str:
 
 
 def estimate_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
-    """Return about how many tetrahedra a layout's mesh will have, from their sizes alone, in a moment.
+    """Return about how many tetrahedra a layout's mesh will have, from their wanted sizes, without meshing.
 
     netgen makes 0.7 to 1.2 times as many, pytetwild 1.0 to 1.5 times, near an edge of the tissue up to 2.4 times.
     """

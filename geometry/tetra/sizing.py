@@ -16,8 +16,8 @@ from geometry.tetra.surface_files import Sheet
 _KUHN_TETRAHEDRA = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
 _THIN_WALL_FACTOR = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
 _INCLUSION_GROWTH_FACTOR = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
-_FAR_GROWTH = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
-_FAR_INCLUSION_POWER = 0.3  # power of that by which those in inclusions do
+_FAR_GROWTH = 0.7  # relative increase of far sizes with each e-fold of distance, in addition to ``growth``
+_FAR_INCLUSION_POWER = 0.3  # power of that factor by which sizes in inclusions increase
 _FLAT_SIZE_FRACTION = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
 _MAX_LAYER_ASPECT_RATIO = 5.0  # thicknesses of a layer that tetrahedra cut by its planes are long, however far they are
 _ANGLE_SAMPLES, _RADIUS_SAMPLES = 48, 120  # places on a plane between layers where sizes are requested
@@ -92,14 +92,17 @@ def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, poi
         ((layout.inner + layout.hole) / 2, fine.rim * min(layout.inner, _THIN_WALL_FACTOR * thickness)),
         (layout.tube, fine.rim * min(2 * layout.inner, _THIN_WALL_FACTOR * thickness)),
     ):
+        # the gap's two rims are one circle in its middle, less a gap's width
         distance = np.maximum(np.hypot(radius - rim, z) - (layout.gap if rim < layout.hole else 0.0), 0.0)
         rims = np.minimum(rims, size + fine.growth * distance)
     result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * _distance_from_blocks(layout, radius, z))
+    # along the blocks' heights, and across the tube's wall
     heights = fine.wall * min(layout.inner_height, layout.outer_height)
     walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(layout.hole - radius, 0.0))
     result = np.minimum(result, walls + fine.growth * _distance_from_blocks(layout, radius, z))
     if layout.groove is not None:
         width, depth = layout.groove
+        # distance from the groove: to its sides and towards -x, below its floor, and inwards of the hole
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
         distance = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
         result = np.minimum(
@@ -107,18 +110,20 @@ def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, poi
         )
     layers = list(pairwise((0.0, *layout.interfaces)))
     for top, bottom in layers:  # depths of a layer's upper and lower plane
+        # under the blocks; thinner layers than the lower limit make flat tetrahedra
         layer_size = max(fine.layer * (bottom - top), _FLAT_SIZE_FRACTION * fine.block * layout.inner)
         result = np.minimum(
             result, layer_size + fine.growth * (_distance_from_layer(top, bottom, z) + _distance_from_blocks(layout, radius, z))
         )
     far_factor = 1 - _FAR_GROWTH * np.log(space.compute_scale(points))
     for body in layout.inclusions:
+        # between an inclusion and the surface, then each interface: the sum of both distances is smallest between them
         layer = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z))
         for depth in layout.interfaces:
             interface_size = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z + depth))
             layer = np.minimum(layer, np.maximum(interface_size, _FLAT_SIZE_FRACTION * fine.sphere * body.min_semi_axis))
         result = np.minimum(result, layer + fine.growth * _distance_from_blocks(layout, radius, z))
-    result *= far_factor
+    result *= far_factor  # far from the probe, where fields change slowly, sizes may be larger
     for body in layout.inclusions:
         inclusion_size, growth = (
             fine.sphere * body.min_semi_axis * far_factor**_FAR_INCLUSION_POWER,

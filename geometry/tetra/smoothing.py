@@ -72,7 +72,7 @@ def undo_inversions(points: Points, original: Points, tetrahedra: Indices, min_r
 
 
 def _mean_worst_quality(quality: Points) -> float:
-    """Return the mean of the twenty worst qualities, which smoothing raises."""
+    """Return the mean of the twenty worst qualities; a round of smoothing is accepted if it raises this."""
     return float(np.sort(quality)[:20].mean())
 
 

@@ -74,7 +74,10 @@ class Sheet:
 
     @cached_property
     def volume(self) -> float:
-        """The volume inside, in m^3: its triangles' own, or, where that is off as they cross or are open, from samples."""
+        """The volume inside, in m^3: from the triangles, or from random points where the two differ by more than 4 %.
+
+        They differ where triangles cross or the surface is open.
+        """
         a, b, c = (self.points[self.triangles[:, k]] - self.centre for k in range(3))
         signed = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -115,7 +118,8 @@ class Sheet:
     def estimate_distance(self, points: Points) -> Points:
         """Estimate the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle.
 
-        It may be a tenth too large: from a ball's middle all its triangles are as near, and to find the nearest takes minutes.
+        It may be too large by ``_DISTANCE_TOLERANCE``: the exact search takes minutes from a ball's middle, to which all its
+        triangles are equally near.
         """
         return np.asarray(self._tree.query(points, eps=_DISTANCE_TOLERANCE)[0])
 

@@ -110,7 +110,7 @@ def _build_outer(sizes: Millimetres) -> FilmPattern:
 
 
 def _net_area(loops: tuple[Loop, ...]) -> float:
-    """Return the area of the first outline less that of the others, its holes, mm^2."""
+    """Return the area between the first outline and the others, which are its holes, mm^2."""
     first, *holes = (compute_area(loop) for loop in loops)
     return first - sum(holes)
 
