@@ -63,7 +63,7 @@ class WindingTree:
 
     def compute_winding(self, points: Points) -> Points:
         """Return the winding numbers of the surface about points (m, 3): (m,)."""
-        step = max(1, _MAX_PAIRS // 256)  # points at a time: each meets at most some 256 groups at once
+        step = max(1, _MAX_PAIRS // 256)  # points at a time: 256 pairs are allowed for each
         parts = [self._sum_solid_angles(points[k : k + step]) for k in range(0, len(points), step)]
         return np.concatenate([np.zeros(0), *parts]) / (4 * np.pi)
 

@@ -94,7 +94,7 @@ def choose_mesh_space(
     lower_shares = _share_growth(max(gap - (hole - inner), 0.0), inner, tube - hole)
     upper_shares = _share_growth(sum(lower_shares) + rise, inner, tube - hole)
     derivatives = [(high - low) / height if height > 0 else 0.0 for low, high in zip(lower_shares, upper_shares, strict=True)]
-    # the widening fades over three times its width, so that no tetrahedron is sheared much
+    # the widening fades over a depth of three times its width
     fade = max(3 * sum(lower_shares), 1e-3 * inner)
     radii = (0.0, inner, hole, tube, 1e6 * tube)
     return MeshSpace(
