@@ -32,9 +32,9 @@ class Variable:
     Attributes
     ----------
     key
-        Of the scene.
+        Key of the scene that is varied.
     values
-        Of a grid; of a sample the values drawn, each equally likely.
+        Values of a grid, or those from which a sample draws, each equally likely; empty for a range.
     low, high
         Range of a sample without ``values``; SI.
     log
@@ -101,13 +101,13 @@ class DesignSampling:
         return list(zip(*columns, strict=True))
 
     def count_designs(self, variables: tuple[Variable, ...]) -> int:
-        """Return the number of designs, without constraints."""
+        """Return the number of designs before constraints exclude any."""
         if self.kind == "grid":
-            return int(np.prod([float(len(variable.values)) for variable in variables]))
+            return int(np.prod([float(len(variable.values)) for variable in variables]))  # floats do not overflow
         return self.n * (len(variables) + 2) if self.kind == "saltelli" else self.n
 
     def _draw_points(self, d: int) -> Floats:
-        """Draw points of the unit cube, shape (designs, d)."""
+        """Draw points of the unit cube of d variables, shape (designs, d)."""
         from scipy.stats import qmc
 
         columns = 2 * d if self.kind == "saltelli" else d
@@ -120,7 +120,10 @@ class DesignSampling:
 
 
 def _arrange_saltelli(points: Floats) -> Floats:
-    """Return, for each point (A, B): A, A with one variable of B for each variable in turn, B; the order that SALib expects.
+    """Return the d + 2 designs of each point (A, B), A and B of d variables, in the order that SALib expects.
+
+    They are A, then A with variable k replaced by that of B, for each k in turn, then B. Shape of ``points`` (n, 2 d), of the
+    result (n (d + 2), d).
 
     Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, radial design.
     """
@@ -141,11 +144,11 @@ def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, uni
     name
         Its key.
     entry
-        Its values, or a table.
+        A list of its values, or a table with the keys ``VARIABLE_KEYS``.
     base
         The tables of the scene.
     kind
-        Of the sample; ranges of a grid need ``points``.
+        Kind of the sample; ranges of a grid need ``points``.
     units_required
         Whether a bare number is refused where a unit belongs.
     folder
@@ -185,12 +188,12 @@ def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, uni
         return Variable(target, (), low, high, scale == "log")
     points = check_integer(f"{name}.points", entry.get("points"), 2, MAX_VALUES)
     values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
-    values[0], values[-1] = low, high
+    values[0], values[-1] = low, high  # exactly, without rounding
     return Variable(target, tuple(values.tolist()), log=scale == "log")
 
 
 def _read_list(target: Key, table: Mapping[str, object], units_required: bool) -> tuple[Value, ...]:
-    """Read a list of values."""
+    """Return the checked values of a variable given as a list, the only entry of its table."""
     values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
     if not isinstance(values, list | tuple) or not 1 <= len(values) <= MAX_VALUES or len(table) > 1:
         raise InputError(f"{target.name}.values", values, "a list of values, alone")
@@ -201,7 +204,7 @@ def _read_list(target: Key, table: Mapping[str, object], units_required: bool) -
 
 
 def _read_bound(target: Key, table: Mapping[str, object], end: str, units_required: bool) -> float:
-    """Read one end of a range."""
+    """Return one end of a range, SI; ``end`` is its key, from or to. Raises ``InputError``."""
     if end not in table:
         raise InputError(f"{target.name}.{end}", Words("missing"), "from and to, or values")
     value = _read_value(target, table[end], f"{target.name}.{end}", units_required)
@@ -211,7 +214,7 @@ def _read_bound(target: Key, table: Mapping[str, object], end: str, units_requir
 
 
 def _read_value(target: Key, value: object, name: str, units_required: bool) -> Value:
-    """Read one value of a variable, NumPy's too. Raises ``InputError``."""
+    """Return one checked value of a variable, which may be a NumPy scalar; ``name`` is used in messages. Raises ``InputError``."""
     return target.read_value(value.item() if isinstance(value, np.generic) else value, name, units_required)
 
 
