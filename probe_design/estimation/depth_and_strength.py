@@ -225,7 +225,7 @@ class Plane:
             u, v = window
             chi2, q = self.compute_misfit(y, u, v, exact)
             inside = chi2 - min_chi2 <= q
-            inside[np.argmin(np.abs(u - best[0])), np.argmin(np.abs(v - best[1]))] = True  # even between points of the window
+            inside[np.argmin(np.abs(u - best[0])), np.argmin(np.abs(v - best[1]))] = True  # the set may lie between points
             depth_ends, strength_ends = (_find_ends(np.asarray(inside.any(axis=axis))) for axis in (1, 0))
             if min(last - first for first, last in (depth_ends, strength_ends)) > FULL_WINDOW_FRACTION * WINDOW_POINTS:
                 break

@@ -140,7 +140,7 @@ class Likelihood:
 
     def compute_floor(self, y: Floats) -> Floats:
         """Return the minimum of chi2, (s,), on the curve prolonged along its end tangents, for s sets of data, (s, k)."""
-        if y.shape[1] == 1:  # a straight line through all numbers fits any single value
+        if y.shape[1] == 1:  # the prolonged curve fits any single value
             return np.zeros(len(y))
         min_chi2 = self.find_best(y)[1]
         for run in self.track.runs:

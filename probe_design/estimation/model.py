@@ -230,7 +230,7 @@ class TargetModel:
                     getattr(film_readings, field.name)[is_reflected] = getattr(reflected_readings, field.name)
             for key, values in film_readings.derivatives.items():
                 values[is_reflected] = reflected_readings.derivatives[key]
-        # relative change of the ratio by the load; a fraction c of it is at most -ln(1 - c) of its logarithm
+        # relative change c of the ratio by the load, which changes its logarithm by at most -ln(1 - c)
         changes = LoadChanges.from_stiffness(scene, self.rule, film_readings.stiffness).ratio
         finite_changes = np.where(np.isfinite(changes), changes, 0.0)
         return replace(

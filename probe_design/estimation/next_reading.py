@@ -148,9 +148,9 @@ def _list_places(model: TargetModel) -> list[tuple[float, float]]:
 
 
 def _combine_candidates(columns: Mapping[NextCandidate, Ints], present: Ints) -> list[tuple[NextCandidate, Ints]]:
-    """Return two combined candidates with their columns: all ratios, and all ratios with stiffness; both include sizes.
+    """Return combined candidates with their columns: all ratios, and all with stiffness if any has one; both include sizes.
 
-    The second is not always better, as the model's error of the stiffness may widen the interval.
+    Those with stiffness are not always better, as the model's error of the stiffness may widen the interval.
     """
     combinations = []
     # width: data of one reading, 1 for a ratio, 2 with stiffness

@@ -214,7 +214,7 @@ def _read_bound(target: Key, table: Mapping[str, object], end: str, units_requir
 
 
 def _read_value(target: Key, value: object, name: str, units_required: bool) -> Value:
-    """Return one checked value of a variable, which may be a NumPy scalar; ``name`` is used in messages. Raises ``InputError``."""
+    """Return one checked value of a variable, which may be a NumPy scalar; ``name`` is for messages. Raises ``InputError``."""
     return target.read_value(value.item() if isinstance(value, np.generic) else value, name, units_required)
 
 

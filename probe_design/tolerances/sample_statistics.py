@@ -163,9 +163,10 @@ def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int,
 def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
     """Return first-order and total Sobol indices, shapes (outputs, d).
 
-    ``f_A`` and ``f_B`` are the outputs at two independent samples A and B; ``f_AB`` those at A with one variable taken from B, for
-    each of d variables. Table 2, (b) and (f), of Saltelli et al., Comput. Phys. Commun. 181 (2010) 259. Samples have shapes (outputs, n), (outputs, n)
-    and (d, outputs, n); their means are zero.
+    ``f_A`` and ``f_B`` are the outputs at two independent samples A and B, shape (outputs, n); ``f_AB`` those at A with one
+    variable taken from B, for each of d variables, shape (d, outputs, n). The means of the outputs are zero.
+
+    Source: table 2, (b) and (f), of Saltelli et al., Comput. Phys. Commun. 181 (2010) 259.
     """
     variance = np.var([f_A, f_B], axis=(0, -1))
     first = np.mean(f_B * (f_AB - f_A), axis=-1) / variance
