@@ -266,6 +266,7 @@ def _find_crossing(compute_excess: Callable[[Floats], Floats], outside: float, i
     """Return the point between a rejected (``outside``) and an accepted (``inside``) one at which the excess of chi2 is zero."""
 
     def compute_scalar_excess(u: float) -> float:
+        """Return the excess of chi2 at one point."""
         return float(compute_excess(np.array([u]))[0])
 
     return float(brentq(compute_scalar_excess, outside, inside, xtol=1e-12)) if compute_scalar_excess(inside) < 0 else inside
@@ -289,7 +290,11 @@ def compute_hulls(fit: Likelihood, y: Floats) -> list[Interval]:
         if len(inside) and inside[-1] < len(u) - 1:
             brackets[1, k] = u[inside[-1]], u[inside[-1] + 1]
 
-    def compute_excess(u: Floats, rows: Ints) -> Floats:  # difference of roots: closer to a straight line than that of squares
+    def compute_excess(u: Floats, rows: Ints) -> Floats:
+        """Return by how much the root of chi2 exceeds that of its limit, at one point u for each of some sets of data.
+
+        The difference of roots is closer to a straight line in u than that of squares.
+        """
         excess_chi2 = fit.compute_chi_square(u, y[rows]) - min_chi2[rows]
         return np.asarray(np.sqrt(np.maximum(excess_chi2, 0.0)) - np.sqrt(fit.interpolate_limit(u)))
 

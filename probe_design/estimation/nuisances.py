@@ -117,7 +117,7 @@ class SharedErrors:
         return min_chi2
 
     def _evaluate_misfit(self, residual: Floats, eta: Floats) -> Floats:
-        """Return the sum in eq. ES.8 at some eta, of which chi2 is the minimum."""
+        """Return the sum in eq. ES.8 at some eta; its minimum over eta is chi2."""
         return np.asarray(((residual - self.evaluate(eta)) ** 2).sum(axis=-1) + (eta**2).sum(axis=-1))
 
 

@@ -134,12 +134,15 @@ class Track:
         """Return predictions and their derivatives with respect to x at s points, both of shape (s, k)."""
         cell = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)
         step = (self.x[cell + 1] - self.x[cell])[:, None]
-        t = (x - self.x[cell])[:, None] / step
+        fraction = (x - self.x[cell])[:, None] / step
         low, high = self.predicted.value[cell], self.predicted.value[cell + 1]
         left, right = self.derivative[cell] * step, self.derivative[cell + 1] * step
-        # the polynomial is low + left t + bend t^2 + twist t^3, t from 0 to 1 between the two nodes
+        # with t = fraction, from 0 to 1 between two nodes, the polynomial is low + left t + bend t^2 + twist t^3
         bend, twist = 3 * (high - low) - 2 * left - right, 2 * (low - high) + left + right
-        return low + t * (left + t * (bend + t * twist)), (left + t * (2 * bend + t * 3 * twist)) / step
+        return (
+            low + fraction * (left + fraction * (bend + fraction * twist)),
+            (left + fraction * (2 * bend + fraction * 3 * twist)) / step,
+        )
 
     @cached_property
     def runs(self) -> list[Floats]:

@@ -77,18 +77,18 @@ class Sweep:
 
     def _read_values(self, name: str, designs: list[tuple[Value, ...]]) -> tuple[Any, str]:
         """Return the values of a key in all designs, an array if it is a variable, else one number; and their SI unit."""
-        target = find_key(name, self.base, Scene)
+        scene_key = find_key(name, self.base, Scene)
         for column, variable_key in enumerate(self.keys):
-            if variable_key.path == target.path:
+            if variable_key.path == scene_key.path:
                 values: list[Any] = [row[column] for row in designs]
                 if all(isinstance(value, float) for value in values):
-                    return np.array(values), target.unit
+                    return np.array(values), scene_key.unit
         value = find_at_path(
-            replace_values(self.base, self.keys, designs[0]), target.path
+            replace_values(self.base, self.keys, designs[0]), scene_key.path
         )  # without keys that a variable replaces
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
-        return value, target.unit
+        return value, scene_key.unit
 
 
 def read_sweep(path: Path | str) -> Sweep:

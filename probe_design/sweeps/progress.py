@@ -58,6 +58,7 @@ def report_at_intervals(write_line: Callable[[str], None]) -> ReportProgress:
     last_time = -LOG_INTERVAL_S  # the first report is written
 
     def report(state: Progress) -> None:
+        """Write the state if it is due."""
         nonlocal last_time
         if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
             last_time = monotonic()
@@ -72,6 +73,7 @@ def open_log(folder: Path) -> Iterator[Callable[[str], None]]:
     with (folder / LOG_FILE).open("a", encoding="utf-8") as log:
 
         def log_line(text: str) -> None:
+            """Append a line with the time in UTC."""
             with suppress(OSError):  # the store reports a full disk
                 log.write(f"{datetime.now(UTC).isoformat(timespec='seconds')} {text}\n")
                 log.flush()

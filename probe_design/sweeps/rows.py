@@ -211,7 +211,7 @@ def _find_stopping_limit(fault: Exception) -> Row:
 
 
 def _read_both_limits() -> Row:
-    """Return both limits, for a design of which it is not known which one stopped it."""
+    """Return both limits, by column, for a design that one of them stopped; it is not known which one."""
     return {"time_limit": get_limits().seconds, "memory_limit": get_limits().memory}
 
 

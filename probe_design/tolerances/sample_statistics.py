@@ -112,14 +112,16 @@ def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: i
     )
 
 
-def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int) -> dict[str, Floats]:
+def _compute_indices(
+    compute_outputs: Callable[[Any], Any], is_affected: Any, d: int, samples: int, seed: int
+) -> dict[str, Floats]:
     """Compute Sobol indices, shape (4, d), and their intervals, shape (4, d, 2), by name.
 
     Parameters
     ----------
     compute_outputs
         Returns the four outputs, shape (4, n), at eta of shape (d, n).
-    moving
+    is_affected
         Which outputs the variables affect, shape (4,); the others have indices of 0.
     d
         Number of variables.
@@ -136,7 +138,7 @@ def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int,
         return _estimate_indices(f_A, f_B, f_AB)
 
     sampled = sobol_indices(
-        func=lambda eta: compute_outputs(eta)[moving],
+        func=lambda eta: compute_outputs(eta)[is_affected],
         n=samples,
         dists=[norm()] * d,  # type: ignore[list-item]  # the stubs want a function of one number
         method=record_and_estimate,
@@ -155,8 +157,8 @@ def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int,
     for k, (name, index) in enumerate((("first", sampled.first_order), ("total", sampled.total_order))):
         ends = np.stack([np.asarray(interval.low)[k], np.asarray(interval.high)[k]], axis=-1)
         indices[name], indices[f"{name}_interval"] = np.zeros((len(OUTPUT_NAMES), d)), np.zeros((len(OUTPUT_NAMES), d, 2))
-        indices[name][moving] = index
-        indices[f"{name}_interval"][moving] = np.where(np.isfinite(ends), ends, index[..., None])
+        indices[name][is_affected] = index
+        indices[f"{name}_interval"][is_affected] = np.where(np.isfinite(ends), ends, index[..., None])
     return indices
 
 

@@ -47,7 +47,7 @@ class Rounding(Record):
     Attributes
     ----------
     step
-        Length of which sizes are multiples, m.
+        Length, m; all rounded sizes are multiples of it.
     scene
         The rounded scene.
     changes
