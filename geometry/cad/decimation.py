@@ -42,7 +42,10 @@ def decimate(surface: pyvista.PolyData) -> tuple[pyvista.PolyData, float] | None
 
 
 def hausdorff_distance(surface: pyvista.PolyData, fewer: pyvista.PolyData) -> float:
-    """Return Hausdorff's distance of two surfaces, from corners of the first and some dozen points per triangle of the second."""
+    """Return Hausdorff's distance of two surfaces: the largest distance of a point of either from the other.
+
+    It is computed from the corners of the first surface and some dozen points on each triangle of the second.
+    """
     from vtkmodules.vtkFiltersModeling import vtkHausdorffDistancePointSetFilter
 
     measure = vtkHausdorffDistancePointSetFilter()

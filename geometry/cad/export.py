@@ -28,8 +28,8 @@ def export_parts(
     """Write inner, outer, film-inner, film-outer (if any), base and assembly ``.step`` (mm) into ``folder``; returns their paths.
 
     Every draft is read back and compared with the probe's parameters through formulas that are independent of the CAD
-    model; the files take their names together, only after all have passed. ``parts.json`` beside them tells which design they
-    are of and what in them the scene leaves open; see ``geometry.cad.parts_record``. Its path follows those of the parts.
+    model; the files are moved to the folder together, only after all have passed. ``parts.json`` beside them records their
+    design and the dimensions that the scene leaves open; see ``geometry.cad.parts_record``. Its path follows those of the parts.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def export_parts(
     question_digest
         Digest of the question that the probe is the answer to, for the record.
     other_files
-        What else tells of design, a drawing say: by name what writes it to the path that it is given. These files take their
+        Other files of the design, such as drawings: by name, the function that writes one to a path. These files take their
         places with the parts, and their paths come last.
     edge_radius
         Of the blocks' lower edges in m, the scene's ``contact.edge_radius``; 0: sharp.

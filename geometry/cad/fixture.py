@@ -42,7 +42,7 @@ class FixtureSizes:
     Attributes
     ----------
     pin
-        radius.
+        Radius.
     ring
         Inner and outer radius of its face.
     carrier
@@ -104,7 +104,7 @@ def build_fixture(probe: Probe) -> dict[str, cadquery.Solid]:
 
 
 def build_writers(probe: Probe) -> dict[str, Callable[[Path], object]]:
-    """Return by file name what writes each part as STEP, reads it back and measures it; raises as ``build_fixture``."""
+    """Return by file name the function that writes a part as STEP, reads it back and measures it; raise as ``build_fixture``."""
     solids.load_cadquery()
     shapes, expected, stamp = build_fixture(probe), compute_expected_fixture(probe), build_stamp(probe)
     return {f"{name}.step": partial(_write, name, shapes[name], expected[name], stamp) for name in FIXTURE_PARTS}
@@ -132,7 +132,7 @@ def compute_expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
 
 
 def _expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
-    """Compute measures of a tube with a slot along x from the carrier's top upwards: it takes |y| < a, x > 0."""
+    """Compute the measures of the sleeve: a tube whose slot removes |y| < a, x > 0 from the carrier's top upwards."""
     a, inner, outer, low = sizes.slot / 2, sizes.bore, sizes.bore + SLEEVE_WALL_MM, -CARRIER_RISE_MM - SLEEVE_GRIP_MM
     strip = 2 * (_half_strip_area(outer, a) - _half_strip_area(inner, a))
     annulus = math.pi * (outer**2 - inner**2)
@@ -149,10 +149,12 @@ def _half_strip_area(radius: float, a: float) -> float:
 
 
 def _build_pin(sizes: FixtureSizes) -> cadquery.Solid:
+    """Build the pin, which presses on the inner block, on its carrier."""
     return _revolve([*_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)])
 
 
 def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
+    """Build the ring, which presses on the outer block, on its carrier."""
     inner, outer = sizes.ring
     return _revolve(
         [
@@ -167,10 +169,12 @@ def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
 
 
 def _revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
+    """Build the solid of revolution about z of a polygon (r, z) in mm."""
     return solids.revolve([(radius / MM_PER_M, height / MM_PER_M) for radius, height in profile])
 
 
 def _carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:
+    """Return the corners (r, z) of a carrier with its foot, from the axis below to its upper rim, mm."""
     low, foot = -CARRIER_RISE_MM - sizes.sleeve, sizes.carrier + SLEEVE_WALL_MM
     return [
         (0.0, low - FOOT_HEIGHT_MM),
@@ -192,6 +196,7 @@ def _build_sleeve(sizes: FixtureSizes) -> cadquery.Solid:
 
 
 def _write(name: str, shape: cadquery.Solid, expected: PartMeasures, stamp: Stamp, path: Path) -> None:
+    """Write a part as STEP, read it back and compare it with its expected measures. Raises ``ExportError``."""
     with step_writer.silence_messages():
         step_writer.write_step({name: shape}, path, stamp)
         step_check.check_part_file(path, name, expected)

@@ -37,7 +37,7 @@ class PartMaterial:
 
     @property
     def text(self) -> str:
-        """Both in one line."""
+        """Name and properties in one line."""
         return f"{self.name}, {self.properties}"
 
 
@@ -70,6 +70,7 @@ def format_modulus(value: float) -> str:
 
 
 def _block_material(material: Material) -> PartMaterial:
+    """Return the material of a block for drawings and STEP files."""
     loss = f", tan delta {material.loss_factor:g}" if material.loss_factor else ""
     properties = describe_elastic(material.youngs_modulus, material.poisson_ratio) + loss
     process = _find_process_name(material.material, material.youngs_modulus)

@@ -91,6 +91,7 @@ def _groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float, floa
 
 
 def _expected_base(probe: Probe) -> PartMeasures:
+    """Compute the measures of the base, whose shape ``geometry.cad.solids.build_base`` describes."""
     mm, sizes = MM_PER_M, base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
     low, side = (height * mm for height in solids.find_film_tops(probe))

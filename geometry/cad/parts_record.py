@@ -86,7 +86,7 @@ def build_record(
     Parameters
     ----------
     probe
-        whose.
+        The probe whose parts they are.
     drafts
         Where each file is now, by the name that it will have.
     old_record
@@ -169,6 +169,7 @@ def remove_replaced(folder: Path, old_record: PartsRecord | None, written: Itera
 
 
 def _build_refusal(folder: Path, reason: str) -> InputError:
+    """Return the error that refuses to replace the parts in a folder, with the reason in parentheses."""
     return InputError(
         "output", str(folder), f"a folder without parts, or with the same design's ({reason}); --force replaces them"
     )

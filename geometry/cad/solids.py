@@ -84,7 +84,10 @@ def film_thickness(probe: Probe) -> float:
 
 
 def find_film_tops(probe: Probe) -> tuple[float, float]:
-    """Return heights of the base's lower faces over both blocks in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
+    """Return the heights of the base's lower faces over the inner and the outer block, m.
+
+    They are exactly equal where they differ by rounding errors only, as those of "5 mm" and "0.5 cm" may.
+    """
     inner, outer = (height + film_thickness(probe) for height in (probe.core_height, probe.tube_height))
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
@@ -156,7 +159,7 @@ def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, cadquery.So
     Parameters
     ----------
     probe
-        whose.
+        The probe to be built.
     edge_radius
         Of the blocks' lower edges in m, a scene's ``contact.edge_radius``; 0: sharp.
 
@@ -191,11 +194,12 @@ def call_modeller(name: str, make: Callable[[], T]) -> T:
 
 
 def _build_ring(inner: float, outer: float, bottom: float, top: float) -> cadquery.Solid:
+    """Build a ring between two radii and two heights, m; a disc if ``inner`` is 0."""
     return revolve([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 
 
 def _build_block(inner: float, outer: float, top: float, edge: float) -> cadquery.Solid:
-    """Build a ring that stands on z = 0, its lower edges quarters of circles; a cylinder has one, for its axis is none."""
+    """Build a ring that stands on z = 0, its lower edges rounded with radius ``edge``; a disc, of ``inner`` 0, has one edge."""
     if edge == 0:
         return _build_ring(inner, outer, 0.0, top)
     cq, hole, middle = load_cadquery(), edge if inner > 0 else 0.0, edge * (1 - math.sqrt(0.5))
@@ -227,6 +231,7 @@ def _revolve_wire(wire: cadquery.Wire) -> cadquery.Solid:
 
 
 def _cut_groove(tube: cadquery.Solid, probe: Probe, bottom: float, top: float) -> cadquery.Solid:
+    """Cut the groove between two heights, m, out of a tube or film; raise ``ExportError`` unless one body is left."""
     cq, groove = load_cadquery(), probe.groove
     assert groove is not None  # the callers ask
     a, far, low = groove.width / 2 * MM_PER_M, 1.5 * probe.tube_radius * MM_PER_M, bottom * MM_PER_M
@@ -243,4 +248,5 @@ def _cut_groove(tube: cadquery.Solid, probe: Probe, bottom: float, top: float) -
 
 
 def _first_line(fault: Exception) -> str:
+    """Return the first line of an exception's text."""
     return str(fault).strip().split("\n", 1)[0]

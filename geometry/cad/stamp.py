@@ -41,6 +41,6 @@ class Stamp:
 
 
 def build_stamp(probe: Probe, edge_radius: float = 0.0) -> Stamp:
-    """Stamp the files of a probe whose lower edges have that radius (m)."""
+    """Return the stamp of the files of a probe whose blocks have lower edges of a radius, m."""
     program = f"probe-design {version('probe-design')}"
     return Stamp(compute_design_digest(probe, edge_radius), program, find_part_materials(probe), build_provenance())

@@ -48,6 +48,7 @@ def check_part_file(path: Path, name: str, expected: PartMeasures) -> PartMeasur
 
 
 def _check_assembly(path: Path, probe: Probe, expected: dict[str, PartMeasures]) -> None:
+    """Compare names, colours, measures and positions of the parts in the assembly's file. Raises ``ExportError``."""
     parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY_NAME}/{name}" for name in expected]), strict=True))
     for name, (_, _, colour) in parts.items():
         _check_rows(
@@ -62,6 +63,7 @@ def _check_assembly(path: Path, probe: Probe, expected: dict[str, PartMeasures])
 
 
 def _read_named(path: Path, names: list[str]) -> list[Part]:
+    """Return the parts in a file. Raises ``ExportError`` unless they have these names, in this order."""
     parts = read_step(path)
     if [name for name, _, _ in parts] != names:
         raise ExportError(f"{path.name}: parts = {[name for name, _, _ in parts]}, expected {names}")
@@ -69,6 +71,7 @@ def _read_named(path: Path, names: list[str]) -> list[Part]:
 
 
 def _check_apart(file_label: str, first: cadquery.Shape, second: cadquery.Shape) -> None:
+    """Raise ``ExportError`` if two parts have a common volume."""
     common = solids.call_modeller(file_label, lambda: first.intersect(second))
     scale = min(first.Volume(), second.Volume())
     _check_rows(file_label, [("common volume", sum(solid.Volume() for solid in common.Solids()), 0.0, scale)])
@@ -123,6 +126,7 @@ def _compare_parts(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[
 
 
 def _check_rows(file_label: str, rows: Iterable[Row]) -> None:
+    """Raise ``ExportError`` for the first row that differs by more than ``RELATIVE_TOLERANCE`` of its size."""
     for quantity, measured, expected, scale in rows:
         if not abs(measured - expected) <= RELATIVE_TOLERANCE * scale:  # so that NaN fails too
             raise ExportError(
@@ -132,6 +136,7 @@ def _check_rows(file_label: str, rows: Iterable[Row]) -> None:
 
 
 def _measure(file_label: str, solid: cadquery.Shape) -> PartMeasures:
+    """Return the measures of a solid. Raises ``ExportError`` for a face that no part of a probe has."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.gp import gp_Ax1
 
@@ -139,6 +144,7 @@ def _measure(file_label: str, solid: cadquery.Shape) -> PartMeasures:
     for face in solid.Faces():
         kind, surface = face.geomType(), BRepAdaptor_Surface(face.wrapped)
         shape = {"PLANE": surface.Plane, "CYLINDER": surface.Cylinder, "TORUS": surface.Torus}.get(kind)
+        # a plane's axis is its normal; NaN, for other kinds of faces, passes none of the comparisons below
         axis = gp_Ax1() if shape is None else shape().Axis()
         place, direction = axis.Location(), axis.Direction()
         x, y, z = (direction.X(), direction.Y(), direction.Z()) if shape is not None else (math.nan,) * 3

@@ -45,6 +45,7 @@ def read_step(path: Path) -> list[Part]:
 
 
 def _list_parts(document: TDocStd_Document) -> list[Part]:
+    """Return the parts of a document; those of an assembly by their place in it."""
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
@@ -64,10 +65,12 @@ def _list_parts(document: TDocStd_Document) -> list[Part]:
 
 
 def _list_labels(labels: TDF_LabelSequence) -> list[TDF_Label]:
+    """Return the labels of an OCC sequence, which counts from 1."""
     return [labels.Value(index + 1) for index in range(labels.Length())]
 
 
 def _read_part(name: str, label: TDF_Label, placed: TDF_Label) -> Part:
+    """Return a part: its colour from its own label, its shape from the label of its place in an assembly."""
     from OCP.Quantity import Quantity_Color
     from OCP.XCAFDoc import XCAFDoc_ColorTool, XCAFDoc_ColorType, XCAFDoc_ShapeTool
 
@@ -79,6 +82,7 @@ def _read_part(name: str, label: TDF_Label, placed: TDF_Label) -> Part:
 
 
 def _read_name(label: TDF_Label) -> str:
+    """Return the name of a label; empty where it has none."""
     from OCP.TDataStd import TDataStd_Name
 
     name = TDataStd_Name()

@@ -49,6 +49,7 @@ def write_step(shapes: Mapping[str, cadquery.Shape], path: Path, stamp: Stamp) -
 
 
 def _write_header(model: Interface_InterfaceModel, name: str, stamp: Stamp) -> None:
+    """Write file name, program, stamp and provenance into the file's header, without a date or an author."""
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.Interface import Interface_HArray1OfHAsciiString
     from OCP.TCollection import TCollection_HAsciiString
@@ -70,6 +71,7 @@ def _write_header(model: Interface_InterfaceModel, name: str, stamp: Stamp) -> N
 
 
 def _add_shapes(document: TDocStd_Document, shapes: Mapping[str, cadquery.Shape], stamp: Stamp) -> None:
+    """Add shapes to a document, with names, colours and materials; several as the components of one assembly."""
     from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
@@ -109,7 +111,7 @@ def create_document() -> TDocStd_Document:
 
 
 def find_colour(name: str) -> Quantity_Color:
-    """Return the colour of the part of that name as OCC has it."""
+    """Return the colour of a part, by its name, as an object of OCC."""
     from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
 
     return Quantity_Color(*solids.PART_COLOURS[name], Quantity_TypeOfColor.Quantity_TOC_sRGB)
@@ -133,6 +135,7 @@ def silence_messages() -> Iterator[None]:
 
 
 def _set_name(label: TDF_Label, name: str) -> TDF_Label:
+    """Name a label of a document, and return it."""
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
 

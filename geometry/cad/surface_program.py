@@ -36,16 +36,19 @@ def run(arguments: Arrays) -> Arrays:
 
 
 def _to_arrays(poly: pyvista.PolyData, prefix: str = "") -> Arrays:
+    """Return points (n, 3) and triangles (t, 3) of a surface, by these names after a prefix."""
     points, triangles = np.asarray(poly.points, dtype=float), np.asarray(poly.regular_faces, dtype=np.int64)
     return {f"{prefix}points": points, f"{prefix}triangles": triangles}
 
 
 def _read_stl(name: str) -> pyvista.PolyData:
+    """Read the triangles of an STL file."""
     surface: pyvista.PolyData = pyvista.read(name, force_ext=".stl").triangulate()
     return surface
 
 
 def _read_step(name: str) -> pyvista.PolyData:
+    """Read a STEP file, and approximate its surface by triangles."""
     shape = load_cadquery().importers.importStep(name).val()
     vertices, triangles = shape.tessellate(RELATIVE_DEFLECTION * shape.BoundingBox().DiagonalLength, MAX_TURN_RAD)
     points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)

@@ -40,7 +40,7 @@ def write_whole(path: Path, once: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def write_together(folder: Path, names: Sequence[str], once: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder whose files of these names take their places in ``folder`` if the block succeeds, or none does.
+    """Yield a temporary folder; if the block succeeds, its files of these names move to ``folder``, all or none.
 
     They are flushed to disk before, and a signal that ends the program waits until they are moved. A kill in between, which
     nothing can put off, leaves the first ones new and the last ones old. With ``once`` files that are there by then stay.
@@ -87,7 +87,7 @@ def _move_together(drafts: Path, folder: Path, names: Sequence[str], once: bool)
 
 
 def _place_once(draft: Path, path: Path) -> None:
-    """Give a file its name unless there is one of that name."""
+    """Give a finished draft its final name, ``path``, unless there is a file of that name already."""
     with suppress(FileExistsError):
         try:
             os.link(draft, path)

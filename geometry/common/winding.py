@@ -63,7 +63,7 @@ class WindingTree:
 
     def compute_winding(self, points: Points) -> Points:
         """Return the winding numbers of the surface about points (m, 3): (m,)."""
-        step = max(1, _MAX_PAIRS // 256)
+        step = max(1, _MAX_PAIRS // 256)  # points at a time: 256 pairs are allowed for each
         parts = [self._sum_solid_angles(points[k : k + step]) for k in range(0, len(points), step)]
         return np.concatenate([np.zeros(0), *parts]) / (4 * np.pi)
 
@@ -85,10 +85,14 @@ class WindingTree:
         return result
 
     def _add_exactly(self, result: Points, points: Points, point: Indices, leaf: Indices) -> None:
-        """Add the solid angles of all triangles of the smallest groups, one for each of the points."""
+        """Add to ``result`` the solid angles of all triangles of some of the smallest groups, about one point each.
+
+        ``point`` and ``leaf`` (p,) are pairs: the row of a point, and the number of a smallest group.
+        """
         step = _MAX_PAIRS // _MAX_LEAF_TRIANGLES
         for k in range(0, len(point), step):
             size = np.diff(self.starts)[leaf[k : k + step]]
+            # numbers of the triangles: for each group its start, then consecutive numbers
             first = np.repeat(self.starts[leaf[k : k + step]] - np.cumsum(size) + size, size)
             owner = np.repeat(point[k : k + step], size)
             angles = compute_solid_angles(self.corners[first + np.arange(len(first))] - points[owner, None])
@@ -116,7 +120,7 @@ def _summarise_groups(corners: Points, starts: Indices) -> tuple[Points, Points,
     """Return centre, radius and dipole of groups of triangles (t, 3, 3) that begin at ``starts``, whose last one is the end."""
     first = starts[:-1]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
-    area = np.linalg.norm(normal, axis=1) + 1e-300
+    area = np.linalg.norm(normal, axis=1) + 1e-300  # never zero: a group may consist of degenerate triangles
     weighed = np.add.reduceat(corners.mean(axis=1) * area[:, None], first)
     centre = weighed / np.add.reduceat(area, first)[:, None]
     owner = np.repeat(np.arange(len(first)), np.diff(starts))

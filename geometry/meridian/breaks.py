@@ -47,9 +47,13 @@ def find_radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) ->
 
 
 def find_tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
-    """Return heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
+    """Return the breaks of the tissue's levels: floor, interfaces, the sphere's box and surface, from below.
+
+    Cells grow away from the surface. ``thin``, as in ``Kind``, allows fewer rows under the surface.
+    """
     floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
     zero, (interfaces_above, interfaces_across) = 0 * s.tissue_depth, s.interfaces_apart
+    # each break: its height, the size of cells there, and the minimum number of cells between it and the one above
     planes = [(-depth, depth + s.corner_size, 2) for depth in s.interfaces]
     places = [(zero, s.corner_size, 0), *planes, (-s.tissue_depth, floor, 3)]
     if sphere is not None:
@@ -63,18 +67,21 @@ def find_tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False)
 
 
 def find_block_breaks(s: Section, height: Any) -> Breaks:
-    """Return the heights of a block's lines, graded to both its ends."""
+    """Return the breaks of the levels in a block of a height: its two ends, to which cells are graded."""
     return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
 def find_cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ...]:
-    """Return ``Kind.caps`` of a section whose lengths are floats."""
+    """Return ``Kind.caps`` (where the interfaces begin on the sphere, see there) of a section whose lengths are floats.
+
+    ``radii`` are the breaks of the tissue's radii.
+    """
     interfaces_above, interfaces_across = s.interfaces_apart
     if not interfaces_across:
         return (), ()
     sines = (s.sphere_depth - np.array(s.interfaces[interfaces_above : interfaces_above + interfaces_across])) / s.sphere_radius
     upper, lower = count_terrain_interfaces(np.arcsin(sines))
-    rings = s.sphere_radius * np.sqrt(1 - sines**2)
+    rings = s.sphere_radius * np.sqrt(1 - sines**2)  # radii of the circles where interfaces meet the sphere
     places = tuple(
         (*_find_place(COLUMN_START_FRACTION * ring, radii), bool(ring < POLE_RADIUS_FRACTION * s.sphere_radius)) for ring in rings
     )
@@ -82,9 +89,10 @@ def find_cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ..
 
 
 def _find_place(radius: float, radii: Breaks) -> tuple[int, int]:
-    """Return the breaks between which a radius lies, and how many eighths of the cells there are nearer to the axis."""
+    """Return in which interval between breaks a radius lies, and how many eighths of its cells lie nearer to the axis."""
     k = min(int(np.searchsorted(radii.places, radius)), len(radii.places) - 1) - 1
     (low, high), (a, b) = radii.places[k : k + 2], radii.sizes[k : k + 2]
+    # the middles of eight cells: the odd ones of 17 nodes
     return k, int(np.searchsorted(grade_nodes(low, high, 16, a, b)[1::2], radius))
 
 
@@ -94,13 +102,16 @@ def count_cells(breaks: Breaks) -> tuple[int, ...]:
 
 
 def _count_folds(breaks: Breaks) -> list[float]:
-    """Return the numbers of cells between the breaks that their growth alone requires."""
+    """Return the numbers of cells, not rounded, between the breaks that their growth alone requires."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
     return [count_folds(*places, *sizes) / FOLDS_PER_CELL for places, sizes in ends]
 
 
 def find_cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, ...]:
-    """Return whether cells are cut towards each interface's end at the tissue's side, from the surface downwards."""
+    """Return whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
+
+    They are unless they would be too long for their height. ``names`` are those of ``levels``, both from below.
+    """
     heights = [high - low for low, high in pairwise(levels.places)]
     side_width = s.tissue_radius - s.tube_radius
     planes = (k for k, name in enumerate(names) if name.startswith("interface"))
@@ -108,19 +119,25 @@ def find_cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, .
 
 
 def count_lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
-    """Return the columns with two under the tube's wall where they nearly do, and the box's edge does not part them."""
-    wall = 2 + (box in (0, 1))
+    """Return the numbers of columns, that under the tube's wall reduced to two where two nearly suffice.
+
+    It stays where the sphere's box ends under the wall (``box`` is 2).
+    """
+    wall = 2 + (box in (0, 1))  # the wall's interval: one later where the box's edge adds a break before it
     is_narrow = box != 2 and _count_folds(breaks)[wall] < 2 + LEAN_COLUMN_SLACK
     return *columns[:wall], 2 if is_narrow else columns[wall], *columns[wall + 1 :]
 
 
 def count_lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
-    """Return fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
+    """Return the numbers of rows of a lean mesh, from below: as many as growth requires, with a minimum.
+
+    The minimum under the surface is 2 for ``thin`` tissue, else 4 if ``wide``, else 3 or 4.
+    """
     *lower, top = _count_folds(breaks)
     min_rows = 2 if thin else 4 if wide else max(3, min(4, ceil(top + SURFACE_ROW_SURPLUS)))
     return *(max(2, ceil(growth)) for growth in lower), max(min_rows, ceil(top))
 
 
 def count_lean_rings(rings: tuple[int, ...], core: Breaks) -> tuple[int, int]:
-    """Return as many rings between core and sphere as their growth requires."""
+    """Return the numbers of rings: outside the sphere as given, between core and sphere as many as growth requires."""
     return rings[0], ceil(_count_folds(core)[0])

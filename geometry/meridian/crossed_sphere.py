@@ -1,9 +1,10 @@
 r"""Place the lines and rays of the box round a sphere that interfaces of the tissue cross.
 
 An interface that meets the sphere steeply, on its side, is one of the rays from the sphere's centre to the box's side; rays
-near it are turned about the centre where they meet the sphere, so that it stays level. Near a pole such rays would lie along the
-interface. There the sphere's cap and the interfaces are a terrain, above which columns stand upright: each interface begins on
-the sphere at one column, so that the rows of cells below it end there in a point. The lowest of them is the box's top
+near it are turned about the centre where they meet the sphere, so that the interface stays level. Near a pole such rays would
+lie along the interface. There the sphere's cap (its surface about the pole) and, from where they begin on it, the interfaces are
+called the terrain: upright columns of cells stand on it. Each interface begins on the sphere at one column, so that the rows of
+cells below it end there in a point. The lowest of these interfaces is the box's top
 
         high  +----+----+----+--------+
               |    |    |    |        |      strips: columns on the cap
@@ -26,7 +27,7 @@ from geometry.common.arrays import Ints, Numeric
 from geometry.meridian.grading import smooth_min
 from geometry.meridian.sphere_box import CORE_REACH
 
-FEW_LAYERS, MANY_LAYERS = 3, 8  # at rings: beside a pole heights there are no more than roundings
+FEW_LAYERS, MANY_LAYERS = 3, 8  # where an interface meets the sphere; at a pole more would be as thin as rounding errors
 MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD = (
     np.pi / 6,
     np.pi / 3,
@@ -34,35 +35,41 @@ MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD = (
 
 
 def count_terrain_interfaces(angles: Numeric) -> tuple[int, int]:
-    """Return how many interfaces are terrain above the upper and below the lower pole, the others are rays.
+    """Return how many interfaces are terrain at the upper and at the lower pole; those between them are rays.
 
-    Interfaces close to each other are of the same sort: between the two the widest gap is chosen.
+    Interfaces close to each other are of the same sort: rays and terrain are parted at the widest gap between angles.
 
     Parameters
     ----------
     angles
-        Above the horizon at which interfaces meet the sphere, falling, shape (n,).
+        Angles above the horizontal, seen from the sphere's centre, at which interfaces meet the sphere, falling, shape (n,).
     """
     upper = _count_at_pole(angles)
     return upper, _count_at_pole(-angles[upper:][::-1])
 
 
 def _count_at_pole(angles: Numeric) -> int:
+    """Return how many interfaces are terrain at the pole from which on ``angles`` are listed, falling, shape (n,).
+
+    Above ``MAX_RAY_ANGLE_RAD`` all are, below ``MIN_TERRAIN_ANGLE_RAD`` none is; the widest gap between these limits decides.
+    """
     if (
         not len(angles) or angles[0] < MIN_TERRAIN_ANGLE_RAD
     ):  # upright columns are better than turned rays where there is a choice
         return 0
     ends = np.clip(np.concatenate([angles, [-np.pi / 2]]), MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD)
+    # rounded so that gaps that are equal but for rounding errors are equal: argmax then returns the first
     return 1 + int(np.argmax(np.round(ends[:-1] - ends[1:], 9)))
 
 
 def spread_apart(wanted: list[int], last: int) -> tuple[int, ...]:
-    """Return rising numbers from 1 to ``last`` - 1 near those wanted, two apart at least.
+    """Return rising numbers from 1 to ``last`` - 1, near the ``wanted`` rising numbers of columns and at least two apart.
 
-    No cell touches two interfaces' beginnings then. ``last`` is twice their number or more.
+    So no cell touches the columns at which two interfaces begin. ``last`` has to be at least twice the number of ``wanted``.
     """
     numbers: list[int] = []
     for k, target in enumerate(wanted):
+        # the upper limit leaves two columns for each number that follows
         lower, upper = (numbers[-1] + 2 if numbers else 1), last - 1 - 2 * (len(wanted) - 1 - k)
         numbers.append(min(max(target, lower), upper))
     return tuple(numbers)
@@ -70,20 +77,20 @@ def spread_apart(wanted: list[int], last: int) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Cap:
-    """Interfaces that are terrain at one pole, from the pole on.
+    """The interfaces that are terrain at one pole of the sphere, listed from the pole on.
 
     Attributes
     ----------
     rows
-        Numbers of their levels.
+        Numbers of their levels (horizontal lines of the mesh).
     starts
-        Numbers of the box's columns at which they begin, among ``CrossedBox.lines``.
+        For each, the place in ``CrossedBox.lines`` of the column at which it begins on the sphere.
     flat
-        Whether each meets the sphere so near to the pole that little is cut towards it.
+        For each, whether it meets the sphere so near to the pole that cells there get only ``FEW_LAYERS``.
     sign
         1 at the upper pole, -1 at the lower.
     end
-        The level of the box's end at this pole.
+        Number of the level of the box's end at this pole.
     """
 
     rows: tuple[int, ...]
@@ -100,14 +107,14 @@ class Cap:
 
 @dataclass(frozen=True)
 class CrossedBox:
-    """Numbers of lines.
+    """The box round the sphere, by the numbers of its lines in the mesh.
 
     Attributes
     ----------
     lines
-        Of the box's radii.
+        Of the radii (vertical lines) in the box, from the axis.
     sides
-        Of the levels of interfaces that are rays, from below.
+        Of the levels of interfaces that are rays to the box's side, from below.
     caps
         Lower and upper.
     """
@@ -124,7 +131,7 @@ class CrossedBox:
 
     @property
     def tips(self) -> dict[tuple[int, int], int]:
-        """Lines that meet where an interface begins on the sphere near a pole, and how many layers cells there have at most."""
+        """Maximum numbers of layers of cells where terrain interfaces begin, by the numbers of radius and level there."""
         return {
             (self.lines[start], row): FEW_LAYERS if flat else MANY_LAYERS
             for cap in self.caps
@@ -132,8 +139,16 @@ class CrossedBox:
         }
 
     def flatten(self, levels: Numeric) -> tuple[Numeric, Numeric, float]:
-        """Return levels from the box's lower end to its upper, heights to draw them at, and the radius of a sphere that fits."""
+        """Return an evenly spaced drawing of the box, from which ``geometry.meridian.mesh.compute_labels`` labels elements.
+
+        Returns
+        -------
+        tuple[Numeric, Numeric, float]
+            The ``levels`` of the box's lower end, of the interfaces that cross the sphere and of its upper end; the heights at
+            which they are drawn; the radius of the sphere drawn between them.
+        """
         lower, upper = self.caps
+        # over the radius: heights between which the interfaces at the lower pole, at the sides and at the upper pole are drawn
         rows, spans = (lower.rows, self.sides, upper.rows[::-1]), ((-0.9, -0.4), (-0.3, 0.3), (0.4, 0.9))
         knots = levels[[lower.end, *(row for part in rows for row in part), upper.end]]
         radius = 0.4 * (knots[-1] - knots[0])
@@ -145,7 +160,7 @@ class CrossedBox:
 
 @dataclass(frozen=True)
 class BoxLines:
-    """Where they lie, all of the shape (..., radii, levels); what is beyond the box's sides counts nothing.
+    """Where the lines of the box lie, all of the shape (..., radii, levels); values beyond the box's sides are not used.
 
     Attributes
     ----------
@@ -166,15 +181,15 @@ class BoxLines:
 def place_box_lines(box: CrossedBox, radii: Numeric, levels: Numeric, centre: Numeric, radius: Numeric) -> BoxLines:
     """Return where a box's lines lie.
 
-    Rays to the box's side do not pass through the sphere: they are turned by s v, |s| < 1, with v = acos(radius / distance), the
-    angle to the tangent (ME.3). s is linear in the ray's angle between interfaces and corners. A corner's ray is not turned where
-    none is, else at most half-way from the next interface to the terrain. On the terrain beyond the sphere the
-    angles on the sphere are linear in those on the terrain.
+    Rays to the box's side have a bend on the sphere's surface: the points where they meet it are turned about the centre by s v,
+    |s| < 1, with v = acos(radius / distance), the angle to the tangent from the ray's end (ME.3). s is linear in the ray's angle
+    between interfaces and corners. A corner's ray is not turned where none is, else at most half-way from the next interface to
+    the terrain. On the terrain beyond the sphere the angles on the sphere are linear in those on the terrain.
 
     Parameters
     ----------
     box
-        Its numbers.
+        Numbers of its lines.
     radii
         Of all radii, shape (..., radii).
     levels
@@ -190,19 +205,20 @@ def place_box_lines(box: CrossedBox, radii: Numeric, levels: Numeric, centre: Nu
     kind = np.result_type(plain, heights, radius)
     box_radii, met, core_radii, core_heights = (np.zeros((*plain.shape, count), dtype=kind) for _ in range(4))
     box_radii[:] = plain[..., None]
-    edge, rows = plain[..., -1:], np.array(box.rows)
+    edge, rows = plain[..., -1:], np.array(box.rows)  # the box's outer radius; the levels between which rays end on its side
     ray_angles = np.arctan(heights[..., rows] / edge)
     sides = np.array(box.sides, dtype=np.intp)
-    level = np.arcsin(heights[..., sides] / radius)
+    level = np.arcsin(heights[..., sides] / radius)  # angles at which these interfaces meet the sphere
     ends = []
-    for cap, k in zip(box.caps, (0, -1), strict=True):
+    for cap, k in zip(box.caps, (0, -1), strict=True):  # k: first or last of the rays to the side, the one to the corner
         part = slice(cap.last, None) if cap.sign > 0 else slice(None, cap.last + 1)
         angles, terrain = _place_cap(cap, plain, heights, radius)
         box_radii[..., part] = terrain[..., None]
-        box_radii[..., cap.end] = plain
+        box_radii[..., cap.end] = plain  # the box's own end is not moved
         pole, first_outside = (angles[..., cap.starts[-1]], cap.starts[-1]) if cap.starts else (cap.sign * np.pi / 2, 0)
         corner = ray_angles[..., k]
         if len(sides):
+            # ``sign`` makes the lower pole an upper one, for which smooth_min needs positive angles
             corner = pole - cap.sign * smooth_min(cap.sign * (pole - corner), cap.sign * (pole - level[..., k]) / 2)
         own_angles = np.pi / 2 * cap.sign - np.arctan(terrain[..., first_outside:] / heights[..., [cap.last]])
         pole = np.asarray(pole)[..., None]
@@ -218,24 +234,45 @@ def place_box_lines(box: CrossedBox, radii: Numeric, levels: Numeric, centre: Nu
 
 
 def _expand_radii(values: Numeric, lines: Ints, kind: Numeric) -> Numeric:
-    """Expand numbers of the box's lines to all radii up to its edge."""
+    """Return values (..., lines, levels) placed at the radii ``lines`` (numbers) of an array for all radii up to the box's edge.
+
+    The other radii, of lines that end above the box, have 0. ``kind`` is the result's dtype.
+    """
     expanded = np.zeros((*values.shape[:-2], lines[-1] + 1, values.shape[-1]), dtype=kind)
     expanded[..., lines, :] = values
     return expanded
 
 
 def _place_cap(cap: Cap, radii: Numeric, heights: Numeric, radius: Numeric) -> tuple[Numeric, Numeric]:
-    """Return the angles at which columns meet the sphere, up to the last interface's, and the radii on the terrain.
+    """Return where the columns at one pole stand: the angles at which they meet the sphere, and their radii on the terrain.
 
-    Columns at which interfaces begin stand there; those between are moved in proportion.
+    A column at which an interface begins stands where that interface meets the sphere; those between are moved in proportion.
+    Angles, above the horizontal, are 0 for columns beyond the last interface's beginning, which do not meet the sphere.
+
+    Parameters
+    ----------
+    cap
+        The interfaces that begin at this pole.
+    radii
+        Of the box's columns, shape (..., columns), from the axis to the box's side.
+    heights
+        Of all levels above the sphere's centre, shape (..., levels).
+    radius
+        Of the sphere, shape (..., 1).
+
+    Returns
+    -------
+    tuple[Numeric, Numeric]
+        Angles and radii, both of the shape (..., columns).
     """
     starts = (0, *cap.starts, radii.shape[-1] - 1)
     rings = (radius**2 - heights[..., list(cap.rows)] ** 2) ** 0.5
+    # radii where the columns ``starts`` are to stand: axis, circles where interfaces meet the sphere, the box's side
     targets = np.concatenate([0 * radius, rings, radii[..., -1:] + 0 * radius], axis=-1)
     pieces = []
     for k, (first, last) in enumerate(pairwise(starts)):
         span = radii[..., first:last]
-        share = (span - span[..., :1]) / (radii[..., [last]] - span[..., :1])
+        share = (span - span[..., :1]) / (radii[..., [last]] - span[..., :1])  # from 0 at the first column to 1 at the last
         pieces.append(targets[..., [k]] + share * (targets[..., [k + 1]] - targets[..., [k]]))
     terrain = np.concatenate([*pieces, targets[..., -1:]], axis=-1)
     on_sphere = cap.starts[-1] if cap.starts else 0
@@ -245,7 +282,19 @@ def _place_cap(cap: Cap, radii: Numeric, heights: Numeric, radius: Numeric) -> t
 
 
 def _compute_turns(ray_angles: Numeric, widest: Numeric, breaks: list[int], met: Numeric) -> Numeric:
-    """Return s of rays to the box's side; at interfaces and corners, ``breaks``, they meet the sphere at the angles ``met``."""
+    """Return s of eq. ME.3 for rays to the box's side, shape (..., rays).
+
+    Parameters
+    ----------
+    ray_angles
+        Angles of the rays' ends, seen from the sphere's centre, shape (..., rays).
+    widest
+        Angle v of eq. ME.3 for each ray, shape (..., rays).
+    breaks
+        Places among the rays of the interfaces and of the box's corners, rising.
+    met
+        Angles at which the rays ``breaks`` meet the sphere, shape (..., breaks).
+    """
     ends, turns = (met - ray_angles[..., breaks]) / widest[..., breaks], 0 * ray_angles * widest
     for k, (first, last) in enumerate(pairwise(breaks)):
         span = slice(first, last + 1)
@@ -255,13 +304,18 @@ def _compute_turns(ray_angles: Numeric, widest: Numeric, breaks: list[int], met:
 
 
 def _place_core(met: Numeric, reach: Numeric) -> tuple[Numeric, Numeric]:
-    """Return radii and heights of the core: corners on the rays to the box's corners, level rows and straight sides."""
+    """Return radii and heights of the core's points above the centre: its corners on the rays to the box's corners.
+
+    Its rows are level and its side is straight, so that it is a trapezium. ``met`` (..., radii, levels) are the angles at which
+    the rays meet the sphere; ``reach`` (..., 1) is the distance of the core's corners from the centre.
+    """
     side = met[..., -1, :]
     (low, bottom), (high, top) = ((reach * np.cos(side[..., [k]]), reach * np.sin(side[..., [k]])) for k in (0, -1))
-    slant = (high - low) / (top - bottom)
+    slant = (high - low) / (top - bottom)  # of the core's side: change of radius with height
     ray_length = (low - slant * bottom) / (np.cos(side) - slant * np.sin(side))
     z, edge = (ray_length * np.sin(side))[..., None, :], (ray_length * np.cos(side))[..., None, :]
     height_fraction = (z - z[..., :1]) / (z[..., -1:] - z[..., :1])
+    # along the lower and the upper row, radii over the row's end as the rays to the box's end have them; linear between the rows
     lower_ratio, upper_ratio = ((_cotangent(met[..., k]) / _cotangent(side[..., [k]]))[..., None] for k in (0, -1))
     return edge * (lower_ratio + height_fraction * (upper_ratio - lower_ratio)), z + 0 * lower_ratio
 

@@ -14,20 +14,26 @@ from geometry.common.arrays import Numeric
 
 
 def smooth_min(*lengths: Numeric) -> Numeric:
-    """Return a length below the smallest of ``lengths`` by at most the root of their number, without a kink.
+    """Return a smooth lower bound of the smallest of ``lengths`` s_i, all positive.
 
-    (sum_i s_i^-2)^(-1/2) (ME.1); all positive.
+    (sum_i s_i^-2)^(-1/2) (ME.1). For n lengths it is at least the smallest over the root of n; unlike the minimum it has no kink.
     """
     return sum(length**-2 for length in lengths) ** -0.5
 
 
 def smooth_max(a: Numeric, b: Numeric, blur: Numeric) -> Numeric:
-    """Return a length above the larger of two by at most ``blur / 2``, without a kink."""
+    """Return a smooth upper bound of the larger of two lengths, by at most ``blur / 2`` larger.
+
+    Unlike the maximum it has no kink.
+    """
     return (a + b + ((a - b) ** 2 + blur**2) ** 0.5) / 2
 
 
 def count_folds(low: float, high: float, low_size: float | None = None, high_size: float | None = None) -> float:
-    """Return how many times cells grow e-fold between two ends: the integral that ``grade_nodes`` divides equally."""
+    """Return how many times cells grow e-fold from both ends ``low`` and ``high`` on: the integral that ``grade_nodes`` divides.
+
+    ``low_size`` and ``high_size`` are the sizes of cells at the ends, None where an end attracts no cells.
+    """
     return float(sum(log1p((high - low) / size) for size in (low_size, high_size) if size is not None))
 
 
@@ -40,7 +46,7 @@ def grade_nodes(
     size attracts no cells. With a = low_size, b = high_size, t = x - low and L = high - low, the integral up to t is ln[(t + a)
     (L + b) / (a (L - t + b))], which is solved for t.
     """
-    t = np.arange(cells + 1) / cells
+    t = np.arange(cells + 1) / cells  # fraction of the integral, not the t of the docstring: that is share * length below
     low, length = np.asarray(low)[..., None], np.asarray(high - low)[..., None]
     a, b = (None if size is None else np.asarray(size)[..., None] for size in (low_size, high_size))
     if a is None and b is None:

@@ -81,7 +81,7 @@ class Topology:
 
 
 def build_topology(kind: Kind, fineness: MeridianFineness) -> Topology:
-    """Return the elements of every mesh of a kind."""
+    """Return the elements that all meshes of a kind have in common: their cells by numbers of lines, no coordinates."""
     layout = MeshTopology(kind, fineness)
     singular, tips = dict(list_singular_corners(layout)), layout.crossed.tips if layout.crossed is not None else {}
     cut = [cut_layers(cell, layout, singular, tips) for cell in list_cells(layout)]
@@ -95,7 +95,10 @@ def build_topology(kind: Kind, fineness: MeridianFineness) -> Topology:
 
 
 def _order_columns(straight: tuple[int, ...], shape: Ints, vertices: Ints, corners: Floats) -> tuple[Ints, Ints]:
-    """Return the order with rectangles (of ``straight`` shapes) first, column by column, and ``Topology.columns``."""
+    """Return an order of the elements, rectangles first and column by column, and ``Topology.columns``.
+
+    Only cells of the ``straight`` shapes are upright rectangles where their corners are.
+    """
     sides = ((0, 3, 0), (1, 2, 0), (0, 1, 1), (3, 2, 1))  # two corners that share a radius or a level
     upright = np.all([x[:, a, axis] == x[:, b, axis] for x in (vertices, corners) for a, b, axis in sides], axis=0)
     flat = np.flatnonzero(upright & np.isin(shape, straight))
@@ -106,7 +109,10 @@ def _order_columns(straight: tuple[int, ...], shape: Ints, vertices: Ints, corne
 
 
 def compute_nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None = None) -> Numeric:
-    """Return points (r, z) of all or some elements at ``places`` of the unit square, (places, 2); (..., n, places, 2)."""
+    """Return points (r, z) of a section's mesh in m, shape (..., n, places, 2).
+
+    They are the points ``places`` (places, 2) of the unit square, mapped to all n elements, or to the rows ``chosen`` of them.
+    """
     if chosen is not None:
         shape, vertices, circles = mesh.shape[chosen], mesh.vertices[chosen], mesh.circles[chosen]
         corners, body = mesh.corners[chosen], mesh.body[chosen]
@@ -115,7 +121,10 @@ def compute_nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints
 
 
 def compute_labels(mesh: Topology) -> Floats:
-    """Return dimensionless points (r, z), different for different corners, at the elements' corners, shape (n, 4, 2)."""
+    """Return dimensionless points (r, z) at the elements' corners, shape (n, 4, 2), by which equal corners are recognised.
+
+    They are the corners of a drawing of the mesh that depends on its kind alone: one corner has the same label in all elements.
+    """
     layout, (radii, levels) = mesh.layout, 1 + mesh.vertices.reshape(-1, 2).max(axis=0)
     low, high = (label_line(layout.row.get(name, k)) for k, name in enumerate(("low", "high")))
     edge = label_line(layout.column.get("box", 1))
@@ -137,7 +146,10 @@ def compute_labels(mesh: Topology) -> Floats:
 
 
 def label_line(number: Numeric) -> Numeric:
-    """Return a line's coordinate for ``compute_labels``: close to its number, but no line falls on a layer between others."""
+    """Return a line's coordinate for ``compute_labels``: its number, shifted by an irregular fraction of up to 0.3.
+
+    Without the shift a line could coincide with a geometric layer between two other lines.
+    """
     return np.round(number + 0.3 * np.modf(number * GOLDEN_RATIO)[0], 9)
 
 
@@ -148,9 +160,10 @@ def compute_bilinear_shares(places: Floats) -> Floats:
 
 
 def _map_points(lines: MeshLines, mesh: Topology, places: Floats) -> Numeric:
-    """Map the elements' corners to the cells' unit squares and these to the plane."""
+    """Return points (r, z), shape (..., n, places, 2): the elements' unit squares, mapped to cells and these to the plane."""
     points = compute_bilinear_shares(places) @ mesh.corners  # (n, places, 2)
     rings = (mesh.shape == OUTSIDE) | (mesh.shape == INSIDE)
+    # in a ring only the position along the box's side is interpolated here; that across it follows in ``_move_into_box``
     share = compute_bilinear_shares(np.where(rings[:, None, None], points * [1.0, 0.0], points))
     corners = (grid_lines[..., mesh.vertices[..., axis], None] for axis, grid_lines in enumerate((lines.radii, lines.levels)))
     r, z = ((share @ grid_lines)[..., 0] for grid_lines in corners)
@@ -168,7 +181,12 @@ def _interpolate_in_cells(grid: Numeric, mesh: Topology, share: Floats, chosen: 
 def _move_into_box(
     lines: MeshLines, mesh: Topology, share: Floats, unit_points: Floats, points: tuple[Numeric, Numeric]
 ) -> tuple[Numeric, Numeric]:
-    """Move points of the box's sides along their rays into the rings, those of its grid into the core and onto the terrain."""
+    """Return points (r, z) of the box moved to their places, each (..., n, places).
+
+    Points of the box's sides move along their rays into the rings, those of its grid into the core or between the columns on the
+    cap and on interfaces. ``share`` are the bilinear weights of a cell's corners, ``unit_points`` the points in the cells' unit
+    squares, ``points`` r and z before.
+    """
     box = lines.box
     assert box is not None
     centre, sphere = (np.asarray(x)[..., None, None] for x in (lines.centre, lines.sphere))
@@ -177,11 +195,11 @@ def _move_into_box(
     out, ins, mid, arch, strip = (np.flatnonzero(mesh.shape == shape) for shape in (OUTSIDE, INSIDE, CORE, ARCH, STRIP))
     for ring, fractions in ((out, lines.outside), (ins, lines.inside)):
         start, end = (fractions[..., mesh.circles[ring, k], None] for k in (0, 1))
-        t = start + (end - start) * unit_points[ring, :, 1]
+        t = start + (end - start) * unit_points[ring, :, 1]  # from 0 at the ray's inner end to 1 at its outer
         x, y = r[..., ring, :], z[..., ring, :] - centre
         if box.met is None:
             arc = sphere / (x**2 + y**2) ** 0.5
-            a, b = arc * x, arc * y
+            a, b = arc * x, arc * y  # where the ray meets the sphere, relative to its centre
         else:
             met = _interpolate_in_cells(box.met, mesh, share, ring)
             a, b = sphere * np.cos(met), sphere * np.sin(met)
@@ -209,13 +227,16 @@ def _move_into_box(
 
 
 def _interpolate_on_level(grid: Numeric, mesh: Topology, chosen: Ints, rows: Ints, u: Floats) -> Numeric:
-    """Interpolate values at the box's points along one level of each chosen element, at fractions u between its two columns."""
+    """Interpolate values at the box's points along the levels ``rows``, one for each chosen element.
+
+    ``u`` (m, places) are fractions of the way between the element's two columns.
+    """
     left, right = (grid[..., mesh.vertices[chosen, k, 0], rows, None] for k in (0, 1))
     return left + u * (right - left)
 
 
 def find_interface_ends(mesh: Topology) -> Ints:
-    """Return the elements of the cells at interfaces' ends at the tissue's side, shape (m,)."""
+    """Return the rows of the elements of all cells that touch an interface's end at the tissue's side, shape (m,)."""
     interfaces = mesh.layout.interfaces
     if not interfaces:
         return np.empty(0, dtype=np.intp)

@@ -36,6 +36,7 @@ def list_cells(layout: MeshTopology) -> Iterator[Cell]:
 
 
 def _list_grid_cells(body: Body, radii: Sequence[int], levels: Sequence[int]) -> Iterator[Cell]:
+    """Yield the rectangles of a body between neighbouring radii and neighbouring levels (numbers of lines)."""
     for (a, b), (c, d) in product(pairwise(radii), pairwise(levels)):
         yield TENSOR, body, ((a, c), (b, c), (b, d), (a, d)), (0, 0)
 
@@ -69,7 +70,7 @@ def _list_merging_cells(body: Body, columns: tuple[int, ...], top: int, middle: 
 
 
 def _find_layer(layout: MeshTopology, top: int) -> Body:
-    """Return the body of the tissue's row below a level: a layer, or the tissue below all layers."""
+    """Return the body of the tissue's row below the level ``top`` (a number): a layer, or the tissue below all layers."""
     layer = sum(interface >= top for interface in layout.interfaces)
     return LAYERS[layer] if layer < len(layout.interfaces) else Body.TISSUE
 
@@ -88,7 +89,7 @@ def _list_sphere_cells(layout: MeshTopology, radii: Sequence[int]) -> Iterator[C
 
 
 def _list_crossed_cells(layout: MeshTopology, box: CrossedBox) -> Iterator[Cell]:
-    """Yield the cells of a box that interfaces cross: likewise, and those between columns."""
+    """Yield the cells of a box that interfaces cross: rings and core as in ``_list_sphere_cells``, and those between columns."""
     edge, (lower, upper), lines = box.lines[-1], box.caps, box.lines
     low, high = lower.last, upper.last
     sides = [
@@ -111,7 +112,10 @@ def _list_crossed_cells(layout: MeshTopology, box: CrossedBox) -> Iterator[Cell]
 
 
 def _list_strip_cells(layout: MeshTopology, lines: Sequence[int], cap: Cap) -> Iterator[Cell]:
-    """Yield the cells between a cap's columns: strips from the box's end to the first interface, from there to the next."""
+    """Yield the cells between a cap's columns, from the box's end to the first interface, and from each to the next.
+
+    Above the cap they stand on the sphere (ARCH), beyond it on an interface (STRIP).
+    """
     firsts, ends = (0, *cap.starts), (cap.end, *cap.rows)
     for k, (end, foot) in enumerate(pairwise(ends)):
         for (j, (a, b)), (c, d) in product(enumerate(pairwise(lines)), pairwise(range(min(foot, end), max(foot, end) + 1))):
@@ -164,7 +168,7 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
 
 
 def _list_corners(cell: Cell, rings: int) -> Iterator[Place]:
-    """Name a cell's corners: lines of the grid, or rays that meet the sphere."""
+    """Yield the ``Place`` of each of a cell's corners; None for one in the middle of a ring."""
     shape, _, vertices, circles = cell
     if shape in (TENSOR, ARCH, STRIP):
         yield from ((vertex, False) for vertex in vertices)
@@ -195,11 +199,13 @@ def cut_layers(cell: Cell, layout: MeshTopology, singular: dict[Place, int], tip
     if not corners or not corners[0][1]:
         return cell, UNIT_SQUARE[None]
     ((k, layers),) = corners  # two cells at least lie between any two singular corners
+    # towards the corner (0, 0): a small square, and round it L-shaped layers of two quadrilaterals each
     quads = [LAYER_RATIO**layers * UNIT_SQUARE]
     for layer in range(layers):
         x, y = LAYER_RATIO**layer, LAYER_RATIO ** (layer + 1)
         quads += [np.array([[y, 0.0], [x, 0.0], [x, x], [y, y]]), np.array([[0.0, y], [y, y], [x, x], [0.0, x]])]
     turned = np.stack(quads)
+    # mirrored to the corner k; a mirrored quadrilateral's corners are listed backwards to stay counter-clockwise
     for axis, far in enumerate(UNIT_SQUARE[k]):
         if far:
             turned[..., axis] = 1 - turned[..., axis]

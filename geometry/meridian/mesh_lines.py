@@ -95,7 +95,10 @@ class MeridianFineness:
     lean: bool = False
 
     def count(self, cells: int, minimum: int = 1) -> int:
-        """Return the number of cells where the mesh with a multiplier of 1 has ``cells``; at least ``minimum`` if that has."""
+        """Return the number of cells where the mesh with a multiplier of 1 has ``cells``.
+
+        It is at least ``minimum``, or ``cells`` if that is less.
+        """
         return max(min(cells, minimum), round(self.cells * cells))
 
 
@@ -156,6 +159,7 @@ class MeshTopology:
     """
 
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
+        """Assign numbers to the lines of all meshes of a kind that have this fineness."""
         n = fineness.count
         self.kind, self.fineness = kind, fineness
         names, levels = ["axis", *_list_block_names(kind.edges), "side"], _list_level_names(kind.layers, kind.box is not None)
@@ -187,7 +191,7 @@ class MeshTopology:
         return (self.column["axis"], inner), (hole, tube)
 
     def _find_merged(self) -> dict[int, list[tuple[int, ...]]]:
-        """Return which columns are merged in which row."""
+        """Return ``merged``: the groups of columns that become one, each by its four lines, by the row's upper level."""
         surface = self.row["surface"]
         inner, hole, tube = (self.column[name] for name in ("inner", "hole", "tube"))
         if not self.merging:
@@ -205,7 +209,10 @@ class MeshTopology:
         return tuple(line for line in range(self.column["box"] + 1) if line not in ended)
 
     def _build_crossed_box(self) -> CrossedBox:
-        """Build the box: columns at which interfaces meet the sphere near its poles, and interfaces that are rays."""
+        """Return the box round a sphere that interfaces cross; see ``geometry.meridian.crossed_sphere``.
+
+        Some interfaces begin on the sphere at a column near a pole (``caps``), the others are rays to the box's side.
+        """
         interfaces_above, interfaces_across, _ = self.kind.layers
         lines, rows = self.box_lines, self.interfaces[interfaces_above : interfaces_above + interfaces_across]
         ends, caps = np.cumsum([0, *self.columns]), []
@@ -218,11 +225,12 @@ class MeshTopology:
         return CrossedBox(lines, tuple(sides[::-1]), (lower, upper))
 
     def _number_levels(self, first: int) -> int:
-        """Assign numbers to levels above the surface, from ``first``, and to radii beyond the tissue; return the next level."""
+        """Assign numbers to levels above the surface, from ``first``, and radii beyond the tissue's; return the next level."""
         n, kind = self.fineness.count, self.kind
         middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))
         self.outer = (first - 1, *range(middle, top))
+        # rows of the boss and of the step, rows of the flange's thickness, columns from the tube to the flange's edge
         self.step, self.thick, self.overhang = n(4), n(4), n(4) * kind.flange
         self.bridge, self.flange, self.boss, self.base = (-1,), (-1,), (-1,), (-1,)
         if kind.base is None:
@@ -243,12 +251,15 @@ class MeshTopology:
 
 
 def _list_block_names(edges: bool) -> tuple[str, ...]:
-    """Return the names of ``Section.block_radii``."""
+    """Return the names of ``Section.block_radii``, from the axis; ``edges``: whether the blocks' edges are round."""
     return ("inner edge", "inner", "hole", "hole edge", "tube edge", "tube") if edges else ("inner", "hole", "tube")
 
 
 def _list_level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
-    """Return the names of the tissue's breaks from the floor upwards."""
+    """Return the names of the tissue's breaks (levels that lines must meet) from the floor upwards.
+
+    ``layers`` is as in ``Kind``; ``sphere``: whether there is one, whose box ends at the levels low and high.
+    """
     interfaces_above, interfaces_across, _ = layers
     names = ["surface", *(f"interface {k}" for k in range(sum(layers))), "floor"]
     if sphere:
@@ -258,7 +269,10 @@ def _list_level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
 
 
 def find_kind(section: Section, lean: bool = False) -> Kind:
-    """Return the kind of a section, whose lengths are floats; where there is no sphere or edges are round no mesh is lean."""
+    """Return the kind of a section whose lengths are floats.
+
+    ``lean`` asks for few cells, see ``Kind``; it has no effect where there is no sphere or where the blocks' edges are round.
+    """
     s, sphere = section, SphereBox.from_section(section)
     box = None if sphere is None else sphere.find_widest_interval(s)
     films, base = int(s.film > 0) + int(s.adhesive > 0), None
@@ -272,6 +286,7 @@ def find_kind(section: Section, lean: bool = False) -> Kind:
     radii, levels = find_radial_breaks(s, box, sphere), find_tissue_breaks(s, sphere, thin)
     columns, rows = count_cells(radii), count_cells(levels)
     caps = find_cap_places(s, radii)
+    # as ``spread_apart`` requires: two columns within the innermost radius for each interface that begins at a pole, and two more
     columns = max(columns[0], max(2 + 2 * len(cap) if cap else 0 for cap in caps)), *columns[1:]
     lean = lean and not s.edge_radius
     if lean and sphere is not None:
@@ -320,18 +335,26 @@ def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
 
 
 def _join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Numeric:
-    """Return the nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
+    """Return the nodes on all intervals between breaks, shape (..., sum(cells) + 1).
+
+    ``cells`` has the number in each interval.
+    """
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
     pieces = [grade_nodes(low, high, n, a, b) for (low, high), (a, b), n in ends]
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
 def place_core_lines(layout: MeshTopology, radii: Numeric, levels: Numeric, sphere: SphereBox) -> BoxLines:
-    """Return the lines of the sphere's box, ``MeshLines.box``."""
+    """Return the lines of the box round the sphere and of the core inside it, ``MeshLines.box``.
+
+    ``radii`` (..., radii) and ``levels`` (..., levels) are those of the tissue's lines. Where no interface crosses the sphere,
+    rays are straight: only the core's points are given, and the other fields of ``BoxLines`` are None.
+    """
     if layout.crossed is not None:
         return place_box_lines(layout.crossed, radii, levels, -sphere.depth, sphere.radius)
     columns, rows = slice(layout.column["box"] + 1), slice(layout.row["low"], layout.row["high"] + 1)
     inside = sphere.place_core(radii[..., columns], levels[..., rows])
+    # the core has the rows low to high; rows of zeros outside them let it be indexed by the mesh's own levels
     core = tuple(np.zeros((*grid.shape[:-1], levels.shape[-1]), dtype=grid.dtype) for grid in inside)
     for target, grid in zip(core, inside, strict=True):
         target[..., rows] = grid
@@ -339,13 +362,14 @@ def place_core_lines(layout: MeshTopology, radii: Numeric, levels: Numeric, sphe
 
 
 def _find_middles(levels: Numeric, layout: MeshTopology) -> Numeric:
-    """Return the levels within the rows in which lines end."""
+    """Return the heights half-way up the rows in which lines end, shape (..., rows): where the ends of merging columns meet."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
 
 
 def _place_bridge(s: Section, layout: MeshTopology) -> Numeric:
     """Return the radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
+    # ``sign``, as ``Kind.base``: the step is as high as the blocks' heights differ, and needs cells no larger than that
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
     step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
     breaks = Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
@@ -353,6 +377,7 @@ def _place_bridge(s: Section, layout: MeshTopology) -> Numeric:
 
 
 def _place_film_levels(s: Section, layout: MeshTopology, height: Numeric) -> list[Numeric]:
+    """Return the levels of the layers of film and adhesive on a block whose top is at ``height``; none without a film."""
     levels, top = [], height
     for thickness in (s.film, s.adhesive)[: layout.kind.films]:
         levels.append(grade_nodes(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
@@ -361,6 +386,10 @@ def _place_film_levels(s: Section, layout: MeshTopology, height: Numeric) -> lis
 
 
 def _place_base_levels(s: Section, layout: MeshTopology) -> list[Numeric]:
+    """Return the levels of an elastic base from below: its boss on the lower block, the step, and the flange.
+
+    The boss, absent where both films are level, fills the height by which one block is lower than the other.
+    """
     low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
     films, corner = s.film + s.adhesive, s.corner_size
     step = high + films

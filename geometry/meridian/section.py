@@ -105,22 +105,23 @@ class Section:
 
     @cached_property
     def interfaces_apart(self) -> tuple[int, int]:
-        """How many interfaces lie above the sphere and how many cross it; all lie above where there is none."""
+        """The numbers of interfaces above the sphere and of those that cross it; without a sphere all count as above."""
         if "sphere_radius" not in self.lengths:
             return len(self.interfaces), 0
+        # real parts: lengths are complex where derivatives are computed by complex steps
         tops, bottoms = self.sphere_depth - self.sphere_radius, self.sphere_depth + self.sphere_radius
         count_above = sum(bool(np.all(np.real(depth) <= np.real(tops))) for depth in self.interfaces)
         return count_above, sum(bool(np.all(np.real(depth) < np.real(bottoms))) for depth in self.interfaces[count_above:])
 
     @cached_property
     def cover(self) -> Numeric:
-        """Tissue between the sphere's top and the next interface above it, or the surface."""
+        """Distance between the sphere's top and the next interface above it, or the surface."""
         count_above, _ = self.interfaces_apart
         return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][count_above])
 
     @cached_property
     def clearance(self) -> Numeric:
-        """Tissue between the sphere's bottom and the next interface below it, or the floor."""
+        """Distance between the sphere's bottom and the next interface below it, or the floor."""
         count_below = sum(self.interfaces_apart)
         return [*self.interfaces, self.tissue_depth][count_below] - self.sphere_depth - self.sphere_radius
 
@@ -139,7 +140,7 @@ class Section:
 
     @cached_property
     def under_blocks(self) -> Numeric:
-        """Tissue between the blocks and what is below them: the first interface, the sphere or the floor."""
+        """Distance between the blocks and what is below them: the first interface, the sphere or the floor."""
         if self.interfaces_apart[0]:
             return self.interfaces[0]
         return self.cover if "sphere_radius" in self.lengths else self.tissue_depth
@@ -152,7 +153,11 @@ class Section:
         return smooth_min(self.block_size, self.under_blocks / 4)
 
     def box_limits(self) -> tuple[Numeric, Numeric]:
-        """Between which radii the sphere's box may end: a smooth choice between sphere and tissue's side."""
+        """Return the smallest and the largest radius at which the sphere's box may end, between sphere and tissue's side.
+
+        They are ``NEAREST_BOX`` and ``WIDEST_BOX`` sphere radii, or, where the tissue is narrow, about a third and two thirds of
+        the way from the sphere to its side, without a kink between the two.
+        """
         s, side_width = self.sphere_radius, self.tissue_radius - self.sphere_radius
         step = smooth_min((NEAREST_BOX - 1) * s, side_width / 3)
         reach = smooth_min((WIDEST_BOX - 1) * s, 2 * side_width / 3)
@@ -160,5 +165,6 @@ class Section:
 
 
 def _is_present(length: Numeric) -> bool:
-    """Return whether a length is not zero, for each entry of an array; comparing a number takes a hundredth of numpy's time."""
+    """Return whether a length, or every entry of an array of lengths, is not zero."""
+    # comparing a plain number takes a hundredth of the time that numpy needs
     return length != 0 if isinstance(length, float | int) else bool(np.all(length != 0))

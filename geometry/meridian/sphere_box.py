@@ -66,29 +66,39 @@ class SphereBox:
         return -self.depth - self.radius - self.below
 
     def build_rings(self) -> tuple[Breaks, Breaks]:
-        """Fractions of the rays between sphere and box and between core and sphere."""
+        """Return the breaks, fractions 0 to 1 of a ray, of the rays from sphere to box and of those from core to sphere."""
         unit = np.ones_like(np.asarray(self.radius))
         sizes = smooth_min(self.above, self.below), smooth_min(self.radius, 2 * self.pole)
         outside, inside = (Breaks([0 * unit, unit], [None, size / self.radius], [2]) for size in sizes)
         return outside, inside
 
     def find_widest_interval(self, s: Section) -> int:
-        """Return the two radii with the widest interval between them, on a logarithmic scale, in which the box may end."""
+        """Return in which interval between radii the box ends: the one in which it may end at the widest range of radii.
+
+        0 is the interval from the axis to the first of the section's ``block_radii``. The range is measured by the ratio of its
+        ends.
+        """
         breaks = [0.0, *s.block_radii.values(), s.tissue_radius]
         low, high = s.box_limits()
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 
     def find_edge(self, s: Section, box: int, breaks: list[Numeric]) -> Numeric:
-        """Return the radius where the box ends: the middle of the interval between its limits and the neighbouring radii."""
+        """Return the radius where the box ends: the middle of what ``box_limits`` leave of the interval ``box`` of ``breaks``."""
         low, high = s.box_limits()
         blur = 0.2 * (high - low)
         lower = low if box == 0 else smooth_max(low, breaks[box], blur)
+        # minus the maximum of the negatives is a minimum
         return (lower - smooth_max(-high, -breaks[box + 1], blur)) / 2
 
     def place_core(self, radii: Numeric, levels: Numeric) -> tuple[Numeric, Numeric]:
-        """Return radii and heights above the centre of the core's grid, (..., columns, rows) both: the box, scaled down."""
+        """Return radii and heights above the centre of the core's grid, both of the shape (..., columns, rows).
+
+        The core is the box, scaled down about the sphere's centre. ``radii`` and ``levels`` are those of the box's lines.
+        """
         x, heights = radii[..., :, None], (levels + np.asarray(self.depth)[..., None])[..., None, :]
-        edge = radii[..., -1]  # the farthest of the box's corners are farther off than the sphere's poles are from it
+        edge = radii[..., -1]
+        # above the distance of the box's farthest corner from the centre, so that the core's corners lie within ``CORE_REACH``
+        # radii
         corner_distance = (edge**2 + (self.radius + self.above) ** 2 + (self.radius + self.below) ** 2) ** 0.5
         shrunk = np.asarray(CORE_REACH * self.radius / corner_distance)[..., None, None]
-        return shrunk * x + 0 * heights, shrunk * heights + 0 * x
+        return shrunk * x + 0 * heights, shrunk * heights + 0 * x  # + 0: both get the grid's shape

@@ -45,7 +45,11 @@ class GapWalls:
         return slice(self.inner), slice(self.inner, None)
 
     def list_functions(self, order: int) -> Ints:
-        """Return which of the elements' functions live on the sides: both ends', then by degree; shape (m, order + 1)."""
+        """Return the numbers of the elements' shape functions that are not zero on the sides, shape (m, order + 1).
+
+        The functions of the side's two ends come first, then those of the side by degree from 2 to ``order``.
+        """
+        # an element's functions: its 4 corners, then order - 1 for each side
         first = 4 + (order - 1) * self.sides[:, None]
         return np.hstack([np.array(ELEMENT_SIDES)[self.sides], first + np.arange(order - 1)])
 
@@ -56,7 +60,10 @@ class GapWalls:
 
 
 def _find_rising_sides(mesh: Topology, body: Body, column: str) -> tuple[Ints, Ints]:
-    """Return elements and sides of a body on a column of the mesh, in rising order."""
+    """Return elements and sides (each (m,)) of a body that lie on a column of the mesh, from the lowest up.
+
+    ``column`` is a name in ``MeshTopology.column``.
+    """
     points, sides = compute_labels(mesh), np.array(ELEMENT_SIDES)
     is_on_column = (points[..., 0] == label_line(mesh.layout.column[column])) & (mesh.body == body)[:, None]
     elements, side = np.nonzero(is_on_column[:, sides].all(axis=2))

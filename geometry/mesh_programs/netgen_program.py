@@ -59,15 +59,18 @@ def _build_shapes(given: dict[str, Any]) -> list[occ.TopoDS_Shape]:
 
 
 def _rows_in_mm(lengths: Points) -> list[list[float]]:
+    """Return the rows of an array of lengths in m as lists, in mm."""
     rows: list[list[float]] = (MM_PER_M * lengths).tolist()
     return rows
 
 
 def _build_cylinder(x: float, y: float, low: float, high: float, radius: float) -> occ.TopoDS_Shape:
+    """Build a vertical cylinder between two heights."""
     return occ.Cylinder(occ.Pnt(x, y, low), occ.Z, radius, high - low)
 
 
 def _build_box(*corners: float) -> occ.TopoDS_Shape:
+    """Build a box from its lower and its upper corner, six coordinates."""
     return occ.Box(occ.Pnt(*corners[:3]), occ.Pnt(*corners[3:]))
 
 

@@ -53,9 +53,11 @@ def build_size_cubes(
     cubes, accepted = centre[None, :], []
     while len(cubes):
         size = sizes(cubes)
+        # also accepted: cubes that are too large, where dividing them would give too many
         small = (edge <= _CUBE_EDGE_FRACTION * size) | (len(cubes) > _MAX_CUBES)
         accepted.append((cubes[small], np.full(np.count_nonzero(small), edge), size[small]))
         cubes = (cubes[~small][:, None] + edge * _CHILD_OFFSETS).reshape(-1, 3)
         edge /= 2
+        # half a cube's diagonal: a cube whose centre is farther away does not touch the region
         cubes = cubes[is_near(cubes, edge * 3**0.5 / 2)]
     return SizeCubes(*(np.concatenate(parts) for parts in zip(*accepted, strict=True)))

@@ -119,9 +119,17 @@ class Child:
         return not self.is_late and self._process.poll() is None
 
     def send(self, request: object) -> None:
-        """Send a request. Raises ``Died``."""
+        """Send a request to the program.
+
+        Raises
+        ------
+        Died, TooLong
+            The process has ended.
+        """
         assert self._process.stdin is not None
         try:
+            # pickled twice: the child reads the outer pickle, of bytes, whole, even where loading the inner one fails there, for
+            # want of a module, say; it then reports that failure, and its input is still at the start of the next request
             pickle.dump(pickle.dumps(request, pickle.HIGHEST_PROTOCOL), self._process.stdin)
             self._process.stdin.flush()
         except OSError:
@@ -150,7 +158,7 @@ class Child:
 
     @contextmanager
     def limit_time(self, seconds: float) -> Iterator[None]:
-        """Kill it when the block takes longer than ``seconds``; what waits for it then raises ``TooLong``."""
+        """Kill the process when the block takes longer than ``seconds``; ``send`` and ``receive`` then raise ``TooLong``."""
         watch = threading.Timer(min(seconds, threading.TIMEOUT_MAX), self._end_late, (seconds,))
         watch.daemon = True
         watch.start()
@@ -161,7 +169,7 @@ class Child:
             watch.join()
 
     def kill(self) -> None:
-        """Kill it; safe in any thread. A thread that waits for it goes on."""
+        """Kill the process, from any thread; a thread that waits in ``receive`` gets an exception there."""
         if self._is_worker and sys.platform != "win32":
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -169,11 +177,11 @@ class Child:
             self._process.kill()
 
     def close(self) -> None:
-        """Kill it, and remove its files."""
+        """Kill the process, and remove its temporary files."""
         self.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):  # what was not sent yet
+            with suppress(OSError):  # flushing what was not sent fails
                 assert pipe is not None
                 pipe.close()
         self._remove_files()
@@ -190,7 +198,7 @@ class Child:
         self.kill()
 
     def _explain_end(self) -> Died | TooLong:
-        """Wait for the end of the process, and describe it."""
+        """Wait for the process to end, and return the exception that describes how it ended."""
         try:
             code = self._process.wait(_WAIT_FOR_END_S)  # its own exit code, not that of a kill
         except subprocess.TimeoutExpired:
@@ -198,7 +206,7 @@ class Child:
             code = self._process.wait()
         if self._late_after:
             return TooLong(f"it took longer than {self._late_after}")
-        if code == _ALARM_EXIT_CODE:
+        if code == _ALARM_EXIT_CODE:  # its own alarm, see ``child_main.py``
             return TooLong("it took too long")
         return Died(code, self._read_last_line())
 
@@ -218,6 +226,9 @@ class Child:
 
 
 def _build_environment(folder: str) -> dict[str, str]:
-    """Return this process's environment with one thread, its own module path, and a folder for temporary files."""
+    """Return the child's environment: this process's, with one thread for each library.
+
+    Modules are found where this process finds them; temporary files go to ``folder``.
+    """
     path = os.pathsep.join([str(SOURCE_ROOT), *(os.path.abspath(entry) for entry in sys.path if entry)])
     return {**os.environ, **_ENVIRONMENT, "PYTHONPATH": path, **dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)}

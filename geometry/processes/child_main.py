@@ -19,9 +19,19 @@ ALARM_MARGIN_S = 5  # s after the limit that the parent enforces: this one holds
 
 
 def main(program: str, seconds: int, memory: int) -> None:
-    """Respond to requests until standard input ends, that is with the parent. 0 stands for no limit."""
+    """Respond to requests until standard input ends, which it does when the parent ends.
+
+    Parameters
+    ----------
+    program
+        File that defines the function ``run``.
+    seconds
+        After which the process ends itself, where the system has alarms; 0 for no limit.
+    memory
+        Bytes that it may hold; 0 for no limit.
+    """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, whatever is running, and without a word
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process at once, without a traceback
     if seconds and hasattr(signal, "alarm"):
         signal.alarm(seconds + ALARM_MARGIN_S)
     if memory:
@@ -40,9 +50,9 @@ def main(program: str, seconds: int, memory: int) -> None:
 
     requests = io.BufferedReader(io.FileIO(0))
     run = None
-    while requests.peek(1):
+    while requests.peek(1):  # empty at the end of standard input
         try:
-            request = pickle.load(requests)  # bytes, whole even where the program's modules are missing
+            request = pickle.load(requests)  # the outer of two pickles, see ``Child.send``: bytes, so no module is needed
             run = run or runpy.run_path(program)["run"]
             result = run(pickle.loads(request))
             for part in result if isinstance(result, Iterator) else [result]:

@@ -85,7 +85,10 @@ class DaskExecutor(Generic[Item, Row]):
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
 
     def count_workers(self) -> int:
-        """Return how many batches the cluster can evaluate at once now; asked at most once a second."""
+        """Return how many batches the cluster can evaluate at once now: its threads, at least 1.
+
+        The scheduler is asked at most once a second, else the last number is returned.
+        """
         if time.monotonic() - self._count_time > 1.0:
             try:
                 threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_TIMEOUT_S)
@@ -101,7 +104,7 @@ class DaskExecutor(Generic[Item, Row]):
         return self._worker_count
 
     def count_free(self) -> int:
-        """Return how many more batches can be submitted."""
+        """Return how many more batches can be submitted now; 0 or less for none."""
         return BATCHES_PER_WORKER * self.count_workers() - len(self._submitted)
 
     def submit(self, items: Sequence[Item]) -> int:
@@ -129,7 +132,7 @@ class DaskExecutor(Generic[Item, Row]):
             time.sleep(POLL_INTERVAL_S)
 
     def _report_scheduler(self, text: str, remedy: str) -> None:
-        """Report a problem of the scheduler; silent workers are then not reported as well."""
+        """Report what the scheduler has (not) done, ``text``, and a remedy; silent workers are then not reported as well."""
         self._scheduler_silence.report(f"the Dask scheduler {self._address} {text}", remedy)
         self._worker_silence.reset()
 
@@ -157,6 +160,7 @@ class DaskExecutor(Generic[Item, Row]):
                 self._finish_batch(submitted)
                 return outcome
             submitted.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
+            # if that was the last attempt, the next one starts below, and its time counts from now
             submitted.submit_time = submitted.submit_time if submitted.futures else time.monotonic()
         if not submitted.futures:
             self._start_attempt(submitted)
@@ -220,11 +224,13 @@ class DaskExecutor(Generic[Item, Row]):
             self._start_attempt(submitted)
 
     def _set_log_levels(self, levels: dict[str, int]) -> None:
+        """Set the levels of loggers, by name."""
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
 
     def _connect_client(self) -> Any:
         """Return a client. Raises whatever Dask raises where there is no scheduler, ``TimeoutError`` without a response."""
+        # in a thread that can be abandoned, as Dask may hang
         responses: SimpleQueue[Any] = SimpleQueue()
 
         def connect() -> None:

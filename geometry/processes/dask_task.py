@@ -21,7 +21,7 @@ _LOCK = threading.Lock()  # of the idle workers: a Dask worker may have several 
 
 
 def evaluate_batch(job: Job[Item, Row], limits: Limits, items: Sequence[Item]) -> Outcome[Row]:
-    """Evaluate a batch in an idle or new worker process.
+    """Return the outcome of a batch, evaluated in an idle or a new worker process.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def evaluate_batch(job: Job[Item, Row], limits: Limits, items: Sequence[Item]) -
     items : sequence
         The batch.
     """
-    name = pickle.dumps((job, limits))
+    name = pickle.dumps((job, limits))  # equal for equal jobs and limits, so that their processes can be reused
     worker = _take_idle_worker(name) or Worker(job, limits, _STANDARD_ERROR)
     outcome = worker.evaluate(items)
     timer = threading.Timer(MAX_IDLE_TIME_S, _stop_idle_worker, (worker,))
@@ -55,7 +55,7 @@ def _take_idle_worker(name: bytes) -> Worker[Any, Any] | None:
 
 
 def _stop_idle_worker(worker: Worker[Any, Any]) -> None:
-    """Stop a worker unless it has got work meanwhile."""
+    """Stop a worker process unless it was given work since its timer was started."""
     with _LOCK:
         is_idle = _IDLE_WORKERS.pop(worker, None) is not None
     if is_idle:

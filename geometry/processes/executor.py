@@ -18,10 +18,13 @@ class ExecutorError(ProbeError):
 
 
 class Job(Protocol[ItemIn, Row]):
-    """The work of a worker: evaluate items to rows. It can be pickled, and its module imported by a worker."""
+    """The work of a worker: evaluate items (designs, say) to rows of results.
+
+    It has to be picklable, and its module importable by a worker.
+    """
 
     def warm_up(self) -> None:
-        """Load what is needed, before the first item. Raises where this worker cannot do the job."""
+        """Load what is needed, before the first item; raise any exception where this worker cannot do the job."""
         ...
 
     def count_parts(self, items: Sequence[ItemIn]) -> list[int]:
@@ -29,7 +32,7 @@ class Job(Protocol[ItemIn, Row]):
         ...
 
     def evaluate_parts(self, items: Sequence[ItemIn]) -> Iterator[list[Row]]:
-        """Yield the rows of each part, or, where a part cannot be evaluated together, of its items one by one."""
+        """Yield a list of rows for each part, or for each item of a part that cannot be evaluated together."""
         ...
 
 
@@ -44,11 +47,11 @@ class Outcome(Generic[Row]):
     unfinished
         Number of items after these that the worker evaluated when it ended; 0 if it did not end.
     failure
-        How the worker ended.
+        How the worker ended; empty if it did not.
     is_late
         Whether the worker was killed because it took too long.
     refusal
-        Why no worker can evaluate any item.
+        Why no worker can evaluate any item; empty if they can.
     """
 
     rows: tuple[Row, ...] = ()
@@ -74,7 +77,11 @@ class Executor(Protocol[ItemIn, Row]):
         ...
 
     def collect(self, seconds: float) -> list[tuple[int, Outcome[Row]]]:
-        """Wait at most ``seconds`` for finished batches."""
+        """Return the batches that are finished, each by its number from ``submit`` with its outcome.
+
+        Waits until there is one, at most for ``seconds``; the list is empty if none has finished by then. Each batch is returned
+        once.
+        """
         ...
 
     def close(self) -> None:

@@ -54,13 +54,13 @@ class LocalExecutor(Generic[Item, Row]):
         return len(self._workers)
 
     def submit(self, items: Sequence[Item]) -> int:
-        """Give a batch to an idle worker."""
+        """Give a batch to an idle worker, and return the batch's number; ``count_free`` has to be above 0."""
         worker, number = self._idle.pop(), next(self._numbers)
         self._running[self._threads.submit(worker.evaluate, items)] = number, worker
         return number
 
     def collect(self, seconds: float) -> list[tuple[int, Outcome[Row]]]:
-        """Wait at most ``seconds`` for finished batches."""
+        """Return the batches finished within ``seconds``, by number; see ``executor.Executor.collect``."""
         finished = []
         for future in wait(self._running, seconds, FIRST_COMPLETED).done:
             number, worker = self._running.pop(future)
@@ -76,7 +76,7 @@ class LocalExecutor(Generic[Item, Row]):
         """Stop all processes."""
         for worker in self._workers:
             worker.close()
-        self._threads.shutdown()
+        self._threads.shutdown()  # waits for the threads, which go on now that their processes are dead
         for worker in self._workers:
             worker.stop()
         self._errors.close()
@@ -102,7 +102,10 @@ class Worker(Generic[Item, Row]):
         self._is_closed = False
 
     def evaluate(self, items: Sequence[Item]) -> Outcome[Row]:
-        """Evaluate items in the process; waits for their rows."""
+        """Return the outcome of items that the process evaluates, started first if it is not running.
+
+        A time limit, a crash or a refusal are not raised, but described in the outcome.
+        """
         try:
             child = self._child or self._start()
         except (Died, OSError):
@@ -112,6 +115,7 @@ class Worker(Generic[Item, Row]):
         if self._is_closed:
             return Outcome()
         rows: list[Row] = []
+        # numbers of rows after each part; number of items that are evaluated now, which a crash leaves unfinished
         ends, begun = [*accumulate(self._job.count_parts(items))], 0
         try:
             child.send((self._job, self._limits, items))
@@ -154,14 +158,14 @@ class Worker(Generic[Item, Row]):
         for attempt in range(MAX_STARTS):
             self._child = Child(POOL_PROGRAM, errors=self._errors, is_worker=True)
             try:
-                self._child.send((self._job, self._limits, None))
+                self._child.send((self._job, self._limits, None))  # no items: get ready
                 self._child.receive()
                 return self._child
             except Failure as fault:
                 self.stop()
                 if not isinstance(fault, Died) or self._is_closed or attempt + 1 == MAX_STARTS:
                     raise
-        raise AssertionError  # MAX_STARTS is positive
+        raise AssertionError  # never reached, as MAX_STARTS is positive
 
 
 def _count_begun(ends: Sequence[int], rows: int) -> int:

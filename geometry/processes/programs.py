@@ -19,9 +19,9 @@ R = TypeVar("R")
 
 
 class ChildThreads(ThreadPoolExecutor):
-    """Threads whose programs end, with those still to come, when the block is left by an exception.
+    """Threads that run programs in child processes; an exception in the block kills these, and those started later.
 
-    Threads cannot be interrupted: without this Ctrl-C would wait until they are done.
+    Threads cannot be interrupted: without this Ctrl-C would wait until their programs are done.
 
     Examples
     --------
@@ -35,8 +35,8 @@ class ChildThreads(ThreadPoolExecutor):
         self._is_ended, self._lock = False, threading.Lock()
 
     def submit(self, function: Callable[P, R], /, *arguments: P.args, **options: P.kwargs) -> Future[R]:
-        """Call a function in a thread; its programs belong to this block."""
-        context = contextvars.copy_context()
+        """Call a function in a thread, and return its future; programs that it runs are killed with this block."""
+        context = contextvars.copy_context()  # limits and clock of the caller, too, hold in the thread
         context.run(_CURRENT_THREADS.set, self)
         return super().submit(lambda: context.run(function, *arguments, **options))
 

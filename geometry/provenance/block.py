@@ -148,7 +148,10 @@ def find_version(name: str) -> str | None:
 
 
 def compute_digest(content: Mapping[str, object]) -> str:
-    """Return the SHA-256 of numbers, to ``DIGEST_DIGITS``, and texts by their names."""
+    """Return the SHA-256 of a table of numbers and texts, numbers rounded to ``DIGEST_DIGITS``.
+
+    The order of keys does not count.
+    """
     return hashlib.sha256(json.dumps(_round_numbers(content), sort_keys=True, default=str).encode()).hexdigest()
 
 

@@ -29,10 +29,11 @@ class BaseSizes:
 
 
 def base_sizes(probe: Probe) -> BaseSizes:
-    """Return the base's dimensions; by default 1.25 outer radii, 0.3 outer radii but at least 1 mm, and 0.2 outer radii.
+    """Return the base's dimensions, those that the scene leaves open by default.
 
-    A rigid base of which neither the flange's radius nor the step's height is given has no flange. An elastic one has:
-    the evaluators model it with one.
+    Defaults, in outer radii of the probe: 1.25 for the flange's radius, 0.3 for the thickness, at least 1 mm, and 0.2 for the
+    step's height. A rigid base has a flange only if the scene gives its radius or the step's height. An elastic base always has
+    one, as the evaluators model it.
 
     Raises
     ------

@@ -62,7 +62,7 @@ class PublishedModulus:
 
     @property
     def description(self) -> str:
-        """All of it in one line."""
+        """Modulus, scatter, method, source and licence in one line."""
         scatter = f" +- {format_modulus(self.scatter)}" if self.scatter else ""
         return f"{format_modulus(self.youngs_modulus)}{scatter}: {self.method}; {self.source}; {self.licence}"
 
@@ -189,9 +189,9 @@ def find_material(name: str, *, thinner: float | None = None, ratio: float | Non
     name
         As ``list_materials`` has it; a recipe may follow: ``"ecoflex-00-10 with 30 % thinner"``, ``"sylgard-184 20:1"``.
     thinner
-        Share of thinner, 0.3 for 30 %, in place of one in the name.
+        Fraction of thinner, 0.3 for 30 %; None for the one in the name, if any.
     ratio
-        Parts of base to one of agent, likewise.
+        Parts of base to one part of agent; None likewise.
 
     Raises
     ------
@@ -221,20 +221,20 @@ def read_catalogue() -> dict[str, JsonObject]:
 def fill_in(table: object, numbers: bool = True) -> object:
     """Return a material's table, completed by the catalogue's entry for its key ``material``.
 
-    The name takes the catalogue's spelling. Numbers that the table has stay: they were measured of what was cast or bought. A
+    The name takes the catalogue's spelling. Numbers that the table has stay: they were measured on what was cast or bought. A
     modulus may lie up to ``MAX_DEVIATIONS`` sd of ln E from the catalogue's, a Poisson's ratio up to ``MAX_POISSON_DIFFERENCE``.
 
     Parameters
     ----------
     table
-        Of a scene file; what is no table, or names no material, is returned as it is.
+        Table of a scene file; anything that is no table, or names no material, is returned as it is.
     numbers
         Whether the table takes numbers, as that of a rigid base does not.
 
     Raises
     ------
     InputError
-        There is no such material, it has no Poisson's ratio, or a number beside the name is not one of it.
+        There is no such material, it has no Poisson's ratio, or a number beside the name is not possible for it.
     """
     if not isinstance(table, Mapping) or not isinstance(table.get("material"), str):
         return table
@@ -274,6 +274,7 @@ def format_modulus(value: float) -> str:
 
 
 def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> CatalogueMaterial:
+    """Return a material with a fraction of thinner or a mixing ratio, None for the usual; raise as ``find_material``."""
     entry, thinned = read_catalogue()[name], read_compressed().get(name)
     if thinner is not None and thinned is None:
         raise InputError("thinner", thinner, f"none for {name}; measured with thinner: {', '.join(read_compressed())}")
@@ -296,6 +297,7 @@ def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> 
 
 
 def _build_mixed(name: str, entry: JsonObject, ratio: float | None) -> CatalogueMaterial:
+    """Return a material whose modulus depends on the ratio of base to agent; None for the usual ratio."""
     given = entry["base_per_agent"]
     mix = MixingRatio(given["low"], given["high"], given["usual"], MODULUS_QUANTITY.read(name, given["modulus"]))
     parts = mix.usual if ratio is None else ratio
@@ -313,6 +315,7 @@ def _build_material(
     published: tuple[PublishedModulus, ...],
     recipe: str = "",
 ) -> CatalogueMaterial:
+    """Return a material from its entry; ``modulus`` is E in Pa, the standard deviation of ln E and the source of that."""
     value, log_sd, tolerance = modulus
     numbers = {key: Number(**entry[key]) for key in ("poisson_ratio", *FILM_KEYS) if key in entry}
     rounded = float(f"{value:.{MODULUS_DIGITS}g}")
@@ -321,7 +324,11 @@ def _build_material(
 
 
 def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
-    """Return Young's modulus, the standard deviation of its logarithm and the source of that, by eqs. SC.2 and SC.3."""
+    """Return Young's modulus in Pa, the standard deviation of its logarithm and the source of that standard deviation.
+
+    Several published values follow eq. SC.2. A single one is taken as it is, with the tolerance that the entry states, or with
+    the scatter between test methods, eq. SC.3.
+    """
     low, high = (pick(value.youngs_modulus for value in published) for pick in (min, max))
     if len(published) > 1:
         explanation = (
@@ -330,6 +337,7 @@ def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...
         return math.sqrt(low * high), math.log(high / low) / 2, explanation
     if "tolerance" in entry:
         return low, entry["tolerance"]["value"], entry["tolerance"]["source"]
+    # the smallest and the largest gap: the first of the sorted ones, and the last by a step of their number less 1
     ends = " to ".join(
         f"{math.exp(abs(gap)):.2g}" for gap in sorted(_compute_method_gaps(), key=abs)[:: len(_compute_method_gaps()) - 1]
     )
@@ -339,7 +347,7 @@ def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...
 
 @cache
 def _compute_method_gaps() -> tuple[float, ...]:
-    """Return the differences of eq. SC.3, for the products without thinner that both databases have."""
+    """Return ln E_compression - ln E_tension (eq. SC.3) of each product without thinner that both databases have."""
     pulled = _read_data("materials-odbl.toml")["value"]
     return tuple(
         math.log(read_compressed()[name].youngs_modulus[0] / MODULUS_QUANTITY.read(name, text))
@@ -378,9 +386,11 @@ def _list_published(name: str, entry: JsonObject) -> tuple[PublishedModulus, ...
 
 
 def _read_origin(file: str) -> dict[str, str]:
+    """Return test method, source and licence, which all values of a database's file share."""
     return {key: _read_data(file)[key] for key in ("method", "source", "licence")}
 
 
 @cache
 def _read_data(name: str) -> JsonObject:
+    """Return the tables of a TOML file in this package."""
     return tomllib.loads(files("geometry.scenes").joinpath(name).read_text(encoding="utf-8"))

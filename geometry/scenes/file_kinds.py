@@ -32,11 +32,11 @@ def check_kind(data: Mapping[str, object], name: str, kind: str, allowed: str) -
     data
         The tables of the file.
     name
-        Of the file, for the message.
+        Name of the file, for the message.
     kind
-        That is wanted, a key of ``_SECTIONS``.
+        The kind of file that the caller reads, a key of ``_SECTIONS``.
     allowed
-        What such a file has, for the message.
+        What a file of that kind contains, for the message.
 
     Raises
     ------

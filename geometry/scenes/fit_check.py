@@ -50,7 +50,8 @@ def do_overlap(first: Inclusion, second: Inclusion) -> bool:
     """Return whether two ellipsoids overlap or touch.
 
     Perram & Wertheim, J. Comput. Phys. 58 (1985) 409: they are apart exactly if
-    max over 0 < s < 1 of s (1-s) v^T [(1-s) Q1 + s Q2]^-1 v exceeds 1, v joining the centres.
+    max over 0 < s < 1 of s (1-s) v^T [(1-s) Q1 + s Q2]^-1 v exceeds 1. v joins the centres; Q = a a^T with the semi-axes as the
+    columns of a.
     """
     v = [second.x - first.x, second.y - first.y, first.depth - second.depth]
     distance, (low, high) = math.hypot(*v), sorted((_half_extent(first), _half_extent(second)))
@@ -61,6 +62,7 @@ def do_overlap(first: Inclusion, second: Inclusion) -> bool:
     a1, a2 = compute_semi_axes(first), compute_semi_axes(second)
 
     def separation(s: float) -> float:
+        """Return the function of s above, with (1-s) Q1 + s Q2 = A A^T and A = [sqrt(1-s) a1, sqrt(s) a2], 3 x 6."""
         p, q = math.sqrt(1 - s), math.sqrt(s)
         rows = [[p * e for e in r1] + [q * e for e in r2] for r1, r2 in zip(a1, a2, strict=True)]
         return s * (1 - s) * _min_norm_squared(rows, v)
@@ -83,13 +85,15 @@ def _does_exceed(function: Callable[[float], float], bound: float) -> bool:
 def compute_lateral_reach(body: Inclusion) -> float:
     """Return the largest distance of the body's points from the tissue's axis, in m.
 
-    The maximum over directions n of the support function n.c + sqrt(n^T Q n): the best of some directions, refined.
+    The maximum over horizontal directions n of the support function n.c + sqrt(n^T Q n), with c the centre and Q as in
+    ``do_overlap``: the best of ``_DIRECTION_COUNT`` directions, refined by ternary search.
     """
     if body.diameter is not None:
         return math.hypot(body.x, body.y) + body.diameter / 2
     first_axis, second_axis, _ = compute_semi_axes(body)
 
     def support(angle: float) -> float:
+        """Return the support function in the direction n = (cos, sin) of an angle."""
         n, m = math.cos(angle), math.sin(angle)
         return n * body.x + m * body.y + math.hypot(*(n * a + m * b for a, b in zip(first_axis, second_axis, strict=True)))
 
@@ -103,7 +107,7 @@ def compute_lateral_reach(body: Inclusion) -> float:
 
 
 def list_doubts(scene: Scene) -> tuple[str, ...]:
-    """Return a sentence for each allowed value that is probably a slip of a unit or a digit."""
+    """Return a sentence for each value that is allowed, but probably has a wrong unit or digit."""
     probe = scene.probe
     if probe.gap <= probe.inner_radius:
         return ()
@@ -114,6 +118,7 @@ def list_doubts(scene: Scene) -> tuple[str, ...]:
 
 
 def _check_probe(scene: Scene) -> None:
+    """Raise ``InputError`` unless the whole probe stands on the tissue's top."""
     placement, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
     if tissue.shape == "cylinder":
         _check_gap(scene.probe, tissue.radius)
@@ -137,7 +142,11 @@ def _check_probe(scene: Scene) -> None:
 
 
 def _check_gap(probe: Probe, room: float) -> None:
-    """Refuse the gap if it is wider than the core and the probe would fit the tissue with a narrower one."""
+    """Refuse the gap if it is wider than the inner block's radius and the probe would fit the tissue with a narrower gap.
+
+    ``room`` is the tissue's radius, or half the shorter side of a block of tissue, in m. The probe's radius depends on the gap
+    where the scene gives ``area_ratio``.
+    """
     square = room**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
     if probe.area_ratio is None or not probe.gap > probe.inner_radius or square <= probe.inner_radius**2:
         return
@@ -167,6 +176,7 @@ def _check_edges(scene: Scene) -> None:
 
 
 def _check_layers(scene: Scene) -> None:
+    """Raise ``InputError`` if a layer reaches the tissue's bottom."""
     tissue = scene.tissue
     for index, (upper, lower) in enumerate(pairwise((0.0, *tissue.interfaces))):
         if tissue.shape != "half-space" and is_at_least(lower, tissue.depth):
@@ -176,12 +186,18 @@ def _check_layers(scene: Scene) -> None:
 
 
 def _check_load(scene: Scene) -> None:
+    """Raise ``InputError`` if the indentation is as large as the tissue is deep."""
     deep, tissue = scene.load.indentation, scene.tissue
     if deep is not None and tissue.shape != "half-space" and is_at_least(deep, tissue.depth):
         raise InputError("load.indentation", format_mm(deep), f"less than the tissue's depth of {format_mm(tissue.depth)}")
 
 
 def _check_probe_on_tissue(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:
+    """Raise ``InputError`` if the probe does not stand on the tissue along one of its sizes.
+
+    ``size`` is that key of the tissue, ``room`` its half (or the radius) and ``reach`` the probe's radius, in m. ``key`` and
+    ``position`` are those of the placement, for the message; ``offset`` is the distance between the axes.
+    """
     reason = f"the whole probe, of radius {format_mm(reach)}, has to stand on the tissue"
     if is_at_least(reach, room):
         times = 1 if size == "radius" else 2
@@ -193,6 +209,7 @@ def _check_probe_on_tissue(size: str, room: float, reach: float, *, key: str, po
 
 
 def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
+    """Raise ``InputError`` if an ellipsoid reaches beyond the tissue's surface, bottom or side."""
     tissue, name = scene.tissue, f"inclusion[{index}]"
     half = [math.hypot(*row) for row in compute_semi_axes(body)]
     if is_at_least(half[2], body.depth):
@@ -221,6 +238,7 @@ def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
 
 
 def _check_inside_block(name: str, body: Inclusion, half: list[float], rooms: tuple[float, float]) -> None:
+    """Raise ``InputError`` if an ellipsoid reaches beyond a side of a block; ``half`` and ``rooms`` are half extents, m."""
     for key, centre, size, room in zip("xy", (body.x, body.y), half, rooms, strict=False):
         if is_at_least(abs(centre) + size, room):
             allowed = f"the whole body within {format_maximum_mm(room)} of the tissue's middle (it leaves the tissue's side)"
@@ -228,6 +246,7 @@ def _check_inside_block(name: str, body: Inclusion, half: list[float], rooms: tu
 
 
 def _half_extent(body: Inclusion) -> float:
+    """Return the largest semi-axis of an ellipsoid, m."""
     return max(body.diameters or (body.diameter or 0.0,)) / 2
 
 
@@ -244,7 +263,8 @@ def _rotation_matrix(rz: float, ry: float, rx: float) -> Matrix:
 def _min_norm_squared(rows: Matrix, v: list[float]) -> float:
     """Return v^T (A A^T)^-1 v, the squared norm of the shortest w with A w = v, for A of full rank with the three ``rows``.
 
-    By orthogonalising the rows: the semi-axes of a needle stay exact where their squares in A A^T would drown.
+    The rows are made orthogonal one by one (Gram-Schmidt): so the small semi-axes of a needle stay exact, while in A A^T their
+    squares would be lost in rounding errors.
     """
     basis: Matrix = []
     total, solved = 0.0, list[float]()

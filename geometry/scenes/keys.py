@@ -131,6 +131,7 @@ def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iter
     number.
     """
     data, changes = dict(base), list(zip(keys, values, strict=True))
+    # all removals come before all new values, so that none of these is removed again
     for target, value in changes:
         *table, last = target.path
         for pair in _EXCLUSIVE_KEYS:

@@ -77,10 +77,12 @@ class Material(Frozen):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_catalogue(cls, table: object) -> object:
+        """Return a table with the numbers of the material that it names, before pydantic reads it."""
         return fill_in(table)
 
     @model_validator(mode="after")
     def _check_law(self) -> Self:
+        """Raise ``InputError`` for Yeoh's constants beside another law."""
         for key in LAW_CONSTANTS if self.law == "neo-hookean" else ():
             if getattr(self, key):
                 raise InputError(key, getattr(self, key), "0, or any number beside law = 'yeoh'")
@@ -133,10 +135,12 @@ class Base(Frozen):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_catalogue(cls, table: object) -> object:
+        """Return a table with the numbers of the material that it names; without them for a rigid base, which has none."""
         return fill_in(table, numbers=not (isinstance(table, Mapping) and table.get("rigid")))
 
     @model_validator(mode="after")
     def _check_rigid_or_elastic(self) -> Self:
+        """Raise ``InputError`` unless the base is either rigid or has both elastic constants."""
         moduli = (self.youngs_modulus is not None, self.poisson_ratio is not None)
         if self.rigid and any(moduli):
             raise InputError("rigid", Words("true beside moduli"), "either rigid = true, or youngs_modulus and poisson_ratio")
@@ -238,6 +242,7 @@ class Probe(Frozen):
 
     @model_validator(mode="after")
     def _check_consistent(self) -> Self:
+        """Raise ``InputError`` unless the keys determine the probe, and its tube and groove are possible."""
         if (self.area_ratio is None) == (self.outer_radius is None):
             raise InputError(*_describe_given(self, "area_ratio", "outer_radius"), "exactly one of area_ratio and outer_radius")
         heights = ("height", "inner_height", "outer_height")
@@ -248,6 +253,7 @@ class Probe(Frozen):
         return self
 
     def _check_wall(self) -> None:
+        """Raise ``InputError`` if the tube has no wall."""
         if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
             return
         allowed = (
@@ -257,6 +263,7 @@ class Probe(Frozen):
         raise InputError(*_describe_given(self, "outer_radius", "area_ratio"), allowed)
 
     def _check_groove(self) -> None:
+        """Raise ``InputError`` if the groove is as wide as the hole or as deep as the outer block is high."""
         if self.groove is None:
             return
         for key, limit, limit_name in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
@@ -329,5 +336,6 @@ def _describe_given(probe: Probe, *keys: str) -> tuple[str, Words]:
 
 
 def _describe_value(probe: Probe, key: str) -> str:
+    """Return the value of a key of the probe as text: "missing", a number, or a length in mm."""
     value = getattr(probe, key)
     return "missing" if value is None else f"{value:g}" if key == "area_ratio" else format_mm(value)

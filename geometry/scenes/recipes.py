@@ -34,15 +34,15 @@ class Thinned:
     def compute_softening(self, share: float) -> tuple[float, float]:
         """Return ln(E / E without thinner) at a fraction of thinner, and the standard deviation that the interpolation adds.
 
-        ln E runs through the measured shares by a monotone cubic (scipy's PCHIP); what it differs from straight lines counts, as
-        does the largest relative scatter of a sample:
+        ln E is interpolated between the measured fractions by a monotone cubic (scipy's PCHIP). The standard deviation combines
+        the largest relative scatter of a sample and the cubic's difference from straight lines:
 
             sd = (sd_sample^2 + (ln E_cubic - ln E_line)^2)^(1/2).   (SC.4)
 
         Raises
         ------
         InputError
-            The share was not measured, and lies between none that were.
+            The fraction is outside the range of those that were measured.
         """
         if not self.thinner[0] <= share <= self.thinner[-1]:
             allowed = f"a share of thinner from {self.thinner[0]:g} to {self.thinner[-1]:g}, as measured: nothing is extrapolated"
@@ -84,7 +84,7 @@ class MixingRatio:
         Raises
         ------
         InputError
-            The ratio was not measured.
+            The ratio is outside the range of those that were measured.
         """
         if not self.low <= ratio <= self.high:
             allowed = f"parts of base to one of agent, from {self.low:g} to {self.high:g}, as measured: nothing is extrapolated"
@@ -114,5 +114,5 @@ def parse_name(text: str) -> tuple[str, float | None, float | None]:
 
 
 def normalise_name(name: str) -> str:
-    """Return a name as the catalogue has it: "Dragon Skin 30" is dragon-skin-30."""
+    """Return a name in the catalogue's spelling: dragon-skin-30 for "Dragon Skin 30"."""
     return re.sub(r"[\s_]+", "-", name.strip().lower())

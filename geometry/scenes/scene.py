@@ -135,7 +135,10 @@ class HalfSpaceTissue(_Layered):
 
 
 def _read_shape(tissue: object) -> str | None:
-    """Return the tag of a tissue; pydantic's own message cannot print every integer, so that only text is passed on."""
+    """Return the shape of a tissue, table or object, by which pydantic chooses its model; None if it is no text.
+
+    Pydantic's own message for a wrong shape fails for very large integers, so that only text is passed on.
+    """
     shape = tissue.get("shape") if isinstance(tissue, Mapping) else getattr(tissue, "shape", None)
     return shape if isinstance(shape, str) else None
 
@@ -165,7 +168,7 @@ class Inclusion(Material):
     depth
         From the tissue's surface to the centre.
     x, y
-        The centre beside the tissue's axis.
+        Lateral offset of the centre from the tissue's axis.
     target
         Whether ``log_sensitivity`` refers to this one.
     """
@@ -181,11 +184,13 @@ class Inclusion(Material):
 
     @model_validator(mode="after")
     def _check_exactly_one_shape(self) -> Self:
+        """Raise ``InputError`` unless one of the keys of a shape is given: diameter, diameters or surface."""
         if sum(shape is not None for shape in (self.diameter, self.diameters, self.surface)) != 1:
             raise InputError("diameter", self._describe_shapes(), "exactly one of diameter, diameters and surface")
         return self
 
     def _describe_shapes(self) -> Words:
+        """Return, for the message, why the shape is refused: it is missing, or other keys of a shape stand beside the first."""
         given = [key for key in ("diameter", "diameters", "surface") if getattr(self, key) is not None]
         return Words("given beside " + " and ".join(given[1:]) if given else "missing")
 
@@ -209,6 +214,7 @@ class Contact(Frozen):
 
     @model_validator(mode="after")
     def _check_friction(self) -> Self:
+        """Raise ``InputError`` for friction at an interface that cannot open."""
         if self.friction > 0 and self.interface != "unilateral":
             raise InputError("friction", self.friction, "0 unless interface = 'unilateral'")
         return self
@@ -304,8 +310,8 @@ class Scene(Frozen):
         Returns
         -------
         Self
-            The new scene. A key that excludes a new one is gone, as ``area_ratio`` where ``outer_radius`` is new; a varied
-            material has lost its name.
+            The new scene. A key that cannot stand beside a new one is removed, such as ``area_ratio`` beside a new
+            ``outer_radius``; a material with a new number loses its name.
 
         Raises
         ------

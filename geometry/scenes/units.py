@@ -132,6 +132,7 @@ class Quantity:
         return short if self.parse(short) == value else f"{value!r} {self.si}"
 
     def _validate(self, value: object, info: ValidationInfo) -> float:
+        """Return the SI value for pydantic; its context says whether units are required, and is None in Python code."""
         try:
             if info.context is None:
                 self.check_bare(value)
@@ -163,7 +164,7 @@ def read_number(key: str, entry: object, allowed: str) -> float:
     Raises
     ------
     InputError
-        It is none; ``allowed`` says what is one.
+        The entry is no number; ``allowed`` states in the message what is accepted.
     """
     if entry is None:
         raise InputError(key, Words("missing"), allowed)
@@ -181,7 +182,7 @@ def read_fraction(key: str, entry: object, allowed: str) -> float:
     Raises
     ------
     InputError
-        It is none; ``allowed`` says what is one.
+        The entry is no fraction; ``allowed`` states in the message what is accepted.
     """
     text = entry.strip() if isinstance(entry, str) else entry
     if not isinstance(text, str) or not text.endswith("%"):
@@ -209,9 +210,10 @@ def convert_to_unit(value: float, si: str, unit: str) -> float:
 
 
 def _multiply(number: str, factor: float) -> float:
-    """Multiply in decimals where the factor is 1/1000 or the like: "3.53 mm" is the float 0.00353, no neighbour of it.
+    """Return a number times a unit's factor, computed in decimals where the factor is 1/1000 or the like.
 
-    What is 0 or infinite as a float may have an exponent that decimals do not take.
+    So "3.53 mm" is exactly the float 0.00353; a product of floats may be a neighbour of it. A text that is 0 or infinite as a
+    float is multiplied as a float, as its exponent may be too large for decimals.
     """
     divisor = round(1 / factor) if 1e-15 < factor < 1 else 1
     value = float(number)
@@ -234,7 +236,7 @@ def parse_measured(text: str) -> tuple[float, PlainUnit]:
 
 @lru_cache(maxsize=256)
 def find_base_unit(unit: str) -> PlainUnit:
-    """Return pint's SI base units of a unit such as ``'Pa'``; of '' those of a pure number; raises ``ValueError``."""
+    """Return pint's SI base units of a unit such as ``'Pa'``, for '' those of a pure number; raise ``ValueError`` for no unit."""
     import pint
 
     if unit and not _UNIT_PATTERN.fullmatch(unit):
@@ -273,6 +275,7 @@ def find_factor_by_pint(unit: str, si: str) -> float:
 
 @lru_cache(maxsize=1)
 def _load_registry() -> pint.UnitRegistry[float]:
+    """Return pint's registry of units, made once."""
     import pint
 
     return pint.UnitRegistry()

@@ -33,10 +33,12 @@ def convert_error(refused: ValidationError, model: type[BaseModel], label: str =
 
 
 def _rank_error(error: ErrorDetails) -> int:
+    """Return the rank of an error: 0 for unknown keys, 2 for missing ones, else 1; the lowest is reported."""
     return {"extra_forbidden": 0, "missing": 2}.get(error["type"], 1)
 
 
 def _format_key(error: ErrorDetails) -> str:
+    """Return the key of an error as a user writes it, such as ``inclusion[0].depth``."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in _find_path(error)).lstrip(".")
 
 
@@ -62,6 +64,7 @@ def _describe_allowed(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _describe_field(error: ErrorDetails, model: type[BaseModel]) -> str | None:
+    """Describe what a field allows: its description, its range or that it is a table; None where neither is known."""
     names = tuple(part for part in error["loc"] if isinstance(part, str))
     field = find_model(model, names[:-1]).model_fields.get(names[-1]) if names else None
     if field is None:
@@ -84,11 +87,13 @@ def find_model(root: type[BaseModel], path: Sequence[str | int]) -> type[BaseMod
 
 
 def _find_annotation(model: type[BaseModel], key: str | int) -> object:
+    """Return the type annotation of a model's field; None where it has no such field."""
     field = model.model_fields.get(key) if isinstance(key, str) else None
     return None if field is None else field.annotation
 
 
 def _suggest_tag(error: ErrorDetails) -> str:
+    """Return "; did you mean ...?" if the given shape resembles one of the allowed ones."""
     return suggest_word(error["input"].get("shape"), re.findall("'([^']+)'", error.get("ctx", {}).get("expected_tags", "")))
 
 

@@ -13,7 +13,7 @@ BLOCK_NAMES = ("inner", "outer")
 def list_values(scene: Scene) -> dict[str, float]:
     """Return every length, modulus and Poisson's ratio that a scene's film forces depend on, SI, by its key.
 
-    Keys are those of the scene file, ``probe.inner.youngs_modulus``; ``inclusion.depth`` is that of the one inclusion.
+    Keys are those of the scene file, ``probe.inner.youngs_modulus``; ``inclusion.depth`` is that of a scene's only inclusion.
     """
     probe, tissue = scene.probe, scene.tissue
     lengths = {f"probe.{key}": getattr(probe, key) for key in
@@ -37,7 +37,7 @@ def list_values(scene: Scene) -> dict[str, float]:
 def list_loss_factors(scene: Scene) -> dict[str, float]:
     """Return tan delta of every material of a scene that can have one, by its key, ``inclusion[1].loss_factor``.
 
-    The one inclusion of a scene is ``inclusion``, as in ``list_values``.
+    A scene's only inclusion is called ``inclusion``, as in ``list_values``.
     """
     return {f"{name}.loss_factor": body.loss_factor for name, body in list_materials(scene).items()}
 
@@ -49,7 +49,7 @@ def list_law_constants(scene: Scene) -> dict[str, float]:
 
 
 def list_materials(scene: Scene) -> dict[str, Material]:
-    """Return every material of a scene that can be lossy, by its key; that of the one inclusion is ``inclusion``."""
+    """Return every material of a scene that can be lossy, by its key; a scene's only inclusion is called ``inclusion``."""
     bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCK_NAMES} | {"tissue": scene.tissue}
     bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
     alone = len(scene.inclusion) == 1
@@ -57,8 +57,9 @@ def list_materials(scene: Scene) -> dict[str, Material]:
 
 
 def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
-    """Return for each length of a scene by how much the lengths of its ``geometry.meridian.section.Section`` change with it.
+    """Return the derivatives of the lengths of a scene's ``geometry.meridian.section.Section`` with respect to its own lengths.
 
+    The outer keys are those of the scene file, the inner ones fields of the section; derivatives that are 0 are left out.
     A block of tissue stands for the cylinder of the same area; a half-space has no length.
     """
     probe, tissue, present = scene.probe, scene.tissue, list_values(scene)
@@ -69,7 +70,7 @@ def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
     }
     if probe.area_ratio is None:
         derivatives["probe.outer_radius"] = {"tube_radius": 1.0}
-    else:  # Ro^2 = Ri^2 + r2^2 / (A2/A1)
+    else:  # the tube's radius follows from the area ratio: Ro^2 = Ri^2 + r2^2 / (A2/A1)
         derivatives["probe.gap"]["tube_radius"] = ri / ro
         derivatives["probe.inner_radius"]["tube_radius"] = (ri + probe.inner_radius / probe.area_ratio) / ro
         derivatives["probe.area_ratio"] = {"tube_radius": -(probe.inner_radius**2) / (2 * ro * probe.area_ratio**2)}

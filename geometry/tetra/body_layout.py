@@ -16,7 +16,7 @@ from geometry.common.limits import format_minimum_mm
 from geometry.scenes.probe import format_mm
 from geometry.tetra.surface_files import Sheet
 
-_OUTLINE_ANGLES = np.linspace(0, 2 * np.pi, 721)
+_OUTLINE_ANGLES = np.linspace(0, 2 * np.pi, 721)  # every half degree
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,16 @@ class Ellipsoid:
     axes: Points
 
     def level(self, points: Points) -> Points:
-        """Return |u| of points (n, 3), see the class: 1 on the surface."""
+        """Return |u| of points (n, 3), (n,), with u as in the class: less than 1 inside, 1 on the surface, more outside."""
         result: Points = np.linalg.norm((points - self.centre) @ self._inverse.T, axis=1)
         return result
 
     def estimate_distance(self, points: Points) -> Points:
-        """Estimate the distance from points (n, 3) to the surface, negative inside; exact for a sphere."""
+        """Estimate the distance in m from points (n, 3) to the surface, negative inside: (|u| - 1) over the gradient of |u|.
+
+        It is exact for a sphere.
+        """
+        # both lower limits avoid a division by zero at the centre, where the gradient of |u| is undefined
         inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
         derivative = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
         return np.asarray((level - 1) / np.maximum(derivative, 1e-9 / self.min_semi_axis))
@@ -44,7 +48,7 @@ class Ellipsoid:
 
     @property
     def reach(self) -> Points:
-        """Half the sides of the box around it, (3,)."""
+        """Half the sides of the bounding box, along the probe's axes, (3,)."""
         result: Points = np.linalg.norm(self.axes, axis=1)
         return result
 
@@ -114,13 +118,18 @@ class BodyLayout:
         centre = np.array(self.centre)
         if self.tissue_radius is not None:
             projection = directions @ centre
+            # the root of |t direction - centre| = tissue_radius that is positive for an origin inside the tissue
             result: Points = projection + np.sqrt(projection**2 + self.tissue_radius**2 - centre @ centre)
             return result
         distances = np.where(directions > 0, np.array(self.sides) + centre, np.array(self.sides) - centre)
+        # along each axis the ray meets the nearer of two planes; 1e-300: a ray parallel to a plane never meets it
         return np.asarray((distances / np.maximum(np.abs(directions), 1e-300)).min(axis=1))
 
     def contains(self, points: Points) -> NDArray[np.bool_]:
-        """Return which points (n, 3) lie in tissue or blocks, gap and groove included; of a half mesh those with y >= 0."""
+        """Return which points (n, 3) lie in tissue or blocks, (n,), gap and groove counted as blocks.
+
+        In a half mesh only with y >= 0.
+        """
         radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.compute_side_distance(np.arctan2(points[:, 1], points[:, 0])))
         blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)
@@ -128,28 +137,42 @@ class BodyLayout:
 
 
 def check_fit(layout: BodyLayout, names: tuple[str, ...], extent: float) -> None:
-    """Refuse bodies that leave the tissue or overlap; ``names`` of their files, "" without; ``extent`` of the tissue in m.
+    """Refuse inclusions that reach beyond the tissue, and surfaces from files that overlap other inclusions.
+
+    Two overlapping ellipsoids were refused before, when the scene was read.
+
+    Parameters
+    ----------
+    layout
+        The bodies, the tissue shortened to ``extent``.
+    names
+        Of each inclusion's surface file, "" where it has none.
+    extent
+        Radius and depth of the shortened tissue in m, for the message.
 
     Raises
     ------
     Refusal
-        Of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue is too small for a body.
+        For ``inclusion[k].surface``, or for ``tissue_extent`` where shortened tissue is too small for a body.
     """
     for index, (body, name) in enumerate(zip(layout.inclusions, names, strict=True)):
-        left = _describe_excess(layout, body)
-        if left and isinstance(body, Sheet):
-            raise Refusal(f"inclusion[{index}].surface", Words(f"{name}, which leaves {left}"), "a body inside the tissue")
-        if left:
-            raise Refusal("tissue_extent", format_mm(extent), f"tissue with room for inclusion[{index}], which leaves {left}")
+        protrusion = _describe_excess(layout, body)
+        if protrusion and isinstance(body, Sheet):
+            raise Refusal(f"inclusion[{index}].surface", Words(f"{name}, which leaves {protrusion}"), "a body inside the tissue")
+        if protrusion:
+            raise Refusal(
+                "tissue_extent", format_mm(extent), f"tissue with room for inclusion[{index}], which leaves {protrusion}"
+            )
     for (i, first), (j, second) in combinations(enumerate(layout.inclusions), 2):
         if (isinstance(first, Sheet) or isinstance(second, Sheet)) and do_overlap(first, second):
+            # the message is for the one with a file; of two with files for the second
             index, other_index = (j, i) if isinstance(second, Sheet) else (i, j)
             value = Words(f"{names[index]}, which overlaps or touches inclusion[{other_index}]")
             raise Refusal(f"inclusion[{index}].surface", value, "inclusions apart")
 
 
 def _describe_excess(layout: BodyLayout, body: Ellipsoid | Sheet) -> str:
-    """Return which face of the tissue a body reaches beyond and by how much, "" if it is inside."""
+    """Return which face of the tissue a body reaches beyond and by how much ("its top by 2 mm"), "" if it is inside."""
     if isinstance(body, Sheet):
         low, high = float(body.points[:, 2].min()), float(body.points[:, 2].max())
         reach, angles = np.hypot(*body.points[:, :2].T), np.arctan2(body.points[:, 1], body.points[:, 0])
@@ -166,7 +189,10 @@ def _describe_excess(layout: BodyLayout, body: Ellipsoid | Sheet) -> str:
 
 
 def _compute_outline(body: Ellipsoid) -> Points:
-    """Return the outline of the ellipsoid's projection on the plane z = 0, about its centre, (n, 2)."""
+    """Return points on the outline of the ellipsoid's projection on the plane z = 0, relative to its centre, (n, 2).
+
+    With B the first two rows of ``axes`` and F = B B^T, the point farthest in the direction d is F d / sqrt(d F d).
+    """
     directions = np.column_stack([np.cos(_OUTLINE_ANGLES), np.sin(_OUTLINE_ANGLES)])
     form = body.axes[:2] @ body.axes[:2].T
     result: Points = directions @ form / np.sqrt(np.einsum("ni,ij,nj->n", directions, form, directions))[:, None]
@@ -179,6 +205,7 @@ def do_overlap(first: Ellipsoid | Sheet, second: Ellipsoid | Sheet) -> bool:
         return do_overlap(second, first) if isinstance(second, Sheet) else False
     if isinstance(second, Sheet):
         return first.crosses(second) or bool(first.is_inside(second.points).any() or second.is_inside(first.points).any())
+    # in coordinates u (see ``Ellipsoid``) the ellipsoid is the unit ball about the origin
     corners = np.asarray(np.linalg.solve(second.axes, (first.points - second.centre).T).T[first.triangles], dtype=np.float64)
     return float(compute_distances(corners).min()) <= 1.0 or bool(first.is_inside(second.centre[None, :])[0])
 
@@ -188,21 +215,24 @@ def compute_distances(corners: Points) -> Points:
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     result = np.minimum(_distance_to_edge(a, b), np.minimum(_distance_to_edge(b, c), _distance_to_edge(c, a)))
     normal = np.cross(b - a, c - a)
-    size = np.linalg.norm(normal, axis=1)
+    size = np.linalg.norm(normal, axis=1)  # twice the area; 0 for a degenerate triangle, of which only the edges count
+    # positive where the foot of the perpendicular from the origin lies on the triangle's side of the edge p-q
     sides = [np.einsum("ij,ij->i", np.cross(q - p, -p), normal) for p, q in ((a, b), (b, c), (c, a))]
-    is_foot_inside = np.logical_and.reduce([side >= 0 for side in sides]) & (size > 0)  # the foot of the perpendicular is within
+    is_foot_inside = np.logical_and.reduce([side >= 0 for side in sides]) & (size > 0)
     height = np.abs(np.einsum("ij,ij->i", a, normal)) / np.maximum(size, 1e-300)
     return np.where(is_foot_inside, height, result)
 
 
 def _distance_to_edge(a: Points, b: Points) -> Points:
+    """Return the distances of the origin from the segments between a and b (t, 3), (t,)."""
     edge = b - a
-    share = np.clip(-np.einsum("ij,ij->i", a, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(a + share[:, None] * edge, axis=1))
+    # position of the nearest point: 0 at a, 1 at b; 1e-300 avoids a division by zero where a equals b
+    position = np.clip(-np.einsum("ij,ij->i", a, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(a + position[:, None] * edge, axis=1))
 
 
 def check_extent(tube: float, extent: float) -> None:
-    """Refuse shortened tissue that does not reach beyond the probe, or has no end."""
+    """Refuse an ``extent`` of shortened tissue in m that is infinite or not 5 % above the tube's radius ``tube``."""
     if not tube * 1.05 < extent < math.inf:
         raise Refusal(
             "tissue_extent",

@@ -83,7 +83,7 @@ def read_or_make_mesh(
     if mesh is None:
         mesh, _ = mesh_layout(layout, fineness)
         _write_mesh(path, mesh)
-        mesh = _read_mesh(path) or mesh
+        mesh = _read_mesh(path) or mesh  # that of another process if it was the first to write
     return mesh
 
 
@@ -115,6 +115,7 @@ def compute_source_digest() -> str:
 
 
 def _update_digest(digest: hashlib._Hash, value: object) -> None:
+    """Add a value to a digest: an array, a tuple or dataclass of values, or anything else by its ``repr``."""
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple):
@@ -145,6 +146,7 @@ def _read_mesh(path: Path) -> TetMesh | None:
 
 
 def _write_mesh(path: Path, mesh: TetMesh) -> None:
+    """Write a mesh to a file, its checksum first, unless the file is there or cannot be written."""
     buffer = io.BytesIO()
     arrays = {field.name: np.asarray(getattr(mesh, field.name)) for field in fields(mesh)}
     np.savez(buffer, **arrays)  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ _MIN_KEPT_QUALITY = 0.2  # of its quality an element keeps when its edges are cu
 
 @dataclass(frozen=True)
 class SurfaceSoup:
-    """All surfaces in the mesher's space.
+    """All surfaces in the mesher's space, as triangles that may cross: the input of pytetwild.
 
     Attributes
     ----------
@@ -79,7 +79,10 @@ class SurfaceSoup:
 
 
 def mesh_irregular_layout(layout: BodyLayout, fineness: TetraFineness, trial: int) -> TetMesh:
-    """Mesh a layout, with a tighter envelope at each ``trial``; raises as ``mesh_shapes`` and ``tetrahedralize``."""
+    """Mesh a layout, with a tighter envelope at each ``trial``; raises as ``mesh_shapes`` and ``tetrahedralize``.
+
+    The envelope is how far pytetwild's surfaces may be from the given ones. ``trial`` counts from 0.
+    """
     space = choose_space(layout, fineness)
     max_envelope = _ENVELOPE_FRACTION * _find_smallest_feature(layout, space)
     soup = _build_soup(layout, fineness, space, max_envelope)
@@ -89,7 +92,10 @@ def mesh_irregular_layout(layout: BodyLayout, fineness: TetraFineness, trial: in
 
 
 def _build_soup(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, envelope: float) -> SurfaceSoup:
-    """Join netgen's faces between shapes with the files' triangles; fewer of those, where these stay well within the envelope."""
+    """Join netgen's faces between shapes with the triangles of surface files.
+
+    A file's decimated triangles are used where there are any that stay well within the envelope, m.
+    """
     shapes = mesh_shapes(replace(layout, interfaces=()), fineness, _CURVATURE_SAFETY)
     images = space.to_mesh(shapes.points)
     faces, _, _ = find_interfaces(shapes.cells, shapes.body)
@@ -109,7 +115,7 @@ def _build_soup(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, e
 
 
 def _find_smallest_feature(layout: BodyLayout, space: MeshSpace) -> float:
-    """Return the smallest feature in the mesher's space, in m."""
+    """Return the smallest feature of the bodies in the mesher's space, in m: a width, height, semi-axis or overburden."""
     lengths = [layout.gap + space.moved[2] - space.moved[1], layout.tube - layout.hole, layout.inner_height, layout.outer_height]
     if layout.groove is not None:
         lengths += [2 * layout.groove[0], layout.groove[1]]
@@ -124,7 +130,10 @@ def _find_smallest_feature(layout: BodyLayout, space: MeshSpace) -> float:
 def _tetrahedralize(
     layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, soup: SurfaceSoup, *, envelope: float, patience: float
 ) -> tuple[Points, Indices]:
-    """Call pytetwild; ``envelope`` in m, ``patience`` in s. Return nodes and tetrahedra in the mesher's space."""
+    """Return nodes (n, 3) and tetrahedra (t, 4) that pytetwild makes in the mesher's space; ``envelope`` in m, ``patience`` in s.
+
+    Lengths are passed to it relative to the diagonal of the box around all surfaces.
+    """
     low, high = soup.points.min(axis=0), soup.points.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
     margin = _SIZE_FIELD_MARGIN * diagonal
@@ -149,7 +158,10 @@ def _tetrahedralize(
 def _label_cells(
     layout: BodyLayout, space: MeshSpace, enclosures: dict[int, WindingTree], middles: Points
 ) -> tuple[Indices, NDArray[np.bool_]]:
-    """Return of tetrahedra with these middles (t, 3), in the mesher's space, the body, and whether it is beyond."""
+    """Return the body of tetrahedra with these middles, (t,), and whether they lie outside the reference cylinder, (t,).
+
+    ``middles`` (t, 3) are in the mesher's space. ``enclosures`` are the closed surfaces of the shapes, by label.
+    """
     body = np.full(len(middles), AIR_LABEL)
     for label, surface in enclosures.items():
         low, high = surface.corners.min(axis=(0, 1)), surface.corners.max(axis=(0, 1))

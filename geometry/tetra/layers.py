@@ -22,10 +22,10 @@ from geometry.tetra.tet_mesh import AIR_LABEL, EDGE_CORNERS, MIRROR_LABEL
 
 Indices = NDArray[np.int64]
 _MAX_MOVE_TO_PLANE = 0.3  # of the shortest edge that crosses a plane: how far its corners move onto the plane
-_MIN_KEPT_QUALITY = 0.2  # of its quality a tetrahedron keeps when its corners move so, or they do not
+_MIN_KEPT_QUALITY = 0.2  # of its quality: a tetrahedron that would keep less when its corners move so stays as it is
 _MEND_BELOW_RATIO = 0.15  # mean ratio below which tetrahedra are mended
 _MIN_MENDED_RATIO = 0.05  # those that stay below this are put back to where they were cut
-_QUALITY_FACTOR = 0.5  # but for those that were not this many times better there
+_QUALITY_FACTOR = 0.5  # unless they have kept this fraction of the mean ratio that they had there
 _RELATIVE_TOLERANCE = 1e-10  # of the largest coordinate: corners so near a plane are on it
 _MAX_MOVE_RELATIVE = 0.5  # of its shortest edge: how far a corner moves to where a plane cuts its surfaces
 
@@ -41,13 +41,13 @@ class LayeredCells:
     cells
         (t, 4).
     parent
-        Of each the tetrahedron that it was cut from, (t,).
+        For each, the row of the tetrahedron that it was cut from, (t,).
     layer
         Of each, as in ``TetMesh``, (t,).
     faces
         Between bodies, between layers and outside, (f, 3).
     chosen
-        The surface that each face stands for, (f,).
+        Index of the exact surface that each face represents, (f,).
     """
 
     points: Points
@@ -59,7 +59,10 @@ class LayeredCells:
 
 
 def find_layers(layout: BodyLayout, heights: Points) -> Indices:
-    """Return layers of tissue at heights (n,): 1 for the first below the surface and so on, 0 for the tissue's own material."""
+    """Return the numbers (n,) of the layers at heights z (n,): 1 for the first below the surface and so on.
+
+    Below all layers it is 0, the tissue's own material.
+    """
     number = 1 + np.searchsorted(np.array(layout.interfaces), -heights)
     return np.where(number > len(layout.interfaces), 0, number)
 
@@ -67,27 +70,27 @@ def find_layers(layout: BodyLayout, heights: Points) -> Indices:
 def cut_by_planes(
     layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, member: NDArray[np.bool_]
 ) -> LayeredCells:
-    """Cut straight tetrahedra (t, 4) of bodies (t,) by all planes between layers.
+    """Cut straight tetrahedra by all planes between layers, and move corners onto their surfaces.
 
     Parameters
     ----------
     layout
         The bodies.
     surfaces
-        All exact ones, the planes between layers last.
+        All exact surfaces of the scene, the planes between layers last.
     points
         Corners, (n, 3).
     cells
-        (t, 4).
+        Tetrahedra, (t, 4).
     body
-        Of each tetrahedron.
+        Label of each tetrahedron, as in ``TetMesh``, (t,).
     member
         Which surfaces each corner lies on, (n, surfaces).
 
     Raises
     ------
     SolveError
-        Bodies touch that do not in the scene.
+        Bodies share a face in the mesh that are apart in the scene.
     """
     parent, first = np.arange(len(cells)), len(surfaces) - len(layout.interfaces)
     for plane, depth in enumerate(layout.interfaces, first):
@@ -103,30 +106,39 @@ def cut_by_planes(
 
 
 def split_at_height(points: Points, cells: Indices, height: float) -> tuple[Points, Indices, Indices]:
-    """Cut tetrahedra by plane z = height; return points (n, 3), tetrahedra (t, 4) and of each the one it was cut from (t,)."""
+    """Cut tetrahedra by the plane z = height.
+
+    Every edge that crosses the plane gets a corner there, and all tetrahedra round it are halved; the longest edges come first.
+
+    Returns
+    -------
+    tuple[Points, Indices, Indices]
+        Points (n, 3), the new ones last; tetrahedra (t, 4); for each, the row of the one that it was cut from (t,).
+    """
     offset = points[:, 2] - height
     side, parent = (
         np.where(np.abs(offset) <= _RELATIVE_TOLERANCE * np.abs(points).max(), 0.0, np.sign(offset)),
         np.arange(len(cells)),
     )
-    pairs = np.sort(cells[:, EDGE_CORNERS], axis=2)
+    pairs = np.sort(cells[:, EDGE_CORNERS], axis=2)  # edges by their two corners; those that cross the plane are kept
     pairs = np.unique(pairs[side[pairs].prod(axis=2) < 0], axis=0)
     if len(pairs) == 0:
         return points, cells, parent
     pairs = pairs[np.argsort(-np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1), kind="stable")]
-    share = np.abs(points[pairs, 2] - height)
-    share /= share.sum(axis=1, keepdims=True)
-    new = share[:, 1:] * points[pairs[:, 0]] + share[:, :1] * points[pairs[:, 1]]
-    new[:, 2] = height
+    # each end's distance from the plane over the sum of both: the weight of the other end in the new corner
+    fraction = np.abs(points[pairs, 2] - height)
+    fraction /= fraction.sum(axis=1, keepdims=True)
+    new = fraction[:, 1:] * points[pairs[:, 0]] + fraction[:, :1] * points[pairs[:, 1]]
+    new[:, 2] = height  # exactly, without rounding errors
     keys = pairs[:, 0] * len(points) + pairs[:, 1]
     order = np.argsort(keys)
-    while True:
+    while True:  # each round halves every crossing tetrahedron at the first of its crossing edges
         ends = np.sort(cells[:, EDGE_CORNERS], axis=2)
         crossing = np.append(side, np.zeros(len(new)))[ends].prod(axis=2) < 0
         rows = np.flatnonzero(crossing.any(axis=1))
         if len(rows) == 0:
             return np.vstack([points, new]), cells, parent
-        rank = np.full((len(rows), len(EDGE_CORNERS)), len(keys))
+        rank = np.full((len(rows), len(EDGE_CORNERS)), len(keys))  # place of each edge in ``pairs``; last where it does not cross
         crossing_edges = ends[rows][crossing[rows]]
         rank[crossing[rows]] = order[
             np.searchsorted(keys, crossing_edges[:, 0] * len(points) + crossing_edges[:, 1], sorter=order)
@@ -140,7 +152,10 @@ def split_at_height(points: Points, cells: Indices, height: float) -> tuple[Poin
 
 
 def _move_to_plane(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_], plane: int) -> Points:
-    """Move points (n, 3) near a plane (its index) onto it, along their surfaces, where that spoils no tetrahedron."""
+    """Move points (n, 3) near the surface ``plane`` (an index) onto it, along their other surfaces.
+
+    A corner stays where the move would make a tetrahedron round it too bad, or would be too long.
+    """
     height = surfaces[plane].level(points)[0]
     ends = cells[:, EDGE_CORNERS].reshape(-1, 2)
     shortest = _find_shortest_edges(points, ends[height[ends].prod(axis=1) < 0])
@@ -167,7 +182,10 @@ def _move_to_plane(surfaces: list[Surface], points: Points, cells: Indices, memb
 
 
 def _find_shortest_edges(points: Points, ends: Indices) -> Points:
-    """Return for each point (n, 3) the length of the shortest of its edges (m, 2), 0 if it has none."""
+    """Return the length (n,) of the shortest edge at each point (n, 3), 0 where there is none.
+
+    ``ends`` (m, 2) are the edges' points.
+    """
     result = np.full(len(points), np.inf)
     np.minimum.at(result, ends, np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)[:, None])
     result[np.isinf(result)] = 0.0
@@ -177,10 +195,19 @@ def _find_shortest_edges(points: Points, ends: Indices) -> Points:
 def find_body_faces(
     layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, layer: Indices
 ) -> tuple[Indices, Indices]:
-    """Find the faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
+    """Return the faces (f, 3) between bodies and between layers, and the indices (f,) of the surfaces that they represent.
+
+    ``body`` and ``layer`` (t,) are the labels of the tetrahedra ``cells`` (t, 4), as in ``TetMesh``.
+
+    Raises
+    ------
+    SolveError
+        Two bodies share a face, and no surface of the scene lies between them.
+    """
     faces, first_body, second_body = find_interfaces(cells, body)
-    flat = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
-    second_body = np.where(flat & (second_body == AIR_LABEL) & layout.half, MIRROR_LABEL, second_body)
+    # outer faces of a half mesh in the plane of symmetry, y = 0, have the mirror image behind them, not air
+    in_symmetry_plane = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
+    second_body = np.where(in_symmetry_plane & (second_body == AIR_LABEL) & layout.half, MIRROR_LABEL, second_body)
     chosen = find_surfaces(surfaces, points, faces, first_body, second_body)
     if (chosen < 0).any():
         a, b = first_body[chosen < 0][0], second_body[chosen < 0][0]
@@ -189,13 +216,13 @@ def find_body_faces(
         return faces, chosen
     layer_faces, upper_layer, lower_layer = find_interfaces(cells, np.where(body >= 0, layer, AIR_LABEL))
     layer_faces = layer_faces[(upper_layer >= 0) & (lower_layer >= 0) & (points[layer_faces, 2].max(axis=1) < 0)]
-    first = len(surfaces) - len(layout.interfaces)
+    first = len(surfaces) - len(layout.interfaces)  # the planes between layers are the last surfaces
     planes = first + np.abs(points[layer_faces, 2].mean(axis=1)[:, None] + np.array(layout.interfaces)).argmin(axis=1)
     return np.vstack([faces, layer_faces]), np.concatenate([chosen, planes])
 
 
 def _mend(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_]) -> Points:
-    """Move points (n, 3) onto their surfaces and smooth bad tetrahedra, except where that would spoil others."""
+    """Move points (n, 3) onto their surfaces and smooth bad tetrahedra, except where others would become worse than allowed."""
     exact = snap(surfaces, points, member)
     is_near = np.linalg.norm(exact - points, axis=1) < _MAX_MOVE_RELATIVE * _find_shortest_edges(
         points, cells[:, EDGE_CORNERS].reshape(-1, 2)

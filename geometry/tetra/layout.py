@@ -93,6 +93,15 @@ def _read_tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple
 
 
 def _shorten(whole: BodyLayout, extent: float) -> BodyLayout:
+    """Return a layout whose tissue reaches no farther than ``extent`` in m, to its sides and in depth.
+
+    Tissue that reaches farther to its sides becomes a cylinder of that radius about the probe's axis.
+
+    Raises
+    ------
+    Refusal
+        The extent is too small for the probe, or infinite.
+    """
     endless = math.inf in (whole.tissue_radius, whole.depth)
     room = math.inf if endless else float(whole.compute_side_distance(np.linspace(0, 2 * math.pi, 721)).max())
     if not endless and room <= extent and whole.depth <= extent:
@@ -106,6 +115,13 @@ def _shorten(whole: BodyLayout, extent: float) -> BodyLayout:
 
 
 def _add_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
+    """Return a layout with a reference cylinder of a radius in m, see ``build_layout``; it needs none where tissue is coaxial.
+
+    Raises
+    ------
+    Refusal
+        The cylinder does not lie between the probe and the tissue's side.
+    """
     room = float(layout.compute_side_distance(np.linspace(0, 2 * math.pi, 721)).min())
     coaxial = layout.tissue_radius is not None and math.hypot(*layout.centre) <= _SYMMETRY_TOLERANCE * layout.tissue_radius
     if coaxial and (radius is None or radius >= room * (1 - _SYMMETRY_TOLERANCE)):
@@ -121,9 +137,13 @@ def _add_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
 
 
 def choose_wall(layout: BodyLayout, room: float) -> float:
-    """Return the largest radius of a reference cylinder that leaves a fifth of the tissue outside and meets no inclusion."""
+    """Return the largest radius of a reference cylinder, m, that meets no inclusion and leaves a margin to the tissue's side.
+
+    ``room`` is the smallest distance from the probe's axis to that side. Radii are tried from just beyond the tube to 0.8
+    ``room``, or where there is little room to the middle between both.
+    """
     free = [(layout.tube * 1.05, (layout.tube + room) / 2 if room < 1.2 * layout.tube else 0.8 * room)]
-    for body in layout.inclusions:
+    for body in layout.inclusions:  # ``free`` are intervals of radii; each inclusion takes one out, with a margin
         centre, reach = math.hypot(*body.centre[:2]), math.hypot(*body.reach[:2])
         spare = max(0.25 * reach, 0.12 * centre)
         low, high = centre - reach - spare, centre + reach + spare
@@ -133,7 +153,7 @@ def choose_wall(layout: BodyLayout, room: float) -> float:
 
 
 def is_mirror_symmetric(scene: Scene) -> bool:
-    """Return whether scene is its own mirror image in the plane y = placement.y; a surface from a file never counts as such."""
+    """Return whether a scene is its own mirror image in the plane y = placement.y; a surface from a file never counts as such."""
     size, placement = scene.probe.tube_radius, scene.placement
     if scene.tissue.shape != "half-space" and abs(placement.y) > _SYMMETRY_TOLERANCE * size:
         return False
@@ -141,13 +161,14 @@ def is_mirror_symmetric(scene: Scene) -> bool:
         if body.surface is not None or abs(body.y - placement.y) > _SYMMETRY_TOLERANCE * size:
             return False
         axes = np.array(compute_semi_axes(body))
-        form = axes @ axes.T
+        form = axes @ axes.T  # xy and yz entries vanish exactly if the ellipsoid is symmetric about y = 0
         if max(abs(form[0, 1]), abs(form[1, 2])) > _SYMMETRY_TOLERANCE * form.trace():
             return False
     return True
 
 
 def _read_inclusion(scene: Scene, index: int) -> Ellipsoid | Sheet:
+    """Return an inclusion of a scene, by its index, as a body in the probe's axes; raises ``InputError`` as ``read_surface``."""
     body, placement = scene.inclusion[index], scene.placement
     centre = np.array([body.x - placement.x, body.y - placement.y, -body.depth])
     if body.surface is None:

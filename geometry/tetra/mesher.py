@@ -26,9 +26,9 @@ from geometry.tetra.tet_mesh import TetMesh
 
 _MAX_TRIALS = 3
 _ACCEPTED_VOLUME_ERROR = 3e-3  # error of a block's or ellipsoid's volume above which another trial is made
-_NETGEN_TETRAHEDRA_PER_SQUARE = 5.0  # that a thin layer has in a square of their edge
+_NETGEN_TETRAHEDRA_PER_SQUARE = 5.0  # tetrahedra of a thin layer on an area equal to the square of their edge length
 _TETWILD_SURPLUS_FACTOR = 1.2  # tetrahedra of pytetwild over those of the requested sizes
-_TETWILD_TETRAHEDRA_PER_SQUARE = 11.0  # that a plane adds by cutting a square of their edge
+_TETWILD_TETRAHEDRA_PER_SQUARE = 11.0  # tetrahedra that a plane adds on an area equal to the square of their edge length
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Mesher:
-    """A library by name, and how it makes a mesh of a layout at the trial 0, 1 or 2."""
+    """A meshing library by name, and its function (layout, fineness, number of the trial from 0) that returns a mesh."""
 
     name: str
     trial: Callable[[BodyLayout, TetraFineness, int], TetMesh]
@@ -53,12 +53,12 @@ TETWILD_MESHER = Mesher("pytetwild", mesh_irregular_layout)
 
 
 def is_regular(layout: BodyLayout) -> bool:
-    """Return whether all bodies are shapes with formulas, and the gap no hairline."""
+    """Return whether netgen can mesh a layout: no inclusion is a surface from a file, and the gap is not extremely narrow."""
     return layout.gap >= MIN_RELATIVE_GAP * layout.inner and all(isinstance(body, Ellipsoid) for body in layout.inclusions)
 
 
 def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, Timing]:
-    """Mesh regular layouts by netgen; others, and those of which it makes no mesh that passes the checks, by pytetwild.
+    """Mesh a layout by netgen if it is regular, else or where no mesh by netgen passes the checks by pytetwild.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
     Raises
     ------
     SolveError
-        None passed, or pytetwild took longer than its limit twice; the text says why.
+        No mesh passed the checks, or pytetwild took longer than its limit twice; the text says why.
     LimitReached
         The time is over before there is a mesh.
     KeyboardInterrupt
@@ -81,7 +81,7 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
 
 
 def _try_mesher(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> tuple[TetMesh, Timing]:
-    """Mesh a layout; again, finer, if a mesh fails the checks or a volume error is above 0.3 %; see ``mesh_layout``."""
+    """Mesh a layout; again, finer, while a mesh fails the checks or its volume error is too large; see ``mesh_layout``."""
     fault, best, min_error = "", None, np.inf
     trials, start = 0, time.perf_counter()
     while trials < _MAX_TRIALS and min_error > _ACCEPTED_VOLUME_ERROR:
@@ -92,6 +92,7 @@ def _try_mesher(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> 
                 best, min_error = mesh, error
         except TooLong as failure:
             if best is None:
+                # raises LimitReached if it was the evaluation's own time limit that ended the mesher
                 check_time(_describe_work(layout))
             fault = f"{mesher.name}: {failure}"
             if trials > 0:
@@ -101,6 +102,7 @@ def _try_mesher(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> 
         except SolveError as failure:
             fault = str(failure).removeprefix("volume mesh: ")
         trials += 1
+        # the next trial is finer; the loop ends before it if this one's volume error is accepted
         fineness = replace(fineness, rim=0.9 * fineness.rim, sphere=0.9 * fineness.sphere)
     if best is None:
         raise SolveError(f"volume mesh: none passed the checks, the last one as {fault}")
@@ -108,7 +110,7 @@ def _try_mesher(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> 
 
 
 def _describe_work(layout: BodyLayout) -> str:
-    """Describe the work that takes long, and what would shorten it."""
+    """Return what takes long when a layout is meshed, and what would shorten it, for the message of a time limit."""
     uneven = [len(body.triangles) for body in layout.inclusions if isinstance(body, Sheet) and body.fewer is None]
     if max(uneven, default=0) <= MAX_DIRECT_TRIANGLES:
         return "meshing"
@@ -119,7 +121,7 @@ def _describe_work(layout: BodyLayout) -> str:
 
 
 def estimate_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
-    """Return about how many tetrahedra a layout's mesh will have, from their sizes alone, in a moment.
+    """Return about how many tetrahedra a layout's mesh will have, from their wanted sizes, without meshing.
 
     netgen makes 0.7 to 1.2 times as many, pytetwild 1.0 to 1.5 times, near an edge of the tissue up to 2.4 times.
     """

@@ -104,7 +104,7 @@ def mesh_shapes(layout: BodyLayout, fineness: TetraFineness, curvature_safety: f
 
 
 def build_shapes(layout: BodyLayout, fineness: TetraFineness) -> GluedShapes:
-    """Build the scene's bodies as shapes, and the sizes wanted."""
+    """Return a layout's bodies as shapes for netgen, with the wanted sizes; surfaces from files are left out."""
     cylinders: list[tuple[float, ...]] = [(0.0, 0.0, 0.0, layout.inner_height, layout.inner)]
     (x, y), (a, b), floor = layout.centre, layout.sides, -layout.depth
     if layout.wall is not None:
@@ -144,14 +144,17 @@ def estimate_tetrahedra(layout: BodyLayout, fineness: TetraFineness, per_square:
 
 
 def _count_tetrahedra(cubes: SizeCubes, layout: BodyLayout) -> float:
+    """Return about how many tetrahedra of the cubes' sizes fill the bodies, layers left out."""
     return float(_TETRAHEDRA_PER_CUBE * ((cubes.edges / cubes.sizes) ** 3)[layout.contains(cubes.middles)].sum())
 
 
 def _build_cubes(layout: BodyLayout, fineness: TetraFineness) -> SizeCubes:
+    """Return the field of wanted sizes in a layout's bodies, as cubes."""
     space, top = choose_space(layout, fineness), max(layout.inner_height, layout.outer_height)
     wide = max(float(layout.compute_side_distance(np.linspace(0, 2 * np.pi, 721)).max()), (layout.depth + top) / 2)
 
     def is_near(points: Points, distance: float) -> NDArray[np.bool_]:
+        """Return which points (n, 3) lie in tissue or blocks, or about ``distance`` from them."""
         radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         side = layout.compute_side_distance(np.arctan2(points[:, 1], points[:, 0]))
         tissue = (z < distance) & (z > -layout.depth - distance) & (radius < side + distance)
@@ -159,13 +162,16 @@ def _build_cubes(layout: BodyLayout, fineness: TetraFineness) -> SizeCubes:
         return np.asarray((tissue | blocks) & ((points[:, 1] > -distance) | (not layout.half)))
 
     def find_sizes(points: Points) -> Points:
+        """Return the wanted edge lengths at points (n, 3)."""
         return compute_sizes(layout, fineness, space, points)
 
     return build_size_cubes(find_sizes, is_near, centre=np.array([0.0, 0.0, top - wide]), edge=2 * wide)
 
 
 def label_points(layout: BodyLayout, points: Points) -> Indices:
-    """Return of points (n, 3) the body (or ``AIR_LABEL``, ``MIRROR_LABEL``), whether it is beyond, and the layer, (n, 3).
+    """Return three labels of points (n, 3), (n, 3): the body, whether it is outside the reference cylinder, and the layer.
+
+    The body may be ``AIR_LABEL`` or ``MIRROR_LABEL``; layers are as in ``TetMesh``.
 
     Surfaces from files are left out: what is inside them counts as the tissue or ellipsoid about them.
     """
@@ -191,7 +197,15 @@ def label_points(layout: BodyLayout, points: Points) -> Indices:
 
 
 def _choose_by_majority(piece: Indices, labels: Indices, volumes: Points) -> Indices:
-    """Give all tetrahedra of a piece the labels (t, k) that most of its volume has."""
+    """Return labels (t, k), for all tetrahedra of a piece those that most of its volume has.
+
+    ``piece`` (t,) numbers the pieces; ``labels`` (t, k) and ``volumes`` (t,) are those of single tetrahedra.
+
+    Raises
+    ------
+    SolveError
+        Too little of a piece has the same labels, or most of it lies outside all bodies.
+    """
     kinds, number = np.unique(labels, axis=0, return_inverse=True)
     votes = np.zeros((int(piece.max()) + 1, len(kinds)))
     np.add.at(votes, (piece, number.reshape(-1)), volumes)

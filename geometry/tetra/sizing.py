@@ -16,8 +16,8 @@ from geometry.tetra.surface_files import Sheet
 _KUHN_TETRAHEDRA = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
 _THIN_WALL_FACTOR = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
 _INCLUSION_GROWTH_FACTOR = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
-_FAR_GROWTH = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
-_FAR_INCLUSION_POWER = 0.3  # power of that by which those in inclusions do
+_FAR_GROWTH = 0.7  # relative increase of far sizes with each e-fold of distance, in addition to ``growth``
+_FAR_INCLUSION_POWER = 0.3  # power of that factor by which sizes in inclusions increase
 _FLAT_SIZE_FRACTION = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
 _MAX_LAYER_ASPECT_RATIO = 5.0  # thicknesses of a layer that tetrahedra cut by its planes are long, however far they are
 _ANGLE_SAMPLES, _RADIUS_SAMPLES = 48, 120  # places on a plane between layers where sizes are requested
@@ -80,41 +80,50 @@ def choose_space(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
 
 
 def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
-    """Return the wanted edge lengths in m at points (n, 3) of the scene: (n,)."""
+    """Return the wanted edge lengths in m at points (n, 3) of the scene, (n,).
+
+    Each feature asks for a size on it, which grows linearly with the distance from it; the smallest wins. ``fine`` are the sizes
+    relative to the features, ``space`` says how much far tissue is drawn near, where tetrahedra may be larger.
+    """
     radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     rims = np.full(len(points), np.inf)
     thickness = min(layout.tube - layout.hole, layout.inner)
-    for rim, size in (
+    for rim, size in (  # radii of the gap's and of the tube's rim on the tissue, and the sizes there
         ((layout.inner + layout.hole) / 2, fine.rim * min(layout.inner, _THIN_WALL_FACTOR * thickness)),
         (layout.tube, fine.rim * min(2 * layout.inner, _THIN_WALL_FACTOR * thickness)),
     ):
+        # the gap's two rims are one circle in its middle, less a gap's width
         distance = np.maximum(np.hypot(radius - rim, z) - (layout.gap if rim < layout.hole else 0.0), 0.0)
         rims = np.minimum(rims, size + fine.growth * distance)
     result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * _distance_from_blocks(layout, radius, z))
+    # along the blocks' heights, and across the tube's wall
     heights = fine.wall * min(layout.inner_height, layout.outer_height)
     walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(layout.hole - radius, 0.0))
     result = np.minimum(result, walls + fine.growth * _distance_from_blocks(layout, radius, z))
     if layout.groove is not None:
         width, depth = layout.groove
+        # distance from the groove: to its sides and towards -x, below its floor, and inwards of the hole
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
         distance = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
         result = np.minimum(
             result, fine.groove * min(2 * width, depth) + fine.growth * (distance + _distance_from_blocks(layout, radius, z))
         )
     layers = list(pairwise((0.0, *layout.interfaces)))
-    for top, bottom in layers:
+    for top, bottom in layers:  # depths of a layer's upper and lower plane
+        # under the blocks; thinner layers than the lower limit make flat tetrahedra
         layer_size = max(fine.layer * (bottom - top), _FLAT_SIZE_FRACTION * fine.block * layout.inner)
         result = np.minimum(
             result, layer_size + fine.growth * (_distance_from_layer(top, bottom, z) + _distance_from_blocks(layout, radius, z))
         )
     far_factor = 1 - _FAR_GROWTH * np.log(space.compute_scale(points))
     for body in layout.inclusions:
+        # between an inclusion and the surface, then each interface: the sum of both distances is smallest between them
         layer = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z))
         for depth in layout.interfaces:
             interface_size = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z + depth))
             layer = np.minimum(layer, np.maximum(interface_size, _FLAT_SIZE_FRACTION * fine.sphere * body.min_semi_axis))
         result = np.minimum(result, layer + fine.growth * _distance_from_blocks(layout, radius, z))
-    result *= far_factor
+    result *= far_factor  # far from the probe, where fields change slowly, sizes may be larger
     for body in layout.inclusions:
         inclusion_size, growth = (
             fine.sphere * body.min_semi_axis * far_factor**_FAR_INCLUSION_POWER,
@@ -134,7 +143,10 @@ def _distance_from_layer(top: float, bottom: float, z: Points) -> Points:
 
 
 def count_squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
-    """Return the area of the planes between layers, of a half where that is meshed, in squares of the sizes wanted there."""
+    """Return how many squares of the wanted edge length cover the planes between layers; of a half mesh, their halves.
+
+    The integral of 1 / size^2 over the planes, by samples at some angles and at radii that are dense near the probe.
+    """
     angles: Points = np.arange(_ANGLE_SAMPLES, dtype=np.float64) * (2 * np.pi / _ANGLE_SAMPLES)
     steps = np.geomspace(1e-3, 1.0, _RADIUS_SAMPLES)
     shares, widths = np.sqrt(steps[1:] * steps[:-1]), np.diff(steps)
@@ -148,14 +160,17 @@ def count_squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> 
 
 
 def _distance_from_blocks(layout: BodyLayout, radius: Points, z: Points) -> Points:
-    """Return the distances (n,) from the cylinder around the probe's blocks."""
+    """Return the distances (n,) from the cylinder around the probe's blocks, of points at radii and heights z (n,)."""
     return np.hypot(np.maximum(radius - layout.tube, 0), np.maximum(-z, 0))
 
 
 def build_background(
     layout: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points
 ) -> tuple[Points, NDArray[np.int32], Points]:
-    """Build a mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
+    """Build a mesh of a box in the mesher's space, on which pytetwild interpolates the wanted edge lengths.
+
+    ``box`` (2, 3) has its lower and its upper corner. Return points (n, 3), tetrahedra (t, 4) and an edge length at each point.
+    """
     min_size = fine.rim * layout.inner
     axes = [_grade_axis(low, high, min_size, space.linear_radius) for low, high in box.T]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -181,6 +196,7 @@ def _is_outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
 
 def _grade_axis(low: float, high: float, min_size: float, linear_radius: float) -> Points:
     """Return the points of an axis from low to high, about ``min_size`` apart near zero and further apart away from it."""
+    # points equally spaced in asinh(x / scale), with a scale of a third of ``linear_radius``
     ends = np.arcsinh(np.array([low, high]) / (linear_radius / 3))
     count = int(np.clip(np.ptp(ends) * linear_radius / 3 / min_size, 12, 48))
     return np.asarray(np.sinh(np.linspace(ends[0], ends[1], count + 1)) * linear_radius / 3)

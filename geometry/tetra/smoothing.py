@@ -33,7 +33,11 @@ def compute_mean_ratios(points: Points, tetrahedra: Indices) -> Points:
 def smooth(
     points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, min_ratio: float, rounds: int
 ) -> Points:
-    """Move points (n, 3) until no tetrahedron has a mean ratio below the limit, or ``rounds`` are over."""
+    """Return points (n, 3) moved until no tetrahedron has a mean ratio below ``min_ratio``, at most ``rounds`` times.
+
+    Only the corners of bad tetrahedra and of those that touch them move, along the surfaces that they are members of.
+    ``member`` (n, surfaces) says which these are.
+    """
     result = points
     for _ in range(rounds):
         quality = compute_mean_ratios(result, tetrahedra)
@@ -42,7 +46,7 @@ def smooth(
             break
         is_moving = np.zeros(len(points), dtype=bool)
         is_moving[tetrahedra[bad]] = True
-        is_moving[tetrahedra[is_moving[tetrahedra].any(axis=1)]] = True
+        is_moving[tetrahedra[is_moving[tetrahedra].any(axis=1)]] = True  # and the corners of all that touch them
         patch = tetrahedra[is_moving[tetrahedra].any(axis=1)]
         trial = snap(surfaces, _minimise(result, patch, np.flatnonzero(is_moving), surfaces, member), member)
         if _mean_worst_quality(compute_mean_ratios(trial, patch)) <= _mean_worst_quality(compute_mean_ratios(result, patch)):
@@ -52,9 +56,10 @@ def smooth(
 
 
 def undo_inversions(points: Points, original: Points, tetrahedra: Indices, min_ratio: float | Points) -> Points:
-    """Move the corners of tetrahedra below a mean ratio, one or (t,), back to their ``original`` places; return points (n, 3).
+    """Return points (n, 3), the corners of bad tetrahedra put back to their ``original`` places.
 
-    All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
+    Bad are mean ratios below ``min_ratio``, one number or one for each tetrahedron (t,). All tetrahedra were good at the original
+    places; a neighbour that becomes bad when corners are put back is put back in the next round, and is good again in the end.
     """
     result = points.copy()
     for _ in range(_MAX_RETREATS):
@@ -67,13 +72,14 @@ def undo_inversions(points: Points, original: Points, tetrahedra: Indices, min_r
 
 
 def _mean_worst_quality(quality: Points) -> float:
-    """Return the mean of the twenty worst qualities, which smoothing raises."""
+    """Return the mean of the twenty worst qualities; a round of smoothing is accepted if it raises this."""
     return float(np.sort(quality)[:20].mean())
 
 
 def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
-    """Move the points ``rows`` along their surfaces' tangents to the minimum energy of the patch."""
+    """Return points (n, 3), those in ``rows`` moved along their surfaces' tangents to the minimum energy of ``patch`` (t, 4)."""
     tangent = _compute_tangents(points[rows], surfaces, member[rows])
+    # unknowns of about 1: displacements over a typical edge length
     scale = float(np.median(np.linalg.norm(points[patch[:, 1]] - points[patch[:, 0]], axis=1)))
 
     def compute_energy(flat: Points) -> tuple[float, Points]:
@@ -97,7 +103,10 @@ def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surf
 
 
 def _compute_tangents(points: Points, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
-    """Return the projections (n, 3, 3) onto the tangents of the surfaces that points lie on."""
+    """Return the projections (n, 3, 3) onto the directions tangent to all surfaces that points (n, 3) lie on.
+
+    With the surfaces' normals as the rows of N, a projection is I - pinv(N) N; without a surface it is I.
+    """
     result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     rows = np.flatnonzero(member.any(axis=1))
     derivatives = np.zeros((len(rows), len(surfaces), 3))
@@ -110,7 +119,7 @@ def _compute_tangents(points: Points, surfaces: list[Surface], member: NDArray[n
 
 
 def _compute_maps(corners: Points) -> Points:
-    """Return the linear maps from a regular tetrahedron to those with these corners, (t, 3, 3)."""
+    """Return the linear maps (t, 3, 3) from a regular tetrahedron of edge 1 to those with ``corners`` (t, 4, 3)."""
     result: Points = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ _REGULAR_INVERSE
     return result
 
@@ -118,20 +127,23 @@ def _compute_maps(corners: Points) -> Points:
 def _compute_energies(corners: Points) -> tuple[Points, Points]:
     """Return the distortion energy (|T|^2 / 3 / det(T)^(2/3))^(3 p / 2) of each tetrahedron, (t,), and its gradients (t, 4, 3).
 
-    T is the linear map from a regular tetrahedron, p is 2. det(T) is smoothed, so that inverted ones have finite energies.
+    T is the linear map from a regular tetrahedron, p is ``_ENERGY_POWER``. det(T) is smoothed, so that inverted tetrahedra have
+    finite energies.
     """
     t = _compute_maps(corners)
     size = np.cbrt(np.abs(np.linalg.det(t))) + 1e-2 * np.sqrt((t**2).sum(axis=(1, 2)))
+    # the smoothed det(T) is (det + sqrt(det^2 + floor^2)) / 2: nearly det where that is positive, small but positive elsewhere
     det, floor = np.linalg.det(t), 3e-2 * size**3
     root = np.sqrt(det**2 + floor**2)
     volume = (det + root) / 2
     square = (t**2).sum(axis=(1, 2)) / 3
     value = (square**1.5 / volume) ** _ENERGY_POWER
-    cofactor = np.cross(t[:, [1, 2, 0]], t[:, [2, 0, 1]])  # the determinant's derivative
-    by_shape = (
+    cofactor = np.cross(t[:, [1, 2, 0]], t[:, [2, 0, 1]])  # the derivative of det(T) with respect to T
+    map_derivative = (
         value[:, None, None] * _ENERGY_POWER * (t / square[:, None, None] - (volume / root / volume)[:, None, None] * cofactor)
     )
-    derivative = np.swapaxes(by_shape @ _REGULAR_INVERSE.T, 1, 2)
+    derivative = np.swapaxes(map_derivative @ _REGULAR_INVERSE.T, 1, 2)
+    # the first corner moves all three edges of the map the other way
     return value, np.concatenate([-derivative.sum(axis=1, keepdims=True), derivative], axis=1)
 
 
@@ -140,7 +152,8 @@ def remove_slivers(
 ) -> tuple[Indices, Indices, Indices]:
     """Remove flat tetrahedra with two or three outer faces; return bodies (t,), interface faces (f, 3), surfaces (f,).
 
-    Only those whose four corners are on one surface are removed: that surface then follows their other faces.
+    They are labelled as outside. Only those whose four corners are on one surface are removed: that surface then follows their
+    other faces. ``body`` (t,), ``faces`` and ``chosen`` (each face's surface) are these before the removal.
     """
     for _ in range(_MAX_SLIVER_ROUNDS):
         member = find_memberships(len(points), faces, chosen, len(surfaces))
@@ -161,7 +174,8 @@ def remove_slivers(
 
 
 def _count_outer_faces(tetrahedra: Indices, body: Indices, rows: Indices) -> Indices:
-    """Count the outer faces of each of the tetrahedra ``rows``, (r,)."""
+    """Return how many faces of each of the tetrahedra ``rows`` lie between a body and the outside, (r,)."""
+    # all that share three corners with one of these: enough to find what lies on the other side of each face
     neighbours = np.flatnonzero(np.isin(tetrahedra, tetrahedra[rows]).sum(axis=1) >= 3)
     faces, first_body, second_body = find_interfaces(tetrahedra[neighbours], body[neighbours])
     faces = np.sort(faces[(np.minimum(first_body, second_body) < 0) & (np.maximum(first_body, second_body) >= 0)], axis=1)

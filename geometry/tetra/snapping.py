@@ -30,16 +30,26 @@ from geometry.tetra.tet_mesh import (
 )
 
 Indices = NDArray[np.int64]
-Level = Callable[[Points], tuple[Points, Points]]  # distances (n,), about, and their gradients (n, 3)
+Level = Callable[[Points], tuple[Points, Points]]  # approximate distances (n,) of points (n, 3), and their gradients (n, 3)
 _NEWTON_STEPS = 6
-_MIN_JACOBIAN = 0.03  # scaled Jacobian below which no element falls that was above it
+_MIN_JACOBIAN = 0.03  # scaled Jacobian below which no element that was above it may fall
 _BEND_FRACTIONS = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step
 _OTHER_BEND_FRACTIONS = (0.8,) * 5  # the same where an element has an edge between two faces on surfaces, of its other edges
 
 
 @dataclass(frozen=True)
 class Surface:
-    """An exact surface, between which bodies it can lie (``AIR_LABEL``: what is outside), and whether nodes always stay on it."""
+    """An exact surface.
+
+    Attributes
+    ----------
+    level
+        Function that is zero on it, with its gradient.
+    separates
+        Function that returns between which pairs of bodies (n,), (n,) it can lie, in this order; ``AIR_LABEL``: what is outside.
+    permanent
+        Whether its nodes stay on it even where an element had to be put back to its place before snapping.
+    """
 
     level: Level
     separates: Callable[[Indices, Indices], NDArray[np.bool_]]
@@ -78,9 +88,13 @@ def build_exact_surfaces(layout: BodyLayout) -> list[Surface]:
 
 
 def find_interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
-    """Find faces between different bodies: corners (f, 3) and the bodies (f,) on both sides; ``AIR_LABEL`` outside the mesh."""
+    """Return the faces between different bodies: corners (f, 3) and the bodies (f,) on both sides.
+
+    ``AIR_LABEL`` outside the mesh.
+    """
     faces = tetrahedra[:, FACE_CORNERS].reshape(-1, 3)
     owner = np.repeat(np.arange(len(tetrahedra)), 4)
+    # sorted by their corners, the two copies of a face that two tetrahedra share follow each other
     order = np.lexsort(np.sort(faces, axis=1).T)
     ordered = np.sort(faces, axis=1)[order]
     is_pair = (ordered[1:] == ordered[:-1]).all(axis=1)
@@ -94,7 +108,10 @@ def find_interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indice
 
 
 def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first_body: Indices, second_body: Indices) -> Indices:
-    """Find the surface of each face (f, 3), (f,): of those between its two bodies the nearest in place and direction."""
+    """Return the index of each face's surface, (f,): of those between its two bodies the nearest in place and direction.
+
+    It is -1 where no surface lies between the two bodies.
+    """
     corners = points[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.sqrt(np.linalg.norm(normal, axis=1)) + 1e-300
@@ -107,6 +124,7 @@ def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first
         distance = np.abs(np.stack([surface.level(corners[rows, k])[0] for k in range(3)])).max(axis=0)
         derivative = surface.level(corners[rows].mean(axis=1))[1]
         misalignment = 1 - np.abs(np.einsum("ij,ij->i", derivative, normal[rows]))
+        # both as lengths: the farthest corner's distance, and half the face's size where it is at right angles to the surface
         cost = distance + 0.5 * misalignment * size[rows]
         better = cost < best[rows]
         best[rows[better]], chosen[rows[better]] = cost[better], index
@@ -114,7 +132,7 @@ def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first
 
 
 def find_memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> NDArray[np.bool_]:
-    """Return which surfaces each of ``count`` nodes lies on, (count, surfaces)."""
+    """Return which of ``surfaces`` (a number) each of ``count`` nodes lies on: those ``chosen`` (f,) by its faces (f, 3)."""
     member = np.zeros((count, surfaces), dtype=bool)
     for k in range(3):
         member[faces[:, k], chosen] = True
@@ -171,7 +189,8 @@ def curve_mesh(
 
 
 def _find_edges_between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
-    """Return which of six edges of elements (t, 10) lie between two of ``faces`` (f, 3) that both are the element's, (t, 6)."""
+    """Return which of the six edges of elements (t, 10) are common to two of their faces among ``faces`` (f, 3), (t, 6)."""
+    # a face is known by one number: its sorted corners as digits to a base above all of them
     base = int(elements[:, :4].max(initial=faces.max(initial=0))) + 1
     element_keys, given = (np.sort(part, axis=-1) @ np.array([base**2, base, 1]) for part in (elements[:, FACE_CORNERS], faces))
     is_given = np.isin(element_keys, given)
@@ -180,7 +199,10 @@ def _find_edges_between_faces(elements: Indices, faces: Indices) -> NDArray[np.b
 
 
 def _find_edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int, count: int) -> NDArray[np.bool_]:
-    """Return which surfaces each edge (m, 2) lies on, (m, surfaces): those of the faces beside it."""
+    """Return which surfaces each edge, ``pairs`` (m, 2), lies on, (m, surfaces): those of the faces that it bounds.
+
+    ``surfaces`` is their number, ``count`` that of the corners.
+    """
     edges = np.sort(faces[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * count + pairs[:, 1]  # the pairs are in order, so their keys are
     edge_keys = edges[:, 0] * count + edges[:, 1]
@@ -195,6 +217,8 @@ def _step_to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.b
     """Make one step of Newton's method for the points ``rows``, which lie on several surfaces."""
     if len(rows) == 0:
         return
+    # the shortest step that makes all levels zero to first order: by the pseudo-inverse of their gradients; ``rcond`` leaves out
+    # surfaces that touch each other, whose gradients are nearly the same
     used = np.flatnonzero(member[rows].any(axis=0))
     levels, derivatives = np.zeros((len(rows), len(used))), np.zeros((len(rows), len(used), 3))
     for k, index in enumerate(used):
@@ -204,10 +228,12 @@ def _step_to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.b
 
 
 def _separates_sets(first: list[int], second: list[int]) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    """Return a test for faces between a body of ``first`` and one of ``second``."""
     return lambda a, b: np.isin(a, first) & np.isin(b, second)
 
 
 def _separates_exactly(first: int, second: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    """Return a test for faces between the bodies ``first`` and ``second``."""
     return lambda a, b: (a == first) & (b == second)
 
 
@@ -217,15 +243,19 @@ def _separates_body(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]
 
 
 def _separates_none(a: Indices, b: Indices) -> NDArray[np.bool_]:
+    """Return False for all faces: the test of a plane between layers, which lies inside one body."""
     return np.zeros(len(a), dtype=bool)
 
 
 def _build_plane(direction: tuple[float, float, float], position: float) -> Level:
+    """Return the level of a plane with the unit normal ``direction``, at a distance ``position`` from the origin, m."""
     normal = np.array(direction, dtype=float)
     return lambda points: (points @ normal - position, np.broadcast_to(normal, points.shape))
 
 
 def _build_cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Level:
+    """Return the level of a vertical cylinder whose axis passes through ``centre`` (x, y)."""
+
     def compute_level(points: Points) -> tuple[Points, Points]:
         offset = points * [1.0, 1.0, 0.0] - [*centre, 0.0]
         distance = np.hypot(offset[:, 0], offset[:, 1])
@@ -235,6 +265,7 @@ def _build_cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> 
 
 
 def _list_sides(layout: BodyLayout) -> list[Level]:
+    """Return the levels of the tissue's side: one cylinder, or the four planes of a block."""
     if layout.tissue_radius is not None:
         return [_build_cylinder(layout.tissue_radius, layout.centre)]
     (x, y), (a, b) = layout.centre, layout.sides
@@ -264,6 +295,7 @@ def _build_closed(body: object) -> Level:
 
 
 def _compute_sheet_level(points: Points, nearest: Points) -> tuple[Points, Points]:
+    """Return the distances (n,) of points from their nearest points on a surface, never negative, and the gradients (n, 3)."""
     offset = points - nearest
     distance = np.linalg.norm(offset, axis=1)
     return distance, offset / np.maximum(distance, 1e-300)[:, None]

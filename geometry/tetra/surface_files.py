@@ -50,9 +50,9 @@ class Sheet:
     centre
         The inclusion's, (3,).
     fewer
-        Triangles that follow a surface of very many, or None where there are none.
+        The surface with fewer triangles, for meshers, where it has very many; else None.
     decimation_error
-        How far these are from it.
+        Distance of ``fewer`` from the surface, m.
     """
 
     points: Points
@@ -74,7 +74,10 @@ class Sheet:
 
     @cached_property
     def volume(self) -> float:
-        """The volume inside, in m^3: its triangles' own, or, where that is off as they cross or are open, from samples."""
+        """The volume inside, in m^3: from the triangles, or from random points where the two differ by more than 4 %.
+
+        They differ where triangles cross or the surface is open.
+        """
         a, b, c = (self.points[self.triangles[:, k]] - self.centre for k in range(3))
         signed = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -90,7 +93,10 @@ class Sheet:
         return len(forth) == len(edges) and len(np.unique(np.vstack([edges, edges[:, ::-1]]), axis=0)) == len(edges)
 
     def compute_winding(self, points: Points) -> Points:
-        """Return winding numbers of the surface about points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
+        """Return winding numbers of the surface about points (m, 3), (m,): 1 inside, 0 outside, between them where it is open.
+
+        They are -1 inside where the triangles are turned inside out.
+        """
         return self._winding_tree.compute_winding(points)
 
     def is_inside(self, points: Points) -> NDArray[np.bool_]:
@@ -101,7 +107,7 @@ class Sheet:
         return result
 
     def find_nearest(self, points: Points) -> Points:
-        """Return the nearest points of the surface, (m, 3)."""
+        """Return the point of the surface that is nearest to each of the points (m, 3), (m, 3)."""
         _, nearest = self._poly.find_closest_cell(points, return_closest_point=True)  # type: ignore[misc]  # a pair if asked for
         return np.asarray(nearest, dtype=float).reshape(-1, 3)
 
@@ -112,7 +118,8 @@ class Sheet:
     def estimate_distance(self, points: Points) -> Points:
         """Estimate the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle.
 
-        It may be a tenth too large: from a ball's middle all its triangles are as near, and to find the nearest takes minutes.
+        It may be too large by ``_DISTANCE_TOLERANCE``: the exact search takes minutes from a ball's middle, to which all its
+        triangles are equally near.
         """
         return np.asarray(self._tree.query(points, eps=_DISTANCE_TOLERANCE)[0])
 
@@ -186,7 +193,10 @@ def _read_triangles(suffix: str, content: bytes) -> Arrays:
 
 
 def _check_enclosing(sheet: Sheet, name: str, key: str) -> None:
-    """Refuse a surface that encloses nothing: the winding numbers inside have to stand out from those near its openings."""
+    """Refuse a surface that encloses nothing, by the winding numbers at random points of its bounding box.
+
+    Some have to be nearly 1 (inside), and few between 0 and 1, as they are near an opening.
+    """
     if np.ptp(sheet.points, axis=0).min() <= 0:
         raise InputError(key, Words(f"{name}, a flat surface"), "a closed surface")
     draws = np.random.default_rng(0).uniform(sheet.points.min(axis=0), sheet.points.max(axis=0), (400, 3))

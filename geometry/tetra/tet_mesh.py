@@ -52,7 +52,10 @@ class TetMesh:
         return compute_scaled_jacobians(self.nodes, self.elements)
 
     def boundary(self, *labels: int) -> Indices:
-        """Return outer faces of some bodies taken together, (f, 6): three corners, their normals pointing out, then middles."""
+        """Return the outer faces of the bodies with these labels, taken together, (f, 6).
+
+        Each has three corners, in the order that makes its normal point out, then the middles of its edges.
+        """
         chosen = self.elements[np.isin(self.body, labels)]
         faces = np.concatenate(
             [chosen[:, [*corners, *middles]] for corners, middles in zip(FACE_CORNERS, FACE_MIDDLES, strict=True)]
@@ -70,6 +73,7 @@ def find_boundary(cells: Indices) -> Indices:
 
 
 def _number_face_middles() -> Indices:
+    """Return for each of the faces ``FACE_CORNERS`` which of an element's ten nodes are the middles of its edges, (4, 3)."""
     number = {frozenset(edge): 4 + k for k, edge in enumerate(EDGE_CORNERS.tolist())}
     return np.array(
         [[number[frozenset((a, b))] for a, b in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))] for f in FACE_CORNERS.tolist()]
@@ -81,6 +85,7 @@ FACE_MIDDLES = _number_face_middles()
 
 def compute_shape_gradients(points: Points) -> Points:
     """Return the derivatives of the ten shape functions at barycentric points (q, 3) of the reference element: (q, 10, 3)."""
+    # barycentric coordinates and their derivatives; a corner's function is b (2 b - 1), an edge's 4 b_i b_j
     b = np.column_stack([1 - points.sum(axis=1), points])
     d = np.vstack([-np.ones(3), np.eye(3)])
     corners = (4 * b[:, :, None] - 1) * d
@@ -93,6 +98,7 @@ _REFERENCE_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
 _GRADIENTS_AT_NODES = compute_shape_gradients(
     np.vstack([_REFERENCE_CORNERS, [(_REFERENCE_CORNERS[i] + _REFERENCE_CORNERS[j]) / 2 for i, j in EDGE_CORNERS]])
 )
+# the four Gauss points of degree 2 in a tetrahedron
 _A, _B = 0.25 * (1 - 5**-0.5), 0.25 * (1 + 3 * 5**-0.5)
 _GRADIENTS_AT_GAUSS_POINTS = compute_shape_gradients(np.array([(_A, _A, _A), (_B, _A, _A), (_A, _B, _A), (_A, _A, _B)]))
 
@@ -105,7 +111,10 @@ def compute_volumes(nodes: Points, elements: Indices) -> Points:
 
 
 def compute_scaled_jacobians(nodes: Points, elements: Indices) -> Points:
-    """Return the minimum over each quadratic element's ten nodes of the Jacobian over the edges' lengths, (t,); 1 if regular."""
+    """Return the scaled Jacobian of each quadratic element, (t,): 1 for a regular one, 0 or less for one that folds.
+
+    It is the minimum over the ten nodes of sqrt(2) times the Jacobian over the largest product of three edges at a corner.
+    """
     element_nodes = nodes[elements]
     result = np.full(len(elements), np.inf)
     for gradients in _GRADIENTS_AT_NODES:
@@ -115,14 +124,20 @@ def compute_scaled_jacobians(nodes: Points, elements: Indices) -> Points:
 
 
 def _find_largest_product(a: Points, b: Points, c: Points) -> Points:
-    """Return the largest product of three edges that meet in a corner, of tetrahedra spanned by three edges from one corner."""
+    """Return the largest product of the lengths of three edges that meet in a corner, (t,).
+
+    a, b and c (t, 3) are the edges of each tetrahedron from its first corner.
+    """
     la, lb, lc, ab, ac, bc = (np.sqrt(np.einsum("tb,tb->t", v, v)) for v in (a, b, c, a - b, a - c, b - c))
     result: Points = np.maximum(np.maximum(la * lb * lc, la * ab * ac), np.maximum(lb * ab * bc, lc * ac * bc))
     return result
 
 
 def build_quadratic(corners: Points, tetrahedra: Indices) -> tuple[Points, Indices, Indices]:
-    """Build nodes (n, 3) and elements (t, 10) with straight edges, and the corners (m, 2) whose middles the added nodes are."""
+    """Return nodes (n, 3) and elements (t, 10) with straight edges, and the edges' ends (m, 2).
+
+    The corners come first among the nodes, then the middle of each edge, in the order of the ends.
+    """
     edges = np.sort(tetrahedra[:, EDGE_CORNERS].reshape(-1, 2), axis=1)
     pairs, number = np.unique(edges, axis=0, return_inverse=True)
     nodes = np.vstack([corners, corners[pairs].mean(axis=1)])

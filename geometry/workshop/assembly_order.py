@@ -65,6 +65,7 @@ def write_assembly_order(
 
 
 def _list_casting_steps(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]:
+    """Return a step for casting each block that has a mould."""
     steps = []
     for mould in moulds:
         material = (probe.inner if mould.name == "inner" else probe.outer).material or "elastomer"
@@ -79,6 +80,7 @@ def _list_casting_steps(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]
 
 
 def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[str]:
+    """Return the steps for cutting and bonding films, or for bonding the blocks of a probe without films."""
     if probe.film is None:
         return ["Clean and prime the film ends of both blocks and the base.", _describe_block_bonding("base", probe)]
     bond = probe.film.adhesive_thickness
@@ -99,6 +101,7 @@ def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[s
 
 
 def _describe_exit(pattern: FilmPattern) -> str:
+    """Return the step that leads a film's leads out."""
     exit_texts = {
         "groove": "through the outer block's groove, towards +x",
         "gap": "down the gap, folded at the block's edge, and out at its lower end: it must not touch the walls",
@@ -109,6 +112,7 @@ def _describe_exit(pattern: FilmPattern) -> str:
 
 
 def _describe_block_bonding(onto: str, probe: Probe) -> str:
+    """Return the step that bonds both blocks to the films or the base, ``onto``."""
     bond = 0.0 if probe.film is None else probe.film.adhesive_thickness
     layer = f" with {format_number(1e3 * bond)} mm of adhesive" if bond else ""
     groove = "; its groove lies at +x" if probe.groove is not None else ""
@@ -116,6 +120,7 @@ def _describe_block_bonding(onto: str, probe: Probe) -> str:
 
 
 def _describe_gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) -> str:
+    """Return the step that holds the gap while the adhesive cures."""
     gap = 1e3 * probe.gap
     instruction = (
         f"Hold the gap while the adhesive cures: three shims of {format_number(gap)} mm, 120\u00b0 apart, from the "
@@ -133,6 +138,7 @@ def _describe_gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) ->
 
 
 def _list_measuring_steps(moulds: Sequence[MouldSizes]) -> list[str]:
+    """Return the steps for measuring and calibrating the probe, with the moulds of cast blocks."""
     steps = []
     if moulds:
         names = " and ".join(mould.name for mould in moulds)
@@ -161,6 +167,7 @@ def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
 
 
 def _list_remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, scatter: Mapping[str, float]) -> list[str]:
+    """Return the lines of the remarks at the end of the page; none if there is nothing to remark."""
     remarks = [f"{describe_scatter(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
     deviation = compute_gap_deviation(probe, moulds)
     if moulds and deviation >= GAP_RISK_FRACTION * 1e3 * probe.gap:
@@ -224,6 +231,7 @@ def _find_mould_deviation(size: float) -> float:
 
 
 def _describe_modulus(block: str, budget: Budget) -> str:
+    """Return a block's modulus with its standard deviation; empty where the budget does not have it."""
     known = budget.find_modulus(block)
     return "" if known is None else f"{known.nominal} \N{PLUS-MINUS SIGN}{100 * known.sd:.2g} % (1 sd); "
 

@@ -28,7 +28,7 @@ TOLERANCE_COLUMNS = ("quantity", "kind", "drawing", "nominal", "deviation", "fro
 
 
 def write_bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], edge_radius: float = 0.0) -> str:
-    """Return the bill of materials as CSV, with masses where the density is known, since a scene names no products."""
+    """Return the bill of materials as CSV; masses stay empty where the scene does not determine the density."""
     rows: list[tuple[object, ...]] = []
     for name, body in compute_expected_bodies(probe, edge_radius).items():
         rows.append((name, 1, *_describe_material(stamp.materials[name], body.volume), f"{name}.step"))
@@ -45,6 +45,7 @@ def write_bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSi
 
 
 def _describe_material(material: PartMaterial, volume: float) -> tuple[str, str, str, str]:
+    """Return a row's material, properties, volume in mm^3 and mass in g, empty where the density is unknown."""
     mass = "" if material.density is None else f"{material.density * volume * 1e-6:.6g}"
     return material.name, material.properties, f"{volume:.6g}", mass
 
@@ -57,6 +58,7 @@ def _describe_casting(material: PartMaterial, mould: MouldSizes) -> tuple[str, s
 
 
 def _describe_adhesive(probe: Probe) -> tuple[str, str, str, str]:
+    """Return the adhesive's material, properties and volume in mm^3; its mass stays empty."""
     film = probe.film
     assert film is not None  # the caller asks
     areas = probe.inner_area + probe.outer_area - probe.groove_footprint
@@ -109,8 +111,9 @@ def list_held_dimensions(views: Iterable[PartView], materials: Mapping[str, Part
     for view in views:
         process = materials[view.name].process if view.name in materials else MACHINING_PROCESS
         for measure in (candidate for candidate in view.measures if not candidate.auxiliary):
-            known = view.name in RATIO_DRAWINGS
+            known = view.name in RATIO_DRAWINGS  # the ratio limits only the dimensions on these drawings
             bound = budget.find_bound(measure.name) if known else None
+            # the bound of a radius is doubled for its diameter
             wanted = None if bound is None else (2 if measure.prefix else 1) * bound
             derivative = budget.sensitivities.get(measure.name) if known else None
             dimensions.append(
@@ -143,6 +146,7 @@ def write_tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str
 
 
 def _build_row(dimension: HeldDimension) -> tuple[str, ...]:
+    """Return the row of a dimension in the table of tolerances, its values as ``TOLERANCE_COLUMNS`` name them."""
     name, kind = dimension.measure.name.replace("_radius", "_diameter"), "diameter" if dimension.measure.prefix else "length"
     derivative, ratio = (
         ("" if dimension.log_sensitivity is None else f"{dimension.log_sensitivity:.4g}"),
@@ -177,6 +181,7 @@ def compute_scatter_of_ratio(dimensions: Iterable[HeldDimension], budget: Budget
 
 
 def _describe_dimension(dimension: HeldDimension) -> str:
+    """Return a dimension in words, such as "inner block's diameter"."""
     name = dimension.measure.name.removeprefix(f"{dimension.part}_").replace("radius", "diameter").replace("_", " ")
     return f"{DRAWING_TITLES[dimension.part].lower()}'s {name}"
 
@@ -187,6 +192,7 @@ def combine_scatter(scatter: Mapping[str, float]) -> float:
 
 
 def _write_csv(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return rows below a heading as CSV text."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heading)

@@ -58,6 +58,7 @@ def _order_layers(name: str, triangles: Floats, normals: Floats, hole: float) ->
 
 
 def _set_view(axes: Axes3D, low: Floats, high: Floats) -> None:
+    """Set limits, scale and direction of the view so that the box between two corners fills the axes."""
     width, _, height = span = high - low
     elevation = math.radians(VIEW_ELEVATION_DEG)
     tall = height * math.cos(elevation) + width * math.sin(elevation)
@@ -70,12 +71,14 @@ def _set_view(axes: Axes3D, low: Floats, high: Floats) -> None:
 
 
 def _find_bounds(*shapes: cadquery.Solid) -> tuple[Floats, Floats]:
+    """Return the lower and the upper corner of the box around shapes, mm."""
     boxes = [shape.BoundingBox() for shape in shapes]
     low = np.min([(box.xmin, box.ymin, box.zmin) for box in boxes], axis=0)
     return low, np.max([(box.xmax, box.ymax, box.zmax) for box in boxes], axis=0)
 
 
 def _cut_quarter(solid: cadquery.Solid, high: Floats) -> cadquery.Shape:
+    """Return a solid without its quarter x > 0, y < 0; ``high`` is the upper corner of the box around the probe."""
     cq, (x, y, z) = solids.load_cadquery(), 2 * high
     return solids.call_modeller("drawing", lambda: solid.cut(cq.Solid.makeBox(x, y, 2 * z, cq.Vector(0, -y, -z / 2))))
 

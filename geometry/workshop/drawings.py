@@ -70,10 +70,12 @@ def format_dimension(measure: Measure, part: str, process: str, budget: Budget) 
 
 
 def _format_stated(tolerance: Tolerance) -> str:
+    """Return the deviation as the drawing states it, with ±; empty where it need not be stated."""
     return f" \N{PLUS-MINUS SIGN}{format_deviation(tolerance.deviation)}" if tolerance.is_stated else ""
 
 
 def _list_assumptions(part: PartView) -> Iterator[str]:
+    """Yield the note on sizes with a star, if there are any."""
     if any(measure.assumed for measure in part.measures):
         yield "* assumed: the scene does not give this size"
 
@@ -100,10 +102,12 @@ def _choose_sheet(part: PartView, texts: list[str], count: int) -> DrawingSheet:
 
 
 def _count_measures(part: PartView, place: str) -> int:
+    """Return how many dimensions stand at a place of the drawing."""
     return sum(measure.place == place for measure in part.measures)
 
 
 def _side_margin(part: PartView) -> float:
+    """Return the width that dimensions, item numbers and an edge's radius need at each side of the views, mm of paper."""
     levels = max(_count_measures(part, place) for place in ("left", "right", "plan"))
     return FIRST_LINE_OFFSET_MM + max(
         DIMENSION_SPACING_MM * levels + 4, 14.0 if part.items else 0.0, RADIUS_MARGIN_MM if part.edge else 0.0
@@ -111,6 +115,7 @@ def _side_margin(part: PartView) -> float:
 
 
 def _height_below(part: PartView) -> float:
+    """Return the height that dimensions need below the section, mm of paper."""
     return FIRST_LINE_OFFSET_MM + DIMENSION_SPACING_MM * _count_measures(part, "below")
 
 
@@ -120,6 +125,7 @@ def _height_above(texts: list[str]) -> float:
 
 
 def _draw_views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str], process: str) -> None:
+    """Draw the section with its dimensions at the top of the sheet, and the view from above below it."""
     left, _, right, top = sheet.frame
     unit = sheet.mm_per_paper_mm
     _, low, _, high = find_bounds(loop for loop, _ in part.cut)
@@ -135,6 +141,7 @@ def _draw_views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str], 
 
 
 def _draw_front(view: View, part: PartView, process: str) -> None:
+    """Draw the section: cut faces, visible lines, the axis, roughness symbols and item numbers."""
     unit = view.sheet.mm_per_paper_mm
     _, low, _, high = find_bounds(loop for loop, _ in part.cut)
     for loop, angle in part.cut:
@@ -154,6 +161,7 @@ def _draw_front(view: View, part: PartView, process: str) -> None:
 
 def _spread_heights(tips: Sequence[Point], low: float, spacing: float) -> list[float]:
     """Return the heights of item numbers: level with their tips where the spacing allows it, and none below ``low``."""
+    # downwards first, each at least ``spacing`` below the last; then upwards, which lifts those below the limit
     heights: list[float] = []
     for _, z in tips:
         heights.append(min(z, heights[-1] - spacing) if heights else z)
@@ -164,6 +172,7 @@ def _spread_heights(tips: Sequence[Point], low: float, spacing: float) -> list[f
 
 
 def _draw_plan(view: View, part: PartView) -> None:
+    """Draw the view from above, without dimensions."""
     for loop in part.plan:
         view.draw_loop(loop)
     for radius in part.hidden:
@@ -174,6 +183,7 @@ def _draw_plan(view: View, part: PartView) -> None:
 
 
 def _draw_dimensions(view: View, part: PartView, texts: dict[Measure, str], process: str) -> None:
+    """Draw the dimensions of the section, each by its text, and the radius of its round edges."""
     unit = view.sheet.mm_per_paper_mm
     low_x, low, high_x, high = find_bounds(loop for loop, _ in part.cut)
     starts: dict[str, float] = {"below": low, "left": low_x, "right": high_x}

@@ -76,11 +76,13 @@ def find_exit(sizes: Millimetres) -> str:
 
 
 def _build_inner(sizes: Millimetres) -> FilmPattern:
+    """Return the pattern of the inner film, a disc with a strip of leads towards +x if they can leave."""
     exit_name = find_exit(sizes)
     inset = min(MAX_INSET_MM, MAX_INSET_FRACTION * sizes.r2)
     half = min(
         MAX_STRIP_HALF_WIDTH_MM, 0.8 * sizes.half_width if exit_name == "groove" else sizes.r2 / 3, 0.8 * (sizes.r2 - inset)
     )
+    # where the tabs begin: outside the tube; through the gap the strip is folded and runs down the outer block's height
     reach = {"groove": sizes.ro, "gap": sizes.ri + sizes.h1}.get(exit_name, 0.0)
     electrode = build_disc(sizes.r2 - inset)
     face = (build_disc(sizes.r2),)
@@ -91,6 +93,7 @@ def _build_inner(sizes: Millimetres) -> FilmPattern:
 
 
 def _build_outer(sizes: Millimetres) -> FilmPattern:
+    """Return the pattern of the outer film, a ring with a strip of leads towards -x, open above a groove."""
     inset = min(MAX_INSET_MM, MAX_INSET_FRACTION * (sizes.ro - sizes.ri))
     half = min(MAX_STRIP_HALF_WIDTH_MM, sizes.ro / 3)
     strip = _add_strip(sizes.ro, half, sizes.ro + TAB_LENGTH_MM, -1.0)
@@ -107,13 +110,14 @@ def _build_outer(sizes: Millimetres) -> FilmPattern:
 
 
 def _net_area(loops: tuple[Loop, ...]) -> float:
+    """Return the area between the first outline and the others, which are its holes, mm^2."""
     first, *holes = (compute_area(loop) for loop in loops)
     return first - sum(holes)
 
 
 def _add_strip(radius: float, half: float, end: float, side: float = 1.0) -> Loop:
     """Return a disc with a strip of half width ``half`` to x = ``end``, or to x = -``end`` if ``side`` is -1."""
-    x = math.sqrt((radius - half) * (radius + half))
+    x = math.sqrt((radius - half) * (radius + half))  # where the strip's sides leave the circle
     bulge_outer = math.tan((math.pi - math.asin(half / radius)) / 2)
     corners = [(x, half, bulge_outer), (x, -half, 0.0), (end, -half, 0.0), (end, half, 0.0)]
     return [(side * x, side * y, bulge) for x, y, bulge in corners]  # turned by 180 degrees, which keeps the bulges
@@ -162,6 +166,7 @@ def build_document(pattern: FilmPattern, stamp: Stamp, thickness: float) -> Draw
 
 
 def _list_texts(pattern: FilmPattern, stamp: Stamp, thickness: float) -> list[str]:
+    """Return the lines of text below the pattern."""
     first = (
         f"{DRAWING_TITLES[pattern.name]}, {format_number(thickness)} thick, mm 1:1, from above; electrodes "
         f"{format_number(pattern.inset)} inside"

@@ -131,9 +131,13 @@ def compute_mould_sizes(
 def _compute_sizes(
     name: str, lengths: Millimetres, block: tuple[float, float, float], *, depth: float, draft: float, shrinkage: float
 ) -> MouldSizes:
+    """Return the mould of one block; ``block`` are its hole's radius (0: none), its outer radius and its height, mm.
+
+    ``depth`` is that of its groove; ``draft`` is in rad.
+    """
     grown = 1 / (1 - shrinkage)
     inner, outer, height = (length * grown for length in block)
-    lean = height / 2 * math.tan(draft)
+    lean = height / 2 * math.tan(draft)  # change of radius from half the height, where it is nominal, to either end
     wide = outer - inner
     return MouldSizes(
         name,
@@ -160,12 +164,14 @@ def compute_cavity_volume(mould: MouldSizes) -> float:
     (inner, outer), e = mould.compute_radii(mould.edge), mould.edge
     walls = [_frustum_volume(low, high, mould.height - e) for low, high in ((outer, mould.outer[1]), (inner, mould.inner[1]))]
     foot = math.pi * (outer**2 - inner**2) * e
+    # side: 1 where the edge lies inside the wall's radius, -1 where it lies outside
     for radius, side in ((outer, 1), *(((inner, -1),) if inner else ())):  # Pappus, see geometry.cad.parts_check
         foot -= math.tau * ((radius - side * e) * (1 - math.pi / 4) * e**2 + side * e**3 / 6)
     return walls[0] - walls[1] + foot - compute_rib_volume(mould)
 
 
 def _frustum_volume(low: float, high: float, height: float) -> float:
+    """Return the volume of a frustum with these radii, eq. WS.3."""
     return math.pi * height * (low**2 + low * high + high**2) / 3
 
 
@@ -183,6 +189,7 @@ def compute_rib_volume(mould: MouldSizes) -> float:
 
 
 def _groove_footprint(inner: float, outer: float, a: float) -> float:
+    """Return the area of the ring between two radii within |y| < a, x > 0, eq. SC.1."""
     return sum(sign * (a * math.sqrt((r - a) * (r + a)) + r**2 * math.asin(a / r)) for r, sign in ((outer, 1), (inner, -1)))
 
 

@@ -83,6 +83,7 @@ def build_lower(mould: MouldSizes) -> cadquery.Solid:
         ]
     )
     for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
+        # rooted 1 mm below the parting plane, so that pin and body do not merely touch
         body = body.fuse(_build_cylinder(radius, PIN_HEIGHT_MM + 1.0, place, top - 1.0))
     return _single_solid(body)
 
@@ -109,23 +110,26 @@ def list_holes(mould: MouldSizes) -> list[tuple[float, Point]]:
 
 
 def _list_pin_places(mould: MouldSizes) -> tuple[Point, Point]:
+    """Return the centres of the two pins that align the halves, in the middle of the wall round the cavity."""
     offset = mould.outer[1] + WALL_THICKNESS_MM / 2
     return (0.0, offset), (0.0, -offset)
 
 
 def _build_cylinder(radius: float, height: float, place: Point, z: float) -> cadquery.Solid:
+    """Build a vertical cylinder that stands at the height ``z``, mm."""
     cq = solids.load_cadquery()
     return cq.Solid.makeCylinder(radius, height, cq.Vector(*place, z))
 
 
 def _list_lines(corners: list[Point]) -> list[tuple[Point, ...]]:
+    """Return the lines between successive corners."""
     return [tuple(pair) for pair in pairwise(corners)]
 
 
 def _cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
     """Return the cavity's wall and floor from the rim inwards: lines of two points (r, z), arcs of three."""
     e, (inner, outer) = mould.edge, mould.compute_radii(mould.edge)
-    cut = e * (1 - math.sqrt(0.5))
+    cut = e * (1 - math.sqrt(0.5))  # distance of the arc's middle from wall and floor
     sides: list[tuple[Point, ...]] = [((mould.outer[1], mould.height), (outer, floor + e))]
     if e:
         sides.append(((outer, e), (outer - cut, cut), (outer - e, 0.0)))
@@ -145,6 +149,7 @@ def _pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
 
 
 def _axis_height(mould: MouldSizes) -> float:
+    """Return the height at which the profile meets the axis: the pin's top, or the cavity's floor where there is no pin."""
     return mould.height if mould.inner[1] else 0.0
 
 
@@ -160,6 +165,7 @@ def _build_rib(mould: MouldSizes) -> cadquery.Solid:
 
 
 def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
+    """Build the solid of revolution about z of a closed profile: lines of two points (r, z), arcs of three, mm."""
     cq = solids.load_cadquery()
     edges = []
     for side in sides:
@@ -170,5 +176,6 @@ def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
 
 
 def _single_solid(shape: cadquery.Shape) -> cadquery.Solid:
+    """Return the only solid of a shape; raise ``ValueError`` if it has more or none."""
     (solid,) = shape.Solids()
     return solid

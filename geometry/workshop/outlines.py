@@ -113,7 +113,7 @@ def build_block(left: float, right: float, top: float, edge: float) -> Loop:
 def build_base_section(lengths: Millimetres) -> Loop:
     """Return the section of the base; see ``geometry.cad.solids.build_base``."""
     low, side, rm, ro, rf = lengths.low, lengths.side, lengths.middle, lengths.ro, lengths.rf
-    half = [(rm, low), (rm, side)] if low != side else []
+    half = [(rm, low), (rm, side)] if low != side else []  # the right half's corners, from below; the left one mirrors them
     half += [(ro, side), *([(ro, lengths.flange_bottom), (rf, lengths.flange_bottom)] if rf > ro else []), (rf, lengths.top)]
     return [(x, z, 0.0) for x, z in half] + [(-x, z, 0.0) for x, z in reversed(half)]
 

@@ -99,10 +99,12 @@ def _build_drawing_writers(
 
 
 def _write_dxf(sheet: Callable[[], DrawingSheet], stamp: Stamp, path: Path) -> None:
+    """Write a sheet as DXF; ``sheet`` is a function that returns it, drawn once."""
     add_properties(sheet().document, stamp).saveas(path)
 
 
 def _write_pdf(sheet: Callable[[], DrawingSheet], name: str, stamp: Stamp, path: Path) -> None:
+    """Write a sheet as PDF; ``sheet`` as in ``_write_dxf``, ``name`` that of the part."""
     pdf.write_pdf(sheet(), path, DRAWING_TITLES[name], stamp.provenance)
 
 

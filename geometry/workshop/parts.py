@@ -76,7 +76,7 @@ class Measure:
     def find_tolerance(self, part: str, process: str, budget: Budget) -> Tolerance:
         """Return the dimension's tolerance on a part's drawing; the ratio limits only the blocks and their gap."""
         bound = budget.find_bound(self.name) if part in RATIO_DRAWINGS else None
-        factor = 2 if self.prefix else 1
+        factor = 2 if self.prefix else 1  # a diameter may deviate by twice as much as its radius
         closure = self.name in CLOSURE_DIMENSIONS
         return find_tolerance(self.size, None if bound is None else factor * bound, process=process, closure=closure)
 
@@ -148,6 +148,7 @@ def build_diameter(name: str, radius: float, z: float, assumed: bool = False, au
 
 
 def _build_inner(lengths: Millimetres) -> PartView:
+    """Return the view of the inner block."""
     height = Measure("inner_height", (-lengths.r2, 0), (-lengths.r2, lengths.h2), "left")
     return PartView(
         "inner",
@@ -160,7 +161,8 @@ def _build_inner(lengths: Millimetres) -> PartView:
 
 
 def _build_outer(lengths: Millimetres) -> PartView:
-    low = lengths.h1 - lengths.depth
+    """Return the view of the outer block, with its groove if it has one."""
+    low = lengths.h1 - lengths.depth  # height of the groove's floor
     seen = [
         ((-lengths.ri, lengths.h1), (lengths.ri if not lengths.depth else lengths.groove_ends[0], lengths.h1)),
         ((-lengths.ri, 0.0), (lengths.ri, 0.0)),
@@ -195,10 +197,12 @@ def _build_outer(lengths: Millimetres) -> PartView:
 
 
 def _find_edge(lengths: Millimetres, radius: float) -> tuple[float, Point] | None:
+    """Return ``PartView.edge`` of a block with this outer radius, mm."""
     return (lengths.edge, (radius - lengths.edge, lengths.edge)) if lengths.edge else None
 
 
 def _build_inner_film(lengths: Millimetres, assumed: bool) -> PartView:
+    """Return the view of the inner film; ``assumed``: whether the scene leaves its thickness open."""
     top = lengths.h2 + lengths.t
     thickness = Measure("film_thickness", (-lengths.r2, lengths.h2), (-lengths.r2, top), "left", assumed=assumed)
     measures = build_diameter("inner_radius", lengths.r2, lengths.h2), thickness
@@ -211,6 +215,7 @@ def _build_inner_film(lengths: Millimetres, assumed: bool) -> PartView:
 
 
 def _build_outer_film(lengths: Millimetres, assumed: bool) -> PartView:
+    """Return the view of the outer film, open above a groove; ``assumed``: whether the scene leaves its thickness open."""
     top = lengths.h1 + lengths.t
     measures = [build_diameter("hole_radius", lengths.ri, lengths.h1), build_diameter("outer_radius", lengths.ro, lengths.h1)]
     measures.append(Measure("film_thickness", (-lengths.ro, lengths.h1), (-lengths.ro, top), "left", assumed=assumed))
@@ -233,6 +238,7 @@ def _build_outer_film(lengths: Millimetres, assumed: bool) -> PartView:
 
 
 def _build_base(lengths: Millimetres, open_sizes: set[str]) -> PartView:
+    """Return the view of the base; ``open_sizes`` are the keys below ``probe`` that the scene leaves open."""
     low, side, middle = lengths.low, lengths.side, lengths.middle
     rf, flange_bottom, top = lengths.rf, lengths.flange_bottom, lengths.top
     wide, bottom = rf > lengths.ro, min(low, side)
@@ -269,7 +275,7 @@ def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     """Return the view of the whole probe."""
     lengths, alone = convert_to_mm(probe, edge_radius), build_part_views(probe, edge_radius)
     top, rf = lengths.top, lengths.rf
-    tips = {
+    tips = {  # points inside the parts at which the lines of the item numbers end
         "base": (0.6 * lengths.ro, top - 0.3 * (top - lengths.h1)),
         "film-outer": ((sum(lengths.groove_ends) if lengths.depth else lengths.ri + lengths.ro) / 2, lengths.h1 + lengths.t / 2),
         "film-inner": (0.8 * lengths.r2, lengths.h2 + lengths.t / 2),
@@ -288,6 +294,7 @@ def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     return PartView(
         "assembly",
         cut=tuple((loop, HATCH_ANGLES_DEG[name]) for name, view in alone.items() for loop, _ in view.cut),
+        # without the first two lines, which run across the hole, where the inner parts hide them
         seen=tuple(line for name in ("outer", "film-outer") if name in alone for line in alone[name].seen[2:]),
         plan=(build_disc(rf),),
         hidden=(lengths.r2, lengths.ri, *((lengths.ro,) if rf > lengths.ro else ())),

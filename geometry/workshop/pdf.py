@@ -78,6 +78,7 @@ def list_texts(sheet: DrawingSheet) -> list[MText | Text]:
 
 
 def _draw_text(axes: Axes, sheet: DrawingSheet, text: MText | Text) -> None:
+    """Draw a line of text of the sheet by matplotlib, at the same place, height and angle."""
     from ezdxf.entities.mtext import MText
 
     if isinstance(text, MText):

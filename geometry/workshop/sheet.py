@@ -178,7 +178,7 @@ class View:
             dimstyle=DIMENSION_STYLE,
             dxfattribs={"layer": "DIMENSION"},
         )
-        if high - low < width + 2 * ARROW_LENGTH_MM * unit:
+        if high - low < width + 2 * ARROW_LENGTH_MM * unit:  # the text does not fit between the arrows
             text_position = max(high + 2.2 * ARROW_LENGTH_MM * unit, clear + ARROW_LENGTH_MM * unit)
             self.draw_line(place(high), place(text_position), "DIMENSION")
             made.set_location(self.to_model(place(text_position + unit + width / 2)))
@@ -222,6 +222,7 @@ def find_text_width(text: str, height: float = TEXT_HEIGHT_MM) -> float:
 
 
 def _build_style(unit: float) -> dict[str, float]:
+    """Return the settings of the dimension style by their DXF names; ``unit`` is ``DrawingSheet.mm_per_paper_mm``."""
     sizes = {"dimtxt": TEXT_HEIGHT_MM, "dimasz": ARROW_LENGTH_MM, "dimexe": 1.5, "dimexo": 0.8, "dimgap": 0.7, "dimscale": unit}
     return {**sizes, "dimtad": 1, "dimtih": 0, "dimtoh": 0, "dimdec": 4, "dimclrd": 256, "dimclre": 256, "dimclrt": 256}
 

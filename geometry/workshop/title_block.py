@@ -77,6 +77,7 @@ def draw_title_block(sheet: DrawingSheet, title: Title) -> None:
 
 
 def _draw_cells(sheet: DrawingSheet, left: float, high: float, row: list[tuple[str, str, float]]) -> None:
+    """Draw the cells of a row, whose upper left corner is given: each a label, a text and its width, mm of paper."""
     for label, text, width in row:
         if left > sheet.frame[2] - BLOCK_WIDTH_MM:
             sheet.draw_line((left, high), (left, high - ROW_HEIGHT_MM))

@@ -89,6 +89,7 @@ class Process:
     def find_tightest(self, size: float) -> float | None:
         """Return the smallest deviation that can be ordered for a size, mm; None if it is the usual one."""
         deviation_found = _look_up(self.finest, size)
+        # beyond the table the last deviation grows in proportion to the size
         return self.finest[-1][1] * size / self.finest[-1][0] if self.finest and deviation_found is None else deviation_found
 
 
@@ -99,15 +100,18 @@ def find_process(name: str) -> Process:
 
 @cache
 def _read_processes() -> dict[str, Process]:
+    """Return the processes of ``processes.toml`` by name."""
     entries = tomllib.loads(files("geometry.workshop").joinpath("processes.toml").read_text(encoding="utf-8"))
     return {name: Process(name, **{key: _freeze(value) for key, value in entry.items()}) for name, entry in entries.items()}
 
 
 def _freeze(value: Any) -> Any:
+    """Return a table (a list of rows) as tuples, any other value as it is."""
     return tuple(tuple(row) for row in value) if isinstance(value, list) else value
 
 
 def _look_up(table: Table, size: float) -> float | None:
+    """Return the deviation of a size in a table of (upper limit, deviation); None where it is above the last limit."""
     return next((deviation for max_size, deviation in table if size <= max_size * (1 + 1e-12)), None)
 
 
@@ -273,9 +277,9 @@ def find_length_tolerance(probe: Probe, key: str) -> LengthTolerance:
 
 
 def find_length_sd(probe: Probe, key: str) -> float:
-    """Return the standard deviation, m, to which a built probe has one of its lengths: of the tightest tolerance of its process.
+    """Return the standard deviation, m, of one of a built probe's lengths, made to the tightest tolerance of its process.
 
-    It is never below ``MIN_LENGTH_SD_M``, which stands for the lengths of films and base, too.
+    ``key`` is that of the scene file. It is never below ``MIN_LENGTH_SD_M``, which holds for the lengths of films and base, too.
     """
     if key not in BLOCK_LENGTHS:
         return MIN_LENGTH_SD_M
@@ -284,6 +288,7 @@ def find_length_sd(probe: Probe, key: str) -> float:
 
 
 def _find_machined(made: Process, size: float, radius: bool) -> tuple[float, str, bool]:
+    """Return the usual deviation of a machined size, mm, its source, and whether a drawing has to state it."""
     usual = made.find_deviation(size)
     if radius and usual is not None:
         usual = next(deviation for max_size, deviation in RADIUS_DEVIATIONS_MM if size <= max_size)
@@ -296,5 +301,5 @@ def format_deviation(deviation: float) -> str:
     """Format a deviation in mm to two digits, rounded down, so that the drawing never allows more than computed."""
     exponent = math.floor(math.log10(deviation)) - 1
     step = 10.0**exponent
-    figures = math.floor(deviation / step * (1 + 1e-9))
+    figures = math.floor(deviation / step * (1 + 1e-9))  # 1e-9: a whole number must not fall below itself by rounding
     return f"{figures * step:.{max(0, -exponent)}f}".rstrip("0").rstrip(".") if exponent < 0 else f"{figures * step:.0f}"

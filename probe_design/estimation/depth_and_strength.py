@@ -68,14 +68,24 @@ class Plane:
 
     @classmethod
     def from_model(cls, model: TargetModel, partner: str, shared: SharedErrors | None = None) -> Plane:
-        """Predict at all nodes; without ``shared`` the data share no errors."""
+        """Predict the data at all nodes of a grid in depth and strength.
+
+        Parameters
+        ----------
+        model
+            See ``TargetModel``.
+        partner
+            youngs_modulus or diameter, by which the strength is varied.
+        shared
+            Errors that all data share; by default none.
+        """
         top, bottom = np.log(model.find_search_range("depth"))
         u = np.linspace(top, bottom, DEPTH_NODES)
         if partner == "youngs_modulus":
             low, high = model.find_search_range(partner)
             v = np.linspace(np.log(low), np.log(min(high, MAX_CONTRAST * model.host.youngs_modulus)), STRENGTH_NODES)
         else:
-            v = np.linspace(np.log(1 / 50), 0.0, STRENGTH_NODES)
+            v = np.linspace(np.log(1 / 50), 0.0, STRENGTH_NODES)  # from 1/50 of the largest diameter that fits
         depth, size = (part.ravel() for part in np.meshgrid(np.exp(u), v, indexing="ij"))
         values = np.exp(size) * (model.compute_max_diameter(depth) if partner == "diameter" else 1.0)
         predicted = model.predict({"depth": depth, partner: values}, reflect=False, by_diameter=partner == "diameter")
@@ -104,15 +114,25 @@ class Plane:
         return self if at_depths is None else self._add_change(u, rough, *at_depths)
 
     def _add_change(self, u: Floats, rough: DepthAndStrength, first: Predictions, better: Predictions) -> Plane:
-        """Return the plane with the change from first-order to better predictions, interpolated between three depths u."""
+        """Return the plane with the change from first-order to better predictions, interpolated between three depths.
+
+        Parameters
+        ----------
+        u
+            Ln depths at which both were computed, increasing, shape (3,).
+        rough
+            The fit at whose strength they were computed.
+        first, better
+            Predictions to first order and with reflections, for three bodies each.
+        """
         flat_shape, ratio = self.predicted.value.shape, self.compute_strengths(self.u, self.v) / rough.strength
         change = BarycentricInterpolator(u, better.value - first.value)(np.clip(self.u, u[0], u[-1]))[:, None]  # (a, 1, k)
         added = change * np.minimum(ratio**2, MAX_SQUARED_STRENGTH)[..., None]
-        growth = 2 * ratio * self._differentiate_strength() / rough.strength  # of the squared ratio, with v
+        growth = 2 * ratio * self._differentiate_strength() / rough.strength  # derivative of ratio^2 with respect to v
         added_derivative = change * np.where(ratio**2 < MAX_SQUARED_STRENGTH, growth, 0.0)[..., None]
         better_bound = np.stack([np.interp(self.u, u, row) for row in better.bound.T], axis=-1)[:, None]
         bound = better_bound + REFLECTION_UNCERTAINTY * np.abs(added)
-        inside = np.repeat((self.u > u[0] - 1e-9) & (self.u < u[-1] + 1e-9), len(self.v))
+        inside = np.repeat((self.u > u[0] - 1e-9) & (self.u < u[-1] + 1e-9), len(self.v))  # 1e-9: rounding
         predicted = replace(
             self.predicted,
             value=self.predicted.value + added.reshape(flat_shape),
@@ -122,7 +142,7 @@ class Plane:
         return replace(self, predicted=predicted, derivative=self.derivative + added_derivative.reshape(flat_shape))
 
     def _choose_depths(self, rough: DepthAndStrength, factor: float) -> Floats:
-        """Return three depths (ln): the fit, and ends at ``factor`` times the interval, within the usable depths."""
+        """Return ln of three usable depths: the fitted one, and two ``factor`` times as far from it as the interval's ends."""
         v = np.log(rough.modulus)
         if self.partner == "diameter":
             v = np.log(rough.diameter / self.model.compute_max_diameter(np.array([rough.depth]))[0])
@@ -137,7 +157,10 @@ class Plane:
         return np.array([low, min(max(fit, low + MIN_DEPTH_DISTANCE), high - MIN_DEPTH_DISTANCE), high])
 
     def _predict_both(self, u: Floats, rough: DepthAndStrength) -> tuple[Predictions, Predictions] | None:
-        """Predict the fitted strength at depths (ln), to first order and with reflections; None where the model fails."""
+        """Return predictions to first order and with reflections, for bodies of the fitted strength at ln depths u.
+
+        None where the model cannot predict one of them.
+        """
         depths = np.exp(u)
         fitted = np.full(len(u), rough.modulus if self.partner == "youngs_modulus" else rough.diameter)
         if self.partner == "diameter":
@@ -148,7 +171,7 @@ class Plane:
 
     def _differentiate_strength(self) -> Floats:
         """Return the derivative of the strength S with respect to v at the nodes, shape (a, b)."""
-        if self.partner == "diameter":
+        if self.partner == "diameter":  # S grows with the cube of the diameter, and v is its logarithm
             return 3 * self.compute_strengths(self.u, self.v)
         step = 1e-5
         return (self.compute_strengths(self.u, self.v + step) - self.compute_strengths(self.u, self.v - step)) / (2 * step)
@@ -160,17 +183,21 @@ class Plane:
         return self.model.compute_strength(diameter=np.outer(self.model.compute_max_diameter(np.exp(u)), np.exp(v)))
 
     def interpolate(self, u: Floats, v: Floats) -> tuple[Floats, Bools]:
-        """Return interpolated predictions, (m, n, k), and whether they are unusable, (m, n), at all pairs of u and v."""
+        """Return interpolated predictions at all pairs of u, (m,), and v, (n,): shape (m, n, k); and whether unusable, (m, n)."""
         shape, predicted = (len(self.u), len(self.v), -1), self.predicted
         depth_weights = compute_lagrange_weights(self.u, u)
         value_weights, derivative_weights = compute_hermite_weights(self.v, v)
         value = np.einsum("ma,nb,abk->mnk", depth_weights, value_weights, predicted.value.reshape(shape), optimize=True)
         value += np.einsum("ma,nb,abk->mnk", depth_weights, derivative_weights, self.derivative.reshape(shape), optimize=True)
         is_unusable = ~predicted.usable.reshape(shape[:2])
+        # a point is unusable if any node that contributes to it is
         return value, np.asarray(np.abs(depth_weights) @ is_unusable @ (np.abs(value_weights) + np.abs(derivative_weights)).T > 0)
 
     def compute_misfit(self, y: Floats, u: Floats, v: Floats, exact: bool = False) -> tuple[Floats, Floats]:
-        """Return chi2 of eq. ES.3, inf without a prediction, and q of eq. ES.4, at all pairs of u and v, shapes (m, n)."""
+        """Return chi2 of eq. ES.3, inf where there is no prediction, and q of eq. ES.4, at all pairs of u and v, both (m, n).
+
+        ``y`` are the measured values, shape (k,); with ``exact`` the error of the model is neglected in q.
+        """
         value, is_unknown = self.interpolate(u, v)
         shape, predicted, noise = (len(self.u), len(self.v)), self.predicted, self.model.data.noise
         chi2 = np.where(is_unknown, np.inf, self.shared.divide_by_noise(noise).compute_misfit((y - value) / noise))
@@ -198,7 +225,7 @@ class Plane:
             u, v = window
             chi2, q = self.compute_misfit(y, u, v, exact)
             inside = chi2 - min_chi2 <= q
-            inside[np.argmin(np.abs(u - best[0])), np.argmin(np.abs(v - best[1]))] = True
+            inside[np.argmin(np.abs(u - best[0])), np.argmin(np.abs(v - best[1]))] = True  # the set may lie between points
             depth_ends, strength_ends = (_find_ends(np.asarray(inside.any(axis=axis))) for axis in (1, 0))
             if min(last - first for first, last in (depth_ends, strength_ends)) > FULL_WINDOW_FRACTION * WINDOW_POINTS:
                 break
@@ -216,18 +243,28 @@ class Plane:
             chi2, _q = self.compute_misfit(y, u, v, exact=True)
             i, j = (int(index) for index in np.unravel_index(np.argmin(chi2), chi2.shape))
             best, min_chi2 = (float(u[i]), float(v[j])), float(chi2[i, j])
-            u, v = _refine_window(u, i - 8, i + 8), _refine_window(v, j - 8, j + 8)
+            u, v = _refine_window(u, i - 8, i + 8), _refine_window(v, j - 8, j + 8)  # about a seventh of the window
         return best, min_chi2
 
     def _summarise(self, u: Floats, v: Floats, chi2: Floats, inside: Bools, best: tuple[float, float]) -> DepthAndStrength:
-        """Return best fit and intervals from the pairs inside; an end at the edge of the searched pairs is open."""
+        """Return best fit and intervals; an end at the edge of the searched pairs is open.
+
+        Parameters
+        ----------
+        u, v
+            Points of a window, shapes (m,) and (n,).
+        chi2, inside
+            Eq. ES.3 at all pairs, and whether eq. ES.6 accepts them, shape (m, n).
+        best
+            The best-fitting pair (u, v).
+        """
         near_unpredicted = inside & binary_dilation(~np.isfinite(chi2))  # next to pairs that the model cannot predict
         depths, strengths = np.broadcast_to(np.exp(u)[:, None], inside.shape), self.compute_strengths(u, v)
         depth, strength = float(np.exp(best[0])), float(self.compute_strengths(*np.array(best)[:, None])[0, 0])
         low_depth, high_depth = _find_extremes(depths, inside, near_unpredicted, depth)
         low_strength, high_strength = _find_extremes(strengths, inside, near_unpredicted, strength)
         if self.partner == "diameter" and inside[:, -1].any() and v[-1] >= self.v[-1]:  # no larger body fits
-            if float(self.model.compute_strength()) > 0:
+            if float(self.model.compute_strength()) > 0:  # a soft body has a negative strength: its lower end is open
                 high_strength = None
             else:
                 low_strength = None
@@ -250,7 +287,19 @@ class Plane:
 
 
 def _find_extremes(values: Floats, inside: Bools, near_unpredicted: Bools, best: float) -> Interval:
-    """Return minimum and maximum of the values inside and of the best fit; None next to pairs that the model cannot predict."""
+    """Return the lower and the upper end of the accepted values, ``best`` included; None where an end is open.
+
+    Parameters
+    ----------
+    values
+        Depths or strengths at all pairs of a window, shape (m, n).
+    inside
+        Whether a pair is accepted.
+    near_unpredicted
+        Whether it is accepted and next to pairs that the model cannot predict; an end there is open.
+    best
+        The value of the best fit.
+    """
     extremes: list[float | None] = []
     for find in (np.min, np.max):
         end = find(values[inside])
@@ -266,7 +315,7 @@ def _find_ends(row: Bools) -> tuple[int, int]:
 
 
 def _refine_window(points: Floats, low: int, high: int) -> Floats:
-    """Return new points from one before index ``low`` to one after index ``high``."""
+    """Return ``WINDOW_POINTS`` new points, from the point before index ``low`` to the one after index ``high``."""
     return np.linspace(points[max(low - 1, 0)], points[min(high + 1, len(points) - 1)], WINDOW_POINTS)
 
 
@@ -279,7 +328,7 @@ def compute_steps(nodes: Floats, points: Floats) -> Floats:
 
 
 def compute_lagrange_weights(nodes: Floats, points: Floats) -> Floats:
-    """Return cubic Lagrange weights of the four evenly spaced nodes around each point, shape (m, nodes)."""
+    """Return cubic Lagrange weights of the four evenly spaced nodes around each of m points, shape (m, nodes)."""
     steps = compute_steps(nodes, points)
     first = np.clip(np.floor(steps).astype(int) - 1, 0, len(nodes) - 4)
     x = steps - first
@@ -287,12 +336,12 @@ def compute_lagrange_weights(nodes: Floats, points: Floats) -> Floats:
     for k in range(4):
         other_nodes = [j for j in range(4) if j != k]
         weight = np.prod([(x - j) / (k - j) for j in other_nodes], axis=0)
-        weights[np.arange(len(points)), first + k] = np.where(np.abs(weight) < 1e-12, 0.0, weight)
+        weights[np.arange(len(points)), first + k] = np.where(np.abs(weight) < 1e-12, 0.0, weight)  # exactly 0 at other nodes
     return weights
 
 
 def compute_hermite_weights(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Return cubic Hermite weights of values and derivatives at evenly spaced nodes, each of shape (m, nodes)."""
+    """Return cubic Hermite weights, at m points, of values and derivatives at evenly spaced nodes, each of shape (m, nodes)."""
     steps, step = compute_steps(nodes, points), nodes[1] - nodes[0]
     first = np.clip(np.floor(steps).astype(int), 0, len(nodes) - 2)
     x, rows = steps - first, np.arange(len(points))

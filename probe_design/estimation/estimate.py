@@ -104,7 +104,7 @@ def estimate(
 
 
 def _drop_useless_stiffnesses(model: TargetModel) -> tuple[TargetModel, tuple[str, ...]]:
-    """Return the model without stiffnesses that it predicts less accurately than they were measured, and a note on these."""
+    """Return the model without stiffnesses that it predicts less accurately than they were measured, and a note on them."""
     is_useless = model.data.is_stiffness & (model.stiffness_error > model.data.noise)
     if not is_useless.any():
         return model, ()
@@ -116,7 +116,14 @@ def _drop_useless_stiffnesses(model: TargetModel) -> tuple[TargetModel, tuple[st
 def _build_loaded_model(
     model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]
 ) -> LoadedModel | None:
-    """Return the model under load where the effect of finite strain is above the noise of the ratio, else None.
+    """Return the model under load if the effect of finite strain is above the noise of the ratio, else None.
+
+    Parameters
+    ----------
+    model
+        Within linear elasticity.
+    unknown, accuracy, nuisances
+        As in ``estimate``; ``contact`` cannot model nuisances.
 
     Raises
     ------
@@ -165,10 +172,11 @@ def search_unknown(
     unknown
         As in ``estimate``.
     nuisances
-        Likewise, relative standard deviations by key.
+        Relative standard deviations by key.
     loaded_model
         The model under the load, where that is beyond linear elasticity.
     """
+    # track_if_known: predictions as if all numbers but the unknown were known, without nuisances
     track_if_known, noise, y = Track.from_model(model, unknown), model.data.noise, model.data.value
     if loaded_model is not None:
         track_if_known = add_load(track_if_known, loaded_model)
@@ -203,7 +211,21 @@ def _fit_depth_and_strength(findings: Findings) -> DepthAndStrength | None:
 def _build_estimate(
     findings: Findings, fitted: DepthAndStrength | None, nuisances: dict[str, float], notes: tuple[str, ...], start: float
 ) -> Estimate:
-    """Return the result from findings, and from the fit of depth and strength if there is one."""
+    """Return the result of an estimate.
+
+    Parameters
+    ----------
+    findings
+        Values of the unknown that agree with the readings.
+    fitted
+        The fit of depth and strength, or None if the readings do not allow it.
+    nuisances
+        Relative standard deviations by key.
+    notes
+        Warnings about data that were left out.
+    start
+        Time of ``perf_counter`` at the start.
+    """
     unknown, best, data = findings.unknown, findings.best_value, findings.model.data
     interval, noise_interval = compute_hull(findings.pieces), compute_hull(findings.noise_pieces)
     is_good = is_identifiable(interval, unknown)
@@ -242,7 +264,7 @@ def _build_estimate(
 
 
 def _find_strength(findings: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
-    """Return the strength, eq. ES.1, at the best fit and its interval, the depth being known.
+    """Return the strength, eq. ES.1, at the best fit, m^3, and its interval, where the depth is known.
 
     The strength grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open, the strength still
     ends at that of a rigid body or of a hole; where the diameter is open below, it ends at zero.
@@ -257,6 +279,7 @@ def _find_strength(findings: Findings, best: float | None, interval: Interval) -
     is_modulus = findings.unknown == "youngs_modulus"
 
     def compute(value: float) -> float:
+        """Return the strength at a value of the unknown."""
         return float(model.compute_strength(modulus=value) if is_modulus else model.compute_strength(diameter=value))
 
     strength = compute(best)
@@ -268,7 +291,7 @@ def _find_strength(findings: Findings, best: float | None, interval: Interval) -
     if high is None and findings.is_searched_to_end(-1) and is_modulus:
         high = np.inf
     ends = (None if low is None else compute(low), None if high is None else compute(high))
-    return strength, ends if strength >= 0 or is_modulus else ends[::-1]
+    return strength, ends if strength >= 0 or is_modulus else ends[::-1]  # a larger soft body has a lower strength
 
 
 def _find_error(findings: Findings) -> float | None:
@@ -277,4 +300,4 @@ def _find_error(findings: Findings) -> float | None:
         return None
     track = findings.track
     bound = track.predicted.bound[:, findings.model.data.is_ratio].max(axis=1)
-    return float(np.expm1(np.interp(findings.best, track.x, bound)))
+    return float(np.expm1(np.interp(findings.best, track.x, bound)))  # the bound is on the logarithm

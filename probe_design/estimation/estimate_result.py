@@ -9,7 +9,7 @@ from probe_design.estimation.intervals import Interval
 from solver.results.record import Record
 from solver.results.result import Decision
 
-MAX_END_RATIOS = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
+MAX_END_RATIOS = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}  # of an identifiable unknown
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class DepthAndStrength:
     strength
         m^3.
     modulus, diameter
-        Of a body with this strength, Pa and m.
+        Young's modulus, Pa, and diameter, m, of a body with this strength.
     """
 
     depth: float
@@ -118,15 +118,15 @@ class Estimate(Record):
     reason
         Why the unknown is not identifiable, or None.
     depth
-        Fitted together with the strength if there are several places, else the scene's, or the estimate.
+        The estimate if it is the unknown; else fitted together with the strength if there are several places, else the scene's.
     depth_interval
         95 %; None where the depth is the scene's.
     strength
         eq. ES.1 of ``probe_design.estimation.model``, m^3.
     strength_interval
-        95 %; None where size, modulus and so the strength are the scene's.
+        95 %; None where size and modulus are the scene's, and thus the strength.
     p_value
-        Probability of a worse fit if scene and noise are right.
+        Probability of a worse fit if scene and noise are as stated.
     error_estimate
         Bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
     evaluator, seconds, plan, warnings
@@ -158,7 +158,7 @@ class Estimate(Record):
     next: NextReading | None = None
 
     def as_dict(self) -> JsonObject:
-        """Return the JSON object of ``probe-design estimate``."""
+        """Return the JSON object of ``probe-design estimate``, in which the unknown's name replaces ``value``."""
         fields = super().as_dict()
         return {self.unknown: fields.pop("value")} | fields
 
@@ -171,4 +171,4 @@ def is_identifiable(interval: Interval, unknown: str) -> bool:
 
 def get_max_end_ratio(unknown: str) -> float:
     """Return the largest ratio of the ends of an interval for which the unknown counts as identifiable."""
-    return MAX_END_RATIOS[unknown.rpartition(".")[2]]
+    return MAX_END_RATIOS[unknown.rpartition(".")[2]]  # the last part of a key such as tissue.layer[0].thickness

@@ -92,23 +92,26 @@ class Likelihood:
     noise: Floats
 
     def _compute_shared_errors(self, u: Floats) -> SharedErrors:
-        """Return the errors that the data share at u of shape (s,), over the noise."""
+        """Return the errors that all data share, divided by the noise, at u of shape (s,)."""
         return self.track.compute_shared_errors(u).divide_by_noise(self.noise)
 
     def predict(self, u: Floats) -> tuple[Floats, Floats]:
-        """Return predictions and their derivatives with respect to u, over the noise, at u of shape (s,): two of shape (s, k)."""
+        """Return predictions and their derivatives with respect to u, both over the noise, shape (s, k), at u of shape (s,)."""
         value, derivative = self.track.interpolate(u)
         return value / self.noise, derivative / self.noise
 
     def _compute_tangent(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return predictions over the noise, W J with their derivatives J, and J^T W J, at u of shape (s,); W of eq. ES.8."""
+        """Return m / s, W g and g^T W g at u of shape (n,), with g the derivative of m / s; shapes (n, k), (n, k) and (n,).
+
+        m are the predictions, s the noise, and W is that of eq. ES.8.
+        """
         value, derivative = self.predict(u)
         tangent = self._compute_shared_errors(u).decorrelate(derivative)
         return value, tangent, (derivative * tangent).sum(axis=1)
 
     @cached_property
     def _grid(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """The points of all runs, their lower and upper neighbours in the same run, and the predictions at the points."""
+        """The points of all runs, their neighbours below and above in the same run, and the predictions over the noise there."""
         runs = self.track.runs
         lower = np.concatenate([run[np.maximum(np.arange(len(run)) - 1, 0)] for run in runs])
         upper = np.concatenate([run[np.minimum(np.arange(len(run)) + 1, len(run) - 1)] for run in runs])
@@ -129,15 +132,15 @@ class Likelihood:
         min_chi2 = self.compute_chi_square(u, y)
         for _ in range(GAUSS_NEWTON_STEPS):
             value, tangent, square = self._compute_tangent(u)
-            step = ((w - value) * tangent).sum(axis=1) / np.where(square > 0, square, 1.0)
+            step = ((w - value) * tangent).sum(axis=1) / np.where(square > 0, square, 1.0)  # none where the curve is flat
             u = np.clip(u + step, lower[start], upper[start])
             new_chi2 = self.compute_chi_square(u, y)
             best, min_chi2 = np.where(new_chi2 < min_chi2, u, best), np.minimum(new_chi2, min_chi2)
         return best, min_chi2
 
     def compute_floor(self, y: Floats) -> Floats:
-        """Return the smallest chi-square, (s,), of the curve prolonged along its end tangents, for s sets of values, (s, k)."""
-        if y.shape[1] == 1:
+        """Return the minimum of chi2, (s,), on the curve prolonged along its end tangents, for s sets of data, (s, k)."""
+        if y.shape[1] == 1:  # the prolonged curve fits any single value
             return np.zeros(len(y))
         min_chi2 = self.find_best(y)[1]
         for run in self.track.runs:
@@ -153,6 +156,7 @@ class Likelihood:
         """Return the bound t of eq. ES.5 on the shift by the model's error, at u of shape (s,)."""
         relative_bound = self.track.predicted.bound / self.noise
         _, tangent, square = self._compute_tangent(self.track.x)
+        # where the curve is flat it has no tangent; the norm bounds the shift in any direction
         t = (np.abs(tangent) * relative_bound).sum(axis=1) / np.sqrt(np.where(square > 0, square, 1.0))
         return np.asarray(np.interp(u, self.track.x, np.where(square > 0, t, np.linalg.norm(relative_bound, axis=1))))
 
@@ -165,6 +169,7 @@ class Likelihood:
         """Some points of the runs, and the threshold q of eq. ES.4 at these points."""
         points = np.concatenate([np.append(run[:-1:LIMIT_STRIDE], run[-1]) for run in self.track.runs])
         value, tangent, square = self._compute_tangent(points)
+        # [v, u]: from point u to point v along the tangent at u, in standard deviations; no end where the curve is flat
         distance = np.einsum("uk,vuk->vu", tangent, value[:, None] - value) / np.sqrt(np.where(square > 0, square, 1.0))
         lower, upper = (np.where(square > 0, end, np.inf) for end in (-distance.min(axis=0), distance.max(axis=0)))
         return points, compute_threshold_near_ends(self.compute_shift(points), lower, upper)
@@ -174,7 +179,13 @@ class Likelihood:
         return np.asarray(self.find_best(y)[1] - self.compute_floor(y) > UNEXPLAINED_CHI2)
 
     def compute_p_value(self, best: float, min_chi2: float) -> float:
-        """Return the probability of a worse fit than the best one, with the noncentrality that the model's error may cause."""
+        """Return the probability that noise and the model's error cause a worse fit than the best one.
+
+        Parameters
+        ----------
+        best, min_chi2
+            Coordinate u of the best fit, and its chi2.
+        """
         degrees = max(len(self.noise) - 1, 1)
         root = np.interp(best, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1))
         if root > MAX_NONCENTRALITY_ROOT:
@@ -188,12 +199,14 @@ class Likelihood:
         best, min_chi2 = (float(part[0]) for part in self.find_best(y[None]))
 
         def compute_excess(u: Floats) -> Floats:
+            """Return by how much chi2 exceeds its limit; values up to 0 are accepted."""
             return self.compute_chi_square(u, y) - min_chi2 - self.interpolate_limit(u)
 
         pieces = []
         for run in self.track.runs:
             points = _add_valleys(run, best, compute_excess)
             inside = compute_excess(points) <= 0
+            # indices of the first accepted point of each piece, and of the first rejected one after it, alternately
             edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
             last = len(points) - 1
             for first, end in zip(edges[::2], edges[1::2] - 1, strict=True):
@@ -214,7 +227,11 @@ def compute_threshold(shift: Floats) -> Floats:
 
 
 def compute_threshold_near_ends(shift: Floats, distance_below: Floats, distance_above: Floats) -> Floats:
-    """Return q of eq. ES.4 where the curve ends A = ``distance_below`` and B = ``distance_above`` sd away, eq. ES.4a."""
+    """Return q of eq. ES.4 near the curve's ends, eq. ES.4a, for shifts t of eq. ES.5; all arrays have the same shape.
+
+    ``distance_below`` and ``distance_above`` are A and B, the distances from the ends in standard deviations. The coverage is the
+    smaller one of shifts by t and by -t; q is found by bisection.
+    """
     t = np.where(shift > TOLERATED_SHIFT, shift, 0.0)
     low, high = np.zeros(t.shape), compute_threshold(shift)
     for _ in range(QUANTILE_BISECTIONS):
@@ -228,14 +245,14 @@ def compute_threshold_near_ends(shift: Floats, distance_below: Floats, distance_
 
 
 def _compute_reach(q: Floats, end: Floats) -> Floats:
-    """Return |z| at which eq. ES.4a equals q, where the curve ends ``end`` standard deviations away."""
+    """Return |z| at which eq. ES.4a equals q, towards an end of the curve that is ``end`` standard deviations away."""
     root = np.sqrt(q)
-    safe = np.clip(end, 1e-9, 1e9)
+    safe = np.clip(end, 1e-9, 1e9)  # no division by zero or infinity
     return np.where(root <= end, root, (q / safe + safe) / 2)
 
 
 def _add_valleys(run: Floats, best: float, compute_excess: Callable[[Floats], Floats]) -> Floats:
-    """Add the best fit and the minima of other valleys to the points of a run, as valleys may be narrower than its steps."""
+    """Return the points of a run with the best fit and the minima of chi2 added, which may be narrower than the steps."""
     values = compute_excess(run)
     middle = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:]) & (values[1:-1] > 0)) + 1
     bottoms = [best] if run[0] <= best <= run[-1] else []
@@ -246,22 +263,24 @@ def _add_valleys(run: Floats, best: float, compute_excess: Callable[[Floats], Fl
 
 
 def _find_crossing(compute_excess: Callable[[Floats], Floats], outside: float, inside: float) -> float:
-    """Return the point between a rejected and an accepted point at which the excess of chi2 is zero."""
+    """Return the point between a rejected (``outside``) and an accepted (``inside``) one at which the excess of chi2 is zero."""
 
     def compute_scalar_excess(u: float) -> float:
+        """Return the excess of chi2 at one point."""
         return float(compute_excess(np.array([u]))[0])
 
     return float(brentq(compute_scalar_excess, outside, inside, xtol=1e-12)) if compute_scalar_excess(inside) < 0 else inside
 
 
 def compute_hulls(fit: Likelihood, y: Floats) -> list[Interval]:
-    """Return the outer ends of eq. ES.4, SI, for s sets of data, shape (s, k); None for an open end or an empty set.
+    """Return the lowest and highest value that eq. ES.4 accepts, SI, for s sets of data, shape (s, k); None for an open end.
 
+    Both are None for an empty set.
     The points of the runs and the best fit bracket each end; the ends of all sets are then computed together. Between points q is
     interpolated linearly.
     """
     best, min_chi2 = fit.find_best(y)
-    points, brackets = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
+    points, brackets = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)  # (lower or upper end, set, points)
     q = fit.interpolate_limit(points)
     for k in np.flatnonzero(~fit.find_unexplained(y)):
         u = np.insert(points, np.searchsorted(points, best[k]), best[k])
@@ -271,7 +290,11 @@ def compute_hulls(fit: Likelihood, y: Floats) -> list[Interval]:
         if len(inside) and inside[-1] < len(u) - 1:
             brackets[1, k] = u[inside[-1]], u[inside[-1] + 1]
 
-    def compute_excess(u: Floats, rows: Ints) -> Floats:  # difference of roots: closer to a straight line than that of squares
+    def compute_excess(u: Floats, rows: Ints) -> Floats:
+        """Return by how much the root of chi2 exceeds that of its limit, at one point u for each of some sets of data.
+
+        The difference of roots is closer to a straight line in u than that of squares.
+        """
         excess_chi2 = fit.compute_chi_square(u, y[rows]) - min_chi2[rows]
         return np.asarray(np.sqrt(np.maximum(excess_chi2, 0.0)) - np.sqrt(fit.interpolate_limit(u)))
 

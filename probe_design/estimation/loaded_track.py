@@ -39,7 +39,7 @@ LogPrediction = tuple[Floats, Floats]  # logarithms of the data, and bounds on t
 
 
 def explain_refusal(model: TargetModel, has_nuisances: bool) -> str | None:
-    """Return what ``contact`` requires if it cannot model the readings or the scene, else None."""
+    """Return, in words for a message, what ``contact`` requires if it cannot model the readings or the scene; else None."""
     if has_nuisances:
         return "no numbers that are known only roughly"
     places = model.data.places[model.data.place[~model.data.is_blank]]
@@ -73,8 +73,8 @@ class LoadedModel:
     model: TargetModel
     unknown: str
     accuracy: float
-    _blank_films: dict[Scene, FilmForces] = field(default_factory=dict)
-    _loaded_scenes: dict[float, LoadedScene] = field(default_factory=dict)
+    _blank_films: dict[Scene, FilmForces] = field(default_factory=dict)  # cache: film forces by scene without tumours
+    _loaded_scenes: dict[float, LoadedScene] = field(default_factory=dict)  # cache: solved states by the target's modulus, Pa
 
     @property
     def unloaded_model(self) -> TargetModel:
@@ -96,6 +96,7 @@ class LoadedModel:
             films = self._solve_blank(scene) if blank else self._solve_with_target(scene, value)
             rows = data.is_blank == blank
             values[rows], bounds[rows] = np.log(films.totals.sum()), films.stiffness_error
+            # the ratio of pressures: inner force over outer force, each over its film's area
             ratios, ratio = rows & ~data.is_stiffness, films.totals[0] / films.totals[1] * probe.outer_area / probe.inner_area
             values[ratios], bounds[ratios] = np.log(abs(ratio)), films.bound.log_ratio
             if (data.sign[ratios] != np.sign(ratio)).any() or bounds[rows].max() > MAX_LOG_RATIO_ERROR:
@@ -103,7 +104,7 @@ class LoadedModel:
         return values, bounds
 
     def _build_scene(self, value: float) -> Scene:
-        """Return the scene with a value of the unknown, and the probe on the target's axis."""
+        """Return the scene with a value of the unknown, SI, and the probe on the target's axis."""
         scene = _place_on_axis(self.model)
         if self.unknown not in TARGET_UNKNOWNS:
             return scene.replace({self.unknown: value})
@@ -117,7 +118,7 @@ class LoadedModel:
         return self._blank_films[blank_scene]
 
     def _solve_with_target(self, scene: Scene, value: float) -> FilmForces:
-        """Return the film forces over the target; where its modulus varies, from the solved state with the nearest modulus."""
+        """Return the film forces over the target; where its modulus varies, start from the solved state with the nearest one."""
         if self.unknown != "youngs_modulus":
             return self._solve(scene)
         with start_clock(), threadpool_limits(1, user_api="blas"):
@@ -131,7 +132,7 @@ class LoadedModel:
         return forces.films
 
     def _solve(self, scene: Scene) -> FilmForces:
-        """Return the film forces by ``contact``, from rest."""
+        """Return the film forces by ``contact``, computed from the unloaded state."""
         with start_clock():
             return ContactEvaluator().solve(scene, self.accuracy).films[0]
 
@@ -145,9 +146,9 @@ class Span:
     first, last
         Indices of the nodes.
     miss
-        Of the spline at the last node that was added, shape (k,); before any, the change from end to end.
+        By how much the spline missed the last node that was added, shape (k,); before any, the change from end to end.
     remaining_miss
-        Expected miss over the allowed one.
+        Expected miss of the spline within the span, over the allowed one.
     """
 
     first: int
@@ -207,14 +208,14 @@ class LoadedTrack:
         return CubicSpline(self.track.x[nodes], [self.changes[node][0] for node in nodes])
 
     def refine_spans(self) -> tuple[list[Span], Bools]:
-        """Solve nodes until the spline is accurate; return its spans, and which nodes of the track have no prediction."""
+        """Solve nodes until the spline is accurate; return its spans, and which of the n nodes have no prediction, shape (n,)."""
         nodes = sorted(self.changes)
         spans = [Span(a, b, np.abs(self.changes[b][0] - self.changes[a][0]), np.inf) for a, b in pairwise(nodes)]
         is_unsolved = np.ones(len(self.track.x), dtype=bool)
         is_unsolved[nodes[0] : nodes[-1] + 1] = False
         while open_spans := [span for span in spans if span.remaining_miss > 1 and span.middle > span.first]:
             span = max(open_spans, key=lambda span: span.remaining_miss)
-            spans.remove(span)
+            spans.remove(span)  # its halves replace it, or it counts as unsolved
             expected_change = self.build_spline()(self.track.x[span.middle])
             if not self.try_node(span.middle):
                 is_unsolved[span.first + 1 : span.last] = True
@@ -225,9 +226,13 @@ class LoadedTrack:
         return spans, is_unsolved
 
     def _estimate_remaining_miss(self, first: int, last: int, miss: Floats) -> float:
-        """Return the expected miss of the spline between two neighbouring nodes over the allowed one."""
+        """Return the expected miss of the spline between two neighbouring solved nodes, over the allowed one.
+
+        ``miss`` is that at the last node that was added, shape (k,); a further node reduces it by ``MIN_IMPROVEMENT_FACTOR``.
+        """
         data = self.loaded.model.data
         residual = np.array([self.track.predicted.value[node] + self.changes[node][0] - data.value for node in (first, last)])
+        # smallest distance between data and prediction within the span: zero where it changes its sign
         close_residual = np.where(residual[0] * residual[1] > 0, np.abs(residual).min(axis=0), 0.0)
         relative_miss = miss / MIN_IMPROVEMENT_FACTOR / (MAX_MISS_FRACTION * data.noise)
         return float(relative_miss.max() / max(1.0, (close_residual / data.noise).max()))
@@ -265,7 +270,11 @@ def add_load(track: Track, loaded_model: LoadedModel) -> Track:
 
 
 def _combine(loaded_track: LoadedTrack, spans: list[Span], is_unsolved: Bools) -> Track:
-    """Return the track with the effect of the load; the error at a node is at least that of its neighbouring spans."""
+    """Return the track with the effect of the load.
+
+    The error bound at a node is the bound of ``contact`` plus the larger miss of the spans that meet there; ``is_unsolved`` says
+    which nodes have no prediction.
+    """
     track, spline, nodes = loaded_track.track, loaded_track.build_spline(), sorted(loaded_track.changes)
     contact_bounds = np.array([loaded_track.changes[node][1] for node in nodes])
     bound = np.stack([np.interp(track.x, track.x[nodes], column) for column in contact_bounds.T], axis=1)

@@ -56,7 +56,7 @@ class Reading:
     Attributes
     ----------
     x, y
-        Of its axis, m.
+        Position of its axis, m.
     ratio
         ``stress_inner / stress_outer``, above 0.
     noise
@@ -68,7 +68,7 @@ class Reading:
     blank
         Whether there is no tumour under the probe.
     ratio_phase
-        By how much the inner film leads, rad, counted from the ratio's sign, or None.
+        Phase by which the inner film leads the outer one, rad; a negative ratio counts as phase 0. None if not measured.
     ratio_phase_sd
         Its standard deviation, rad.
     """
@@ -103,7 +103,7 @@ class Measurements:
     value
         Ln |ratio| or ln stiffness, or a phase in rad, shape (k,).
     sign
-        Of the ratio, +1 or -1, shape (k,); 0 of a phase.
+        +1 or -1 for a ratio, +1 for a stiffness, 0 for a phase, shape (k,); 0 also for a ratio of unknown sign.
     noise
         Standard deviations, shape (k,).
     """
@@ -128,6 +128,7 @@ class Measurements:
         for reading in readings:
             if reading.ratio_phase is not None:
                 rows.append((reading, "phase", reading.ratio_phase, 0.0, reading.ratio_phase_sd or 0.0))
+        # the reading of each datum, its kind, value, sign and noise
         pressed_readings, kinds, values, signs, noises = zip(*rows, strict=True)
         places = list(dict.fromkeys((reading.x, reading.y) for reading in readings))
         return cls(
@@ -146,7 +147,7 @@ class Measurements:
         return replace(self, **{key: getattr(self, key)[mask] for key in DATUM_KEYS})
 
     def join(self, new_data: Measurements) -> Measurements:
-        """Return both measurements joined; the sign of the new ratios counts as unknown."""
+        """Return these data followed by new ones; the sign of the new ratios counts as unknown."""
         places = list(dict.fromkeys(map(tuple, [*self.places.tolist(), *new_data.places.tolist()])))
         place = [places.index(tuple(part.places[k].tolist())) for part in (self, new_data) for k in part.place]
         arrays = {key: np.concatenate([getattr(self, key), getattr(new_data, key)]) for key in DATUM_KEYS}
@@ -167,7 +168,9 @@ class Measurements:
 def build_single_reading(
     scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None
 ) -> tuple[Reading, ...]:
-    """Return the one reading at the scene's placement; values may be numbers or texts.
+    """Return one reading at the scene's placement, as a tuple; values may be numbers or texts with units.
+
+    ``noise`` and ``stiffness_noise`` are relative standard deviations.
 
     Raises
     ------
@@ -179,18 +182,18 @@ def build_single_reading(
 
 
 def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
-    """Read a readings file, see above.
+    """Return the readings of a file in the format of this module's docstring.
 
     Parameters
     ----------
     path
         Ends in .toml or .csv.
     scene
-        On whose tissue the probe was pressed.
+        The scene of the readings.
     noise
-        Of readings that do not state it.
+        Relative standard deviation of ratios for which the file states none.
     stiffness_noise
-        Likewise.
+        Relative standard deviation of stiffnesses for which the file states none.
 
     Raises
     ------
@@ -230,7 +233,19 @@ def _parse_csv(text: str, name: str) -> list[Mapping[str, object]]:
 
 
 def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
-    """Return a reading from its entries, checked; ``key_prefix`` precedes its keys in messages."""
+    """Return a reading from its entries, checked.
+
+    Parameters
+    ----------
+    key_prefix
+        Precedes its keys in messages.
+    row
+        Entries by key, of ``READING_KEYS``.
+    scene
+        Gives the default place.
+    noise, stiffness_noise
+        Defaults for missing entries.
+    """
     for key in row:
         if key not in READING_KEYS:
             raise InputError(f"{key_prefix}{key}", row[key], describe_choices(key, READING_KEYS))

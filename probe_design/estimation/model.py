@@ -78,6 +78,7 @@ class TargetModel:
 
     def compute_strength(self, modulus: Floats | float | None = None, diameter: Floats | float | None = None) -> Floats:
         """Return the strength, eq. ES.1, m^3, of the target, or of targets with other moduli (Pa) or diameters (m)."""
+        # a rigid target has an infinite excess, whose limit is 1 / beta; np.where computes the invalid branch, too
         E = np.asarray(self.target.youngs_modulus if modulus is None else modulus, dtype=float)
         size = np.asarray(self.target.diameter if diameter is None else diameter, dtype=float)
         excess = E / self.host.youngs_modulus - 1
@@ -92,7 +93,7 @@ class TargetModel:
     def base(self) -> Undisturbed:
         """The probe on tissue without tumours; its bounds are those of the place farthest from the tissue's middle."""
         farthest = np.abs(self.data.places).max(axis=0)
-        if self.scene.tissue.shape == "cylinder":
+        if self.scene.tissue.shape == "cylinder":  # only the distance from the axis matters
             farthest = np.array([np.hypot(*self.data.places.T).max(), 0.0])
         scene = self.scene.model_copy(update={"placement": Placement(x=float(farthest[0]), y=float(farthest[1]))})
         return EquivalentInclusion().prepare(scene, self.accuracy)
@@ -113,7 +114,7 @@ class TargetModel:
         return self.base.films.stiffness_error
 
     def compute_max_diameter(self, depth: Floats) -> Floats:
-        """Return the largest diameter that fits in the target's place at depths of shape (n,), m."""
+        """Return the largest diameter, m, of a target that fits at each of n depths, m, shape (n,)."""
         radius = compute_free_radii(self.scene, depth)
         for interface in self.scene.tissue.interfaces:
             radius = np.minimum(radius, np.abs(interface - depth))
@@ -143,11 +144,12 @@ class TargetModel:
             return max_diameter / 100, max_diameter
         no_bottom_depth = SEARCH_DEPTH_RADII * max(self.scene.probe.tube_radius, body.depth)
         depths = np.linspace(0.0, no_bottom_depth if tissue.shape == "half-space" else tissue.depth, 20_001)
-        fits = np.append(self.compute_max_diameter(depths) >= (body.diameter or 0.0), False)
+        fits = np.append(self.compute_max_diameter(depths) >= (body.diameter or 0.0), False)  # False ends the last run
         if not fits.any():
             allowed = "a target with free tissue above and below, for another depth"
             raise Refusal("inclusion.diameter", format_mm(body.diameter or 0.0), allowed)
         current = int(np.argmin(np.where(fits[:-1], np.abs(depths - body.depth), np.inf)))
+        # the ends of the run of fitting depths about the current one; argmin gives the distance to the first that does not fit
         low, high = current - int(np.argmin(fits[current::-1])) + 1, current + int(np.argmin(fits[current:])) - 1
         return float(depths[low]), float(depths[high])
 
@@ -161,7 +163,7 @@ class TargetModel:
         reflect
             Whether to model the reflections by surface and blocks for all bodies, or for none; default: where needed.
         by_diameter
-            Whether to compute the derivative by the diameter, too.
+            Whether to compute the derivative with respect to ln diameter, too.
         """
         predicted, are_phases = self._predict_with_ratios(target, reflect, by_diameter), self.data.is_phase
         if not are_phases.any():
@@ -172,7 +174,7 @@ class TargetModel:
 
     @cached_property
     def _turned_models(self) -> tuple[TargetModel, TargetModel]:
-        """The stiffer and the softer model of eq. ES.9."""
+        """The models of the stiffer and of the softer scene of eq. ES.9, without losses."""
         stiffer, softer = (replace(self, scene=scene) for scene in build_turned_scenes(self.scene))
         return stiffer, softer
 
@@ -188,6 +190,7 @@ class TargetModel:
         places, place_indices = self._distinct_places
         film_readings = self._compute_readings(self._build_tumours(places, n, target), reflect, by_diameter)
         for k in np.flatnonzero(~is_blank):
+            # rows are ordered by body, then place: every len(places)-th row is the same place
             predicted.fill(int(k), film_readings, slice(int(place_indices[data.place[k]]), None, len(places)), data)
         return predicted
 
@@ -199,7 +202,10 @@ class TargetModel:
 
     @cached_property
     def _distinct_places(self) -> tuple[Floats, Ints]:
-        """Distinct places, (q, 2), and the index of the one that replaces each place; of one body only the distance matters."""
+        """Distinct places, (q, 2), and for each place the index of the one that replaces it.
+
+        Over a single body, places at the same distance from its axis count as one.
+        """
         places = self.data.places
         if len(self.scene.inclusion) > 1:
             return places, np.arange(len(places))
@@ -208,7 +214,7 @@ class TargetModel:
         return places[first], indices
 
     def _compute_readings(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
-        """Return first-order readings, with reflections where they may matter; they change smoothly along an unknown.
+        """Return the readings over tumours to first order, with reflections where they may matter.
 
         The error bounds count the effect of the load; there is no ratio where that effect is not known.
         """
@@ -224,6 +230,7 @@ class TargetModel:
                     getattr(film_readings, field.name)[is_reflected] = getattr(reflected_readings, field.name)
             for key, values in film_readings.derivatives.items():
                 values[is_reflected] = reflected_readings.derivatives[key]
+        # relative change c of the ratio by the load, which changes its logarithm by at most -ln(1 - c)
         changes = LoadChanges.from_stiffness(scene, self.rule, film_readings.stiffness).ratio
         finite_changes = np.where(np.isfinite(changes), changes, 0.0)
         return replace(
@@ -233,7 +240,17 @@ class TargetModel:
         )
 
     def _build_tumours(self, places: Floats, n: int, target: dict[str, Floats]) -> Tumours:
-        """Return the inclusions with n targets, relative to some places of the probe, shape (n times places, inclusions)."""
+        """Return the inclusions for n targets at each of p places, positions relative to the probe, shape (n p, inclusions).
+
+        Parameters
+        ----------
+        places
+            Of the probe's axis, m, shape (p, 2).
+        n
+            Number of targets.
+        target
+            New numbers of the target, by key, shape (n,).
+        """
         keys = ("x", "y", "depth", "diameter", "youngs_modulus", "poisson_ratio")
         table = {key: np.array([[[getattr(body, key) for body in self.scene.inclusion]]], dtype=float) for key in keys}
         table = {key: np.tile(value, (n, len(places), 1)) for key, value in table.items()}
@@ -245,7 +262,10 @@ class TargetModel:
 
 
 def check_kind(scene: Scene, is_of_target: bool = True) -> None:
-    """Raise ``Refusal`` or ``InputError`` where nothing can be estimated for a scene; ``is_of_target``: of its target."""
+    """Raise ``Refusal`` or ``InputError`` where nothing can be estimated for a scene.
+
+    ``is_of_target``: whether the unknown is a number of the target, otherwise of the tissue.
+    """
     if is_of_target and not scene.inclusion:
         raise InputError("inclusion", Words("none"), "at least one inclusion, of which a number is to be estimated")
     if is_of_target and scene.target is None:

@@ -50,7 +50,7 @@ class NextCandidate:
     kind
         "ratio", "ratio and stiffness", "blank", "blank with stiffness", or "size from ultrasound".
     reading
-        Its place and noise; its values are placeholders. None for a size.
+        Its place and noise; its values are placeholders. None for a size by ultrasound.
     learned
         Names of the scene's numbers that ultrasound measures.
     """
@@ -83,12 +83,12 @@ def choose_next_reading(
     unknown
         As in ``probe_design.estimation.estimate``.
     nuisances
-        Likewise, relative standard deviations.
+        Relative standard deviations by key.
     already_identifiable
         Whether the unknown is identifiable from the present readings.
     """
     track, columns = _build_track(model, unknown, nuisances)
-    present = np.arange(len(model.data.value))
+    present = np.arange(len(model.data.value))  # columns of the present readings; those of the candidates follow
     if not track.runs:
         return NextReading(None, None, "no reading of this probe can: the model cannot predict the readings", (), 0)
     draws = _Draws.from_track(track, present, list(columns.values()), DRAW_SEED)
@@ -103,9 +103,11 @@ def choose_next_reading(
 
 
 def list_candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, float]) -> tuple[NextCandidate, ...]:
-    """Return the candidates for the next reading: at places on and off the target's axis, with stiffness, baseline, sizes.
+    """Return the candidates for the next reading.
 
-    Their noise is the smallest of the present readings. In linear elasticity a reading at another load is the same reading, so
+    They are ratios on and off the target's axis and over tumour-free tissue, each without and with stiffness, and sizes by
+    ultrasound.
+    Their noise is the smallest of the present readings. In linear elasticity a reading does not depend on the load, so
     that other loads are no candidates; a repetition is one. See ``choose_next_reading`` for the arguments.
     """
     data = model.data
@@ -129,8 +131,9 @@ def list_candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, fl
 def _list_places(model: TargetModel) -> list[tuple[float, float]]:
     """Return places of the probe on the tissue along x, with several inclusions also along y; present places come first."""
     target, scene = model.target, model.scene
-    reach = target.depth + scene.probe.tube_radius
+    reach = target.depth + scene.probe.tube_radius  # unit of the offsets
     is_alone = len(scene.inclusion) == 1  # then readings depend on the distance from the target alone
+    # offsets are complex numbers x + iy
     directions = (1.0, -1.0) if is_alone else (1.0, -1.0, 1j, -1j)
     present = model.data.places - [target.x, target.y]
     offsets = [*(present @ [1.0, 1j]), *(offset * reach * direction for offset in RELATIVE_OFFSETS for direction in directions)]
@@ -145,8 +148,12 @@ def _list_places(model: TargetModel) -> list[tuple[float, float]]:
 
 
 def _combine_candidates(columns: Mapping[NextCandidate, Ints], present: Ints) -> list[tuple[NextCandidate, Ints]]:
-    """Return all ratios together, and all ratios with stiffness, which the model's error may make worse; both with sizes."""
+    """Return combined candidates with their columns: all ratios, and all with stiffness if any has one; both include sizes.
+
+    Those with stiffness are not always better, as the model's error of the stiffness may widen the interval.
+    """
     combinations = []
+    # width: data of one reading, 1 for a ratio, 2 with stiffness
     for width in sorted({len(new) for candidate, new in columns.items() if candidate.reading}):
         chosen = [new for candidate, new in columns.items() if candidate.reading is None or len(new) == width]
         kind = "ratios with stiffness" if width > 1 else "ratios"
@@ -165,7 +172,7 @@ def _write_verdict(best: ExpectedInterval | None, together: ExpectedInterval, al
 
 
 def _build_track(model: TargetModel, unknown: str, nuisances: Mapping[str, float]) -> tuple[Track, dict[NextCandidate, Ints]]:
-    """Return predictions of the present data and of all candidates, and the columns of each candidate."""
+    """Return a track that predicts the present data and all candidates, and the columns of each candidate in its data."""
     data, columns = model.data, dict[NextCandidate, Ints]()
     candidates = list_candidates(model, unknown, nuisances)
     for candidate in candidates:
@@ -181,14 +188,14 @@ def _build_track(model: TargetModel, unknown: str, nuisances: Mapping[str, float
 
 
 def _add_size_columns(track: Track, sds: Mapping[int, float]) -> Track:
-    """Add a column for each nuisance that ultrasound measures: its prediction is sd times eta at all values of the unknown.
+    """Add a datum for each nuisance that ultrasound measures: it is predicted as sd times eta at all values of the unknown.
 
     Parameters
     ----------
     track
         With nuisances.
     sds
-        Relative standard deviation of each such nuisance before, by its index.
+        Relative standard deviation of each such nuisance before the measurement, by its index in eta.
     """
     assert track.spread is not None
     count, data, errors = len(sds), track.model.data, track.spread.errors
@@ -199,7 +206,7 @@ def _add_size_columns(track: Track, sds: Mapping[int, float]) -> Track:
         data.places,
         place=np.zeros(count, dtype=int),
         is_stiffness=no_flags,
-        is_phase=~no_flags,
+        is_phase=~no_flags,  # as a phase, a size is a plain number without sign
         is_blank=no_flags,
         value=np.zeros(count),
         sign=np.zeros(count),
@@ -215,7 +222,7 @@ def _add_size_columns(track: Track, sds: Mapping[int, float]) -> Track:
 
 
 def _select_data(track: Track, columns: Ints, points_per_node: int = POINTS_PER_NODE) -> Likelihood:
-    """Return the likelihood of some columns of the data, with so many points from node to node."""
+    """Return the likelihood of some columns of the data, on a grid of ``points_per_node`` points from node to node."""
     predicted = track.predicted.transform_columns(lambda part: part[:, columns])
     spread = track.spread
     if spread is not None:
@@ -250,12 +257,25 @@ class _Draws:
 
     @classmethod
     def from_track(cls, track: Track, present: Ints, columns: list[Ints], seed: int) -> _Draws:
-        """Draw truths and nuisances from eq. ES.11, and simulate the data."""
+        """Draw truths and nuisances from eq. ES.11, and simulate the data.
+
+        Parameters
+        ----------
+        track
+            Of the present data and all candidates.
+        present
+            Columns of the present data.
+        columns
+            Columns of each candidate.
+        seed
+            Of the random numbers.
+        """
         data, nuisance_count = track.model.data, track.compute_shared_errors(track.x[:1]).powers.shape[1]
         present_values, present_noise = data.value[present], data.noise[present]
         width = max((len(new) for new in columns), default=0)
+        # one dimension for the unknown, one for each nuisance, and one for the noise of each datum of a candidate
         chance = qmc.Sobol(1 + nuisance_count + width, rng=seed).random(DRAW_COUNT)
-        normal = norm.ppf(np.clip(chance[:, 1:], 1e-9, 1 - 1e-9))
+        normal = norm.ppf(np.clip(chance[:, 1:], 1e-9, 1 - 1e-9))  # clipped: 0 and 1 would give infinity
         truth = _draw_truths(_select_data(track, present), present_values, chance[:, 0])
         shared, value = track.compute_shared_errors(truth), track.interpolate(truth)[0]
         present_errors = shared.transform(lambda part: part[..., present, :]).divide_by_noise(present_noise)
@@ -270,7 +290,10 @@ class _Draws:
         return cls(track, truth, common_noise_data, separate_noise_data)
 
     def summarise(self, candidate: NextCandidate, columns: Ints, together: bool = False) -> ExpectedInterval:
-        """Return the expected interval from some columns of the data, over all draws."""
+        """Return the expected interval from some columns of the data, over all draws.
+
+        ``together`` uses separate noise for each datum, and the candidate's kind as its description.
+        """
         fit, unknown = _select_data(self.track, columns, COARSE_POINTS), self.track.unknown
         intervals = compute_hulls(fit, (self.separate_noise_data if together else self.common_noise_data)[:, columns])
         truth, max_ratio = self.track.compute_values(self.truth), get_max_end_ratio(unknown)
@@ -293,7 +316,17 @@ class _Draws:
 
 
 def _draw_truths(fit: Likelihood, y: Floats, probability: Floats) -> Floats:
-    """Return coordinates of the unknown at cumulative probabilities of p of eq. ES.11, shape (s,)."""
+    """Return the coordinates of the unknown at which the distribution p of eq. ES.11 reaches s cumulative probabilities.
+
+    Parameters
+    ----------
+    fit
+        Likelihood of the present data.
+    y
+        Their measured values, shape (k,).
+    probability
+        Cumulative probabilities, shape (s,).
+    """
     points = np.concatenate(fit.track.runs)
     spacing = np.concatenate([np.gradient(run) for run in fit.track.runs])
     chi2 = fit.compute_chi_square(points, y)
@@ -302,7 +335,17 @@ def _draw_truths(fit: Likelihood, y: Floats, probability: Floats) -> Floats:
 
 
 def _draw_nuisances(errors: SharedErrors, residual: Floats, normal: Floats) -> Floats:
-    """Return eta of eq. ES.11, shape (s, q), for A of shape (s, k, q), r of shape (s, k) and standard normal numbers, (s, q)."""
+    """Return eta of eq. ES.11, shape (s, q), for s draws.
+
+    Parameters
+    ----------
+    errors
+        Shared errors, whose linear part is A, shape (s, k, q).
+    residual
+        r, shape (s, k).
+    normal
+        Independent standard normal numbers, shape (s, q).
+    """
     model = LinearGaussian.from_shared_errors(errors.linear, np.ones(residual.shape[-1]))
     root = np.linalg.cholesky(model.compute_posterior_covariance())
     return np.asarray(model.compute_posterior_mean(residual) + (root @ normal[..., None])[..., 0])

@@ -58,7 +58,7 @@ class SharedErrors:
     coefficients
         Of the products of powers of eta, shape (..., k, n); the first q are J.
     powers
-        Exponents of eta in these products, shape (n, q); those of the first q are the rows of the unit matrix.
+        Exponents of eta in the n products, shape (n, q); the first q products are the numbers eta themselves.
     """
 
     coefficients: Floats
@@ -66,7 +66,7 @@ class SharedErrors:
 
     @classmethod
     def from_linear(cls, linear: Floats) -> SharedErrors:
-        """Return the errors J eta, for J of shape (..., k, q)."""
+        """Return errors linear in eta, J eta, for J of shape (..., k, q)."""
         return cls(linear, np.eye(linear.shape[-1], dtype=int))
 
     @property
@@ -89,6 +89,7 @@ class SharedErrors:
     def differentiate(self, eta: Floats) -> Floats:
         """Return the derivatives of d with respect to eta, shape (..., k, q)."""
         columns = []
+        # d/d eta_j lowers the exponent of eta_j by one, times the exponent; where that is 0 the term vanishes
         for unit, exponents in zip(np.eye(eta.shape[-1], dtype=int), self.powers.T, strict=True):
             lowered = np.maximum(self.powers - unit, 0)
             columns.append(_multiply(self.coefficients, exponents * _compute_products(eta, lowered)))
@@ -99,7 +100,10 @@ class SharedErrors:
         return _build_unit_noise(self.linear).weigh(values)
 
     def compute_misfit(self, residual: Floats) -> Floats:
-        """Return chi2 of eq. ES.8 for differences y - m divided by the noise, shape (..., k)."""
+        """Return chi2 of eq. ES.8, shape (...), for differences y - m divided by the noise, shape (..., k).
+
+        The minimum over eta is found by Gauss-Newton steps from that of the linear errors.
+        """
         if not self.powers.shape[1]:
             return np.asarray((residual**2).sum(axis=-1))
         eta = _build_unit_noise(self.linear).compute_posterior_mean(residual)
@@ -113,12 +117,12 @@ class SharedErrors:
         return min_chi2
 
     def _evaluate_misfit(self, residual: Floats, eta: Floats) -> Floats:
-        """Return the sum of eq. ES.8 at given eta, which the misfit minimises."""
+        """Return the sum in eq. ES.8 at some eta; its minimum over eta is chi2."""
         return np.asarray(((residual - self.evaluate(eta)) ** 2).sum(axis=-1) + (eta**2).sum(axis=-1))
 
 
 def _build_unit_noise(linear: Floats) -> LinearGaussian:
-    """Return data of unit noise that share standard normal errors with coefficients A of shape (..., k, q)."""
+    """Return the linear model of data with unit noise and shared errors A eta, eta standard normal, A of shape (..., k, q)."""
     return LinearGaussian.from_shared_errors(linear, np.ones(linear.shape[-2]))
 
 
@@ -129,6 +133,7 @@ def _multiply(matrix: Floats, vector: Floats) -> Floats:
 
 def _compute_products(eta: Floats, powers: Ints) -> Floats:
     """Return the products of powers of eta, shape (..., n), for exponents of shape (n, q)."""
+    # table[..., j, p] = eta_j^p
     table = np.vander(eta.ravel(), POWERS[-1] + 1, increasing=True).reshape(*eta.shape, POWERS[-1] + 1)
     products = np.ones((*eta.shape[:-1], len(powers)))
     for j, exponents in enumerate(powers.T):
@@ -154,7 +159,7 @@ class NuisanceErrors:
     def interpolate(self, x: Floats) -> SharedErrors:
         """Return eq. ES.7 at points x of shape (s,): coefficients of shape (s, k, terms)."""
         inside = np.clip(x, self.x[0], self.x[-1])
-        unit = np.eye(len(self.x))
+        unit = np.eye(len(self.x))  # interpolating the unit vectors gives the weights of the nodes
         if len(self.x) > 3:
             weights = CubicSpline(self.x, unit)(inside)
         else:
@@ -163,7 +168,16 @@ class NuisanceErrors:
 
 
 def check_nuisances(scene: Scene, stated: Mapping[str, object], unknown: str) -> dict[str, float]:
-    """Return relative standard deviations as numbers, by the keys of the scene's numbers.
+    """Return the stated relative standard deviations as numbers, by the keys of the scene's numbers.
+
+    Parameters
+    ----------
+    scene
+        Whose numbers are uncertain.
+    stated
+        Numbers or texts such as "20 %", by key.
+    unknown
+        The number that is estimated, which cannot be a nuisance.
 
     Raises
     ------
@@ -229,7 +243,17 @@ def compute_nuisance_errors(
 
 
 def _fit_axis(compute_shift: Callable[[Floats], Floats], unit: Ints) -> Floats:
-    """Return the coefficients of the first four powers of one number, shape (4, n, k); of two where the scene allows no more."""
+    """Return the coefficients of the powers 1 to 4 of one number, shape (4, n, k).
+
+    The powers 3 and 4 have coefficients of 0 where the scene does not allow ``FAR_SDS`` standard deviations.
+
+    Parameters
+    ----------
+    compute_shift
+        Returns the change of the data at eta, shape (n, k).
+    unit
+        The number's unit vector in eta, shape (q,).
+    """
     steps = np.array([1.0, -1.0, FAR_SDS, -FAR_SDS])
     shifts = [compute_shift(step * unit) for step in steps[:2]]
     with suppress(InputError):
@@ -245,7 +269,7 @@ def _fit_products(compute_shift: Callable[[Floats], Floats], corner: float, unit
     Parameters
     ----------
     compute_shift
-        Returns the change of the data at eta.
+        Returns the change of the data at eta, shape (n, k).
     corner
         Standard deviations by which both numbers deviate at once.
     units
@@ -255,6 +279,7 @@ def _fit_products(compute_shift: Callable[[Floats], Floats], corner: float, unit
     """
     deviations = corner * np.array(list(product((1, -1), repeat=2)))
     shifts = np.array([compute_shift(deviation @ units) for deviation in deviations])
+    # c: corner, i: number, p: power; what both numbers change together is the total less the change by each alone
     shifts_alone = np.einsum("cip,ip...->c...", deviations[..., None] ** POWERS, axes)
     products = (deviations[:, None] ** PRODUCT_POWERS).prod(axis=2)
     return np.asarray(np.tensordot(np.linalg.inv(products), shifts - shifts_alone, axes=1))
@@ -265,6 +290,8 @@ def _compute_shift(
 ) -> Floats:
     """Return the change of predictions where numbers deviate by eta standard deviations, shape (n, k).
 
+    See ``compute_nuisance_errors`` for the other parameters.
+
     Raises
     ------
     InputError
@@ -273,7 +300,7 @@ def _compute_shift(
     numbers = list_values(model.scene) | list_loss_factors(model.scene) | list_law_constants(model.scene)
     shifted = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}
     new_values = {name: numbers[name] * math.exp(sd * step) for name, (sd, step) in shifted.items()}
-    name, (sd, _) = next(iter(shifted.items()))
+    name, (sd, _) = next(iter(shifted.items()))  # the first one stands for all in messages
     try:
         predicted = _predict(model, unknown_values, new_values)
     except (ProbeError, ValueError) as fault:
@@ -287,7 +314,7 @@ def _compute_shift(
 def _predict(
     model: TargetModel, unknown_values: dict[str, Floats], new_values: Mapping[str, float] = MappingProxyType({})
 ) -> Predictions:
-    """Predict along an unknown of the target, or of the tissue, in a scene with other numbers."""
+    """Predict at some values of an unknown of the target, or of the tissue, in a scene with ``new_values`` of other numbers."""
     ((unknown, points),) = unknown_values.items()
     if unknown in TARGET_UNKNOWNS:
         return (model.replace_values(new_values) if new_values else model).predict(unknown_values)

@@ -39,11 +39,11 @@ class Predictions:
     value
         Ln |ratio|, ln stiffness or phase, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
     by_modulus
-        Derivatives of ``value`` by ln E_object, shape (n, k).
+        Derivatives of ``value`` with respect to ln E_object, shape (n, k).
     by_diameter
-        By ln diameter, 0 unless requested, shape (n, k).
+        Derivatives with respect to ln diameter, 0 unless requested, shape (n, k).
     bound
-        On the model's error of ``value``, shape (n, k).
+        Bound on the model's error of ``value``, shape (n, k).
     resolved
         Whether the error bounds of all ratios are at most ``MAX_LOG_RATIO_ERROR``, shape (n,).
     agrees
@@ -64,16 +64,16 @@ class Predictions:
 
     @classmethod
     def empty(cls, n: int, k: int, resolved: bool = True) -> Predictions:
-        """Return predictions of zeros, to be filled in, or for bodies that cannot be predicted."""
+        """Return zeros for n bodies and k data, to be filled in; ``resolved=False`` for bodies that cannot be predicted."""
         value, by_modulus, by_diameter, bound = np.zeros((4, n, k))
         return cls(value, by_modulus, by_diameter, bound, resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
 
     def select_rows(self, which: Ints) -> Predictions:
-        """Return the predictions for some of the bodies."""
+        """Return the predictions for the bodies with indices ``which``."""
         return Predictions(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def transform_columns(self, function: Callable[[Floats], Floats]) -> Predictions:
-        """Return the predictions of other data: a function of each array of shape (n, k)."""
+        """Return the predictions with a function applied to each array of shape (n, k), such as a selection of columns."""
         value, by_modulus, by_diameter, bound = map(function, (self.value, self.by_modulus, self.by_diameter, self.bound))
         return replace(self, value=value, by_modulus=by_modulus, by_diameter=by_diameter, bound=bound)
 
@@ -83,7 +83,19 @@ class Predictions:
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
     def fill(self, k: int, film_readings: Readings, rows: slice, data: Measurements) -> None:
-        """Set datum k of all bodies from some rows of computed readings."""
+        """Set datum k of all bodies from computed readings.
+
+        Parameters
+        ----------
+        k
+            Index of the datum.
+        film_readings
+            Computed for several bodies and places.
+        rows
+            Which of them belong to the datum's place: n, or one for all bodies.
+        data
+            Give the kind and the sign of the datum.
+        """
         is_stiffness = bool(data.is_stiffness[k])
         for key, derivatives in (("youngs_modulus", self.by_modulus), ("diameter", self.by_diameter)):
             if key in film_readings.derivatives:
@@ -100,11 +112,15 @@ class Predictions:
         self.value[:, k] = np.log(np.abs(np.where(resolved, ratio, 1.0)))
         self.bound[:, k] = np.where(resolved, film_readings.log_ratio_bound[rows], 0.0)
         self.resolved[:] &= resolved
+        # a sign of 0 is unknown, and agrees with any
         self.agrees[:] &= np.where(resolved & (data.sign[k] != 0), np.sign(ratio) == data.sign[k], True)
 
 
 def select_usable(scene: Scene, data: Measurements) -> tuple[Measurements, tuple[str, ...]]:
-    """Return the data without phases that the model cannot use, with notes: no losses, or too large loss angles."""
+    """Return the data without the phases that the model cannot use, and notes that say why.
+
+    Phases are useless in a scene without losses, and where the loss angles are too different for eq. ES.9.
+    """
     if not data.is_phase.any():
         return data, ()
     if not any(list_loss_factors(scene).values()):
@@ -158,6 +174,7 @@ def insert_phases(
     is_known_phase = is_known[:, None] & is_phase
 
     def insert(key: str, of_phases: Floats) -> Floats:
+        """Return an array of ``predicted`` in which the values of phases replace those in their columns; 0 if unknown."""
         return np.where(is_known_phase, of_phases, np.where(is_phase, 0.0, getattr(predicted, key)))
 
     value, by_modulus, by_diameter = (

@@ -56,7 +56,7 @@ class Track:
     spread
         eq. ES.7; None without nuisances.
     evaluator
-        Its name.
+        Name of the evaluator.
     plan
         Decisions beyond those of ``model``.
     points_per_node
@@ -90,7 +90,7 @@ class Track:
         return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
 
     def add_nuisances(self, nuisances: Mapping[str, float]) -> Track:
-        """Return the track with the errors by nuisances, given as relative standard deviations by name.
+        """Return the track with the errors by nuisances, for relative standard deviations by name.
 
         They are computed at some of the nodes, as they change slowly. For a number of the tissue they are computed at the scene's
         value alone where the scene is not valid with these nuisances at other values.
@@ -131,14 +131,18 @@ class Track:
         return _invert_coordinate(self.model, self.unknown, np.asarray(x, dtype=float))
 
     def interpolate(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return predictions and their derivatives by x at points of shape (s,): two of shape (s, k)."""
+        """Return predictions and their derivatives with respect to x at s points, both of shape (s, k)."""
         cell = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)
         step = (self.x[cell + 1] - self.x[cell])[:, None]
-        t = (x - self.x[cell])[:, None] / step
+        fraction = (x - self.x[cell])[:, None] / step
         low, high = self.predicted.value[cell], self.predicted.value[cell + 1]
         left, right = self.derivative[cell] * step, self.derivative[cell + 1] * step
+        # with t = fraction, from 0 to 1 between two nodes, the polynomial is low + left t + bend t^2 + twist t^3
         bend, twist = 3 * (high - low) - 2 * left - right, 2 * (low - high) + left + right
-        return low + t * (left + t * (bend + t * twist)), (left + t * (2 * bend + t * 3 * twist)) / step
+        return (
+            low + fraction * (left + fraction * (bend + fraction * twist)),
+            (left + fraction * (2 * bend + fraction * 3 * twist)) / step,
+        )
 
     @cached_property
     def runs(self) -> list[Floats]:
@@ -149,7 +153,7 @@ class Track:
 
 
 def _differentiate_by_spline(x: Floats, predicted: Predictions) -> Floats:
-    """Return derivatives by x at the nodes, of a cubic spline through each run of usable values; 0 elsewhere."""
+    """Return derivatives with respect to x at the nodes, of a cubic spline through each run of usable values; 0 elsewhere."""
     derivative = np.zeros_like(predicted.value)
     for run in _split_runs(predicted.usable):
         if len(run) > 1:
@@ -179,7 +183,7 @@ def _choose_nodes(model: TargetModel, unknown: str, low: float, high: float) -> 
     if unknown == "depth":
         return np.linspace(ends[0], ends[1], DEPTH_NODES)
     soft = compute_coordinate(model, unknown, np.array([c * model.host.youngs_modulus for c in SOFT_CONTRASTS]))
-    stiff = np.linspace(-1.0, ends[1], STIFF_NODES)
+    stiff = np.linspace(-1.0, ends[1], STIFF_NODES)  # x = -1 at contrast 1
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
 

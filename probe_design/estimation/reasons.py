@@ -35,7 +35,7 @@ class Findings:
     track
         Predictions over the search range.
     pieces
-        The set of eq. ES.4.
+        The accepted values, eq. ES.4, as separate intervals.
     noise_pieces
         The same for a model without error and without nuisances.
     pieces_if_known
@@ -43,7 +43,7 @@ class Findings:
     best
         Coordinate of the best fit, eq. ES.2; None where no value can be predicted.
     p_value
-        Of the best fit.
+        Probability of a worse fit than the best one.
     shift
         t of eq. ES.5 at the best fit.
     """
@@ -86,14 +86,14 @@ class Findings:
 
     @property
     def shared_errors(self) -> SharedErrors | None:
-        """The errors that all data share at the best fit, shapes (k, q); None without nuisances."""
+        """The errors that all data share at the best fit, coefficients of shape (k, terms); None without nuisances."""
         if self.track.spread is None or self.best is None:
             return None
         return self.track.spread.interpolate(np.array([self.best])).transform(lambda part: part[0])
 
     @property
     def log_ratios(self) -> Floats:
-        """Predicted ln |ratio| of the first ratio at the usable nodes."""
+        """Predicted ln |ratio| at the usable nodes, for the first reading over the target."""
         return np.asarray(self.track.predicted.value[self.track.predicted.usable, self.model.data.first_ratio])
 
     def is_searched_to_end(self, end: int) -> bool:
@@ -102,7 +102,17 @@ class Findings:
 
 
 def explain_unidentifiable(findings: Findings, interval: Interval, noise_interval: Interval) -> str:
-    """Return the reason why the unknown is not identifiable; ``noise_interval`` is that of a model without error."""
+    """Return the reason why the unknown is not identifiable.
+
+    Parameters
+    ----------
+    findings
+        Values of the unknown that agree with the readings.
+    interval
+        95 % interval.
+    noise_interval
+        The same for a model without error and without nuisances.
+    """
     text = _explain_interval(findings, interval)
     if is_identifiable(noise_interval, findings.unknown) and findings.pieces and findings.shift > TOLERATED_SHIFT:
         low, high = (format_value(findings.unknown, end or 0.0) for end in noise_interval)
@@ -111,7 +121,7 @@ def explain_unidentifiable(findings: Findings, interval: Interval, noise_interva
 
 
 def _explain_interval(findings: Findings, interval: Interval) -> str:
-    """Return the reason that the interval shows: no fit, an open end, or too wide."""
+    """Return the reason that the interval shows: no value fits, an end is open, or its ends are too far apart."""
     name, data = findings.name, findings.model.data
     if findings.best is None and findings.track.predicted.resolved.any():
         return f"no {name} gives every ratio the sign that was measured: something in the scene is not as stated"
@@ -130,7 +140,7 @@ def _explain_interval(findings: Findings, interval: Interval) -> str:
 
 
 def _explain_open_end(findings: Findings, end: int) -> str:
-    """Return the reason for an open end, the first (0) or last (-1) of the search range."""
+    """Return the reason for an open end of the interval, the lower (0) or the upper (-1) one."""
     adjective = END_ADJECTIVES[findings.unknown.rpartition(".")[2]][end]
     if not findings.is_searched_to_end(end):
         limit = format_value(findings.unknown, float(findings.track.compute_values(findings.track.runs[end][end])))
@@ -158,7 +168,7 @@ def _explain_no_fit(findings: Findings) -> str:
 
 
 def iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
-    """Yield the warnings of an estimate, one line each; some of them twice."""
+    """Yield the warnings of an estimate, one line each; the caller removes duplicates."""
     yield from findings.model.base.notes  # these are for the place farthest from the tissue's middle
     if findings.best is None:
         yield from build_load_notes(findings.model.scene, findings.model.rule, findings.model.tolerance, promise=False)

@@ -124,13 +124,13 @@ def detectability(
     check_spheres(scene, "detectability")
     rule = build_load_rule(scene)
     if not linear:
-        check_load(scene, rule, accuracy, True)
+        check_load(scene, rule, accuracy, True)  # before anything is computed; again with the stiffness over the tumours
     check_known_load(scene, rule)
     base = EquivalentInclusion().prepare(scene, compute_budget(rule, rule.compute_force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, readings_without = spheres.tumours, scene.target or 0, compute_readings(base, spheres.other_tumours)
     effects = compute_effects(base, compute_readings(base, tumours, index, reflect=False), readings_without)
-    open_spheres = np.flatnonzero(effects.find_open(thresholds))
+    open_spheres = np.flatnonzero(effects.find_open(thresholds))  # to first order the verdict is open: reflections decide it
     if len(open_spheres):
         reflected_readings = compute_readings(base, tumours.select(open_spheres), index, progress=progress, reflect=True)
         effects = effects.replace_rows(open_spheres, compute_effects(base, reflected_readings, readings_without))
@@ -158,14 +158,26 @@ def detectability(
 
 
 def _build_maps(fits: Bools, effects: SphereEffects, thresholds: Thresholds) -> JsonObject:
-    """Return the rows of each map, with None where there is no value."""
+    """Return the rows of each map by name, with None where there is no value.
+
+    Parameters
+    ----------
+    fits
+        Which spheres of the grid fit, shape (k, m).
+    effects
+        Effects of the n spheres that fit.
+    thresholds
+        Of detection and resolution.
+    """
 
     def build_rows(values: Floats, is_known: Bools) -> Map:
+        """Return rows of the grid from values of the n spheres."""
         table = np.full(fits.shape, np.nan)
         table[fits] = np.where(is_known & np.isfinite(values), values, np.nan)
         return tuple(tuple(None if np.isnan(value) else float(value) for value in row) for row in table)
 
     def build_verdicts(values: Floats) -> Verdicts:
+        """Return rows of verdicts from values 1 (true), 0 (false) or NaN (open)."""
         rows = build_rows(values, effects.has_ratio)
         return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows)
 

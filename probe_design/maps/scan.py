@@ -40,7 +40,7 @@ class Scan(LoadedRecord):
     at
         Coordinate of the line along the other axis, m.
     position
-        Of the probe's axis along the line, m.
+        Positions of the probe's axis along the line, m.
     ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate
         See ``Result``, one per position.
     ratio_without
@@ -124,7 +124,7 @@ def scan(
     plain_readings = compute_readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
     film_readings = line.add_bounds(base, plain_readings, positions)
     farthest = line.solve_alone(float(np.abs(positions).max()))
-    is_outside = base.move_inside(tumours)[1]
+    is_outside = base.move_inside(tumours)[1]  # whether each tumour lies outside the modelled tissue, shape (n, inclusions)
     load = LoadChanges.from_stiffness(scene, rule, film_readings.stiffness)
     if not linear:
         check_load(scene, load.weakest, accuracy, promise)
@@ -162,7 +162,10 @@ def _compute_stresses(scene: Scene, film_readings: Readings) -> Floats:
 
 
 def _build_log_sensitivities(scene: Scene, film_readings: Readings, is_outside: Bools) -> Column:
-    """Return the log-sensitivities, None without a target, or where it lies outside the modelled tissue."""
+    """Return the log-sensitivities; None without a target, or where it lies outside the modelled tissue.
+
+    ``is_outside`` has shape (n, inclusions).
+    """
     if scene.target is None or not film_readings.derivatives:
         return (None,) * len(film_readings.forces)
     return _build_column(film_readings.log_sensitivity, film_readings.resolved & ~is_outside[:, scene.target])
@@ -196,7 +199,21 @@ def _check_load_at_placement(scene: Scene, rule: LoadRule, accuracy: float, prom
 def _iterate_warnings(
     scene: Scene, farthest: ProbeAlone, film_readings: Readings, is_outside: Bools, accuracy: float
 ) -> Iterator[str]:
-    """Yield warnings about missing log-sensitivities and ratios, tumours left out, and errors above the accuracy."""
+    """Yield warnings about missing log-sensitivities and ratios, tumours left out, and errors above the accuracy.
+
+    Parameters
+    ----------
+    scene
+        With its inclusions.
+    farthest
+        The probe without tumours at the farthest position.
+    film_readings
+        At all n positions.
+    is_outside
+        Whether each tumour lies outside the modelled tissue, shape (n, inclusions).
+    accuracy
+        As requested, before the effect of the load is subtracted.
+    """
     n = len(film_readings.forces)
     yield from farthest.notes
     if scene.target is None:

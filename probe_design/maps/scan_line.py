@@ -35,7 +35,7 @@ class ScanLine:
     Attributes
     ----------
     scene
-        Its own placement along the line is not used.
+        The scene; its own placement along the line is not used.
     axis
         "x" or "y", along which the probe moves.
     offset
@@ -70,7 +70,7 @@ class ScanLine:
         """Raise ``InputError`` where the probe would leave the tissue."""
         if positions.ndim != 1 or not positions.size or not np.all(np.isfinite(positions)):
             raise InputError("position", "not all finite", "one or more finite positions, m")
-        max_position = self.max_position * (1 - 1e-9)
+        max_position = self.max_position * (1 - 1e-9)  # rounding must not move the probe off the tissue
         reason = f"the whole probe, of radius {format_mm(self.scene.probe.tube_radius)}, has to stand on the tissue"
         if max_position <= 0:
             max_offset = format_maximum_mm(replace(self, axis=self.cross_axis, offset=0.0).max_position)
@@ -90,7 +90,7 @@ class ScanLine:
         return Tumours(**table)
 
     def solve_alone(self, position: float) -> ProbeAlone:
-        """Return only the film forces at a position without tumours.
+        """Return the film forces without tumours at a position along the line, m.
 
         Raises
         ------
@@ -100,7 +100,10 @@ class ScanLine:
         return EquivalentInclusion().solve_alone(self.place_probe(position), self.accuracy)
 
     def place_probe(self, position: float) -> Scene:
-        """Return the scene with the probe at a position."""
+        """Return the scene with the probe at a position along the line, m.
+
+        Both coordinates are taken positive: the tissue is symmetric, and tumours are placed separately.
+        """
         coordinates = {self.axis: abs(position), self.cross_axis: abs(self.offset), "tilt": self.scene.placement.tilt}
         placement = Placement.model_validate({key: float(value) for key, value in coordinates.items()}, context=SI_CONTEXT)
         return self.scene.model_copy(update={"placement": placement})
@@ -110,6 +113,15 @@ class ScanLine:
 
         The film forces without tumours are interpolated with the square of the distance from the tissue's middle, between that of
         ``base`` and the farthest position of each part; the error bounds are those of the farthest position.
+
+        Parameters
+        ----------
+        base
+            The probe without tumours at the position nearest to the tissue's middle.
+        film_readings
+            At n positions, computed with ``base``.
+        positions
+            m, shape (n,).
         """
         tumour_bound, forces = film_readings.bound - base.films.bound.totals, film_readings.forces.copy()
         bound, log_ratio = np.empty_like(film_readings.bound), np.empty_like(film_readings.log_ratio_bound)
@@ -126,7 +138,24 @@ class ScanLine:
     def _split_positions(
         self, positions: Floats, order: Ints, farthest: ProbeAlone, splits: int
     ) -> list[tuple[Ints, ProbeAlone]]:
-        """Halve the positions, sorted by distance, until the error bounds at the farthest of each part are small enough."""
+        """Halve the positions until the error bounds at the farthest of each part are small enough.
+
+        Parameters
+        ----------
+        positions
+            m, shape (n,).
+        order
+            Indices of the positions of this part, by distance from the tissue's middle.
+        farthest
+            The film forces without tumours at the last of them.
+        splits
+            Halvings that remain.
+
+        Returns
+        -------
+        list[tuple[Ints, ProbeAlone]]
+            Indices of each part, and the film forces at its farthest position.
+        """
         worst = max(farthest.films.ratio_error, farthest.films.relative_errors.max())
         if worst <= CLOSE_BOUND_FRACTION * self.accuracy or splits == 0 or len(order) < 2:
             return [(order, farthest)]

@@ -76,7 +76,7 @@ class SphereEffects:
     sensitivity, sensitivity_error
         S and a bound on its error.
     stiffness
-        N/m.
+        Force per indentation over the sphere, N/m.
     """
 
     has_ratio: Bools
@@ -88,13 +88,14 @@ class SphereEffects:
 
     def add_load_changes(self, load: LoadChanges) -> SphereEffects:
         """Return the effects with error bounds that count the load's effect on R, R_0 and S."""
+        # the last element of ``load`` is of the reading without the target
         factor, sensitivity_change = (1 + load.ratio[:-1]) * (1 + load.ratio[-1]), load.log_sensitivity[:-1]
         error = self.error * factor + np.abs(1 + self.change) * (factor - 1)
         sensitivity_error = self.sensitivity_error * (1 + sensitivity_change) + np.abs(self.sensitivity) * sensitivity_change
         return replace(self, error=error, sensitivity_error=sensitivity_error)
 
     def replace_rows(self, rows: Ints, replacements: SphereEffects) -> SphereEffects:
-        """Return the effects with some rows replaced."""
+        """Return the effects with those of the spheres ``rows`` replaced."""
         table = {field.name: getattr(self, field.name).copy() for field in fields(self)}
         for key, values in table.items():
             values[rows] = getattr(replacements, key)
@@ -110,21 +111,24 @@ class SphereEffects:
         return _decide(np.abs(self.change), self.error, thresholds.min_change)
 
     def decide_resolution(self, thresholds: Thresholds) -> Floats:
-        """Return whether each sphere is resolved, likewise; sd <= resolved is equivalent to |S| >= noise / resolved."""
+        """Return whether each sphere is resolved: 1, 0, or NaN where the error leaves it open.
+
+        sd <= resolved of eq. MA.2 is equivalent to |S| >= noise / resolved.
+        """
         return _decide(np.abs(self.sensitivity), self.sensitivity_error, thresholds.noise / thresholds.resolved)
 
     def find_open(self, thresholds: Thresholds) -> Bools:
-        """Return whether one of both verdicts is open."""
+        """Return whether the verdict on detection or that on resolution is open, shape (n,)."""
         return np.asarray(np.isnan(self.decide_detection(thresholds)) | np.isnan(self.decide_resolution(thresholds)))
 
 
 def _decide(value: Floats, error: Floats, threshold: float) -> Floats:
-    """Return 1 where values reach the threshold for every error within the bound, 0 where for none, else NaN."""
+    """Return 1 where values reach the threshold for every error within the bound, 0 where they do for none, else NaN."""
     return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
 
 
 def compute_effects(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> SphereEffects:
-    """Return the effects of spheres from the readings with and without them."""
+    """Return the effects of n spheres from the readings with each of them, n rows, and without the target, one row."""
     has_ratio = np.asarray(readings_with.resolved & readings_without.resolved)
     ratio_without = np.where(readings_without.resolved, readings_without.ratio, 1.0)
     change = np.where(has_ratio, readings_with.ratio / ratio_without - 1, 0.0)
@@ -142,7 +146,8 @@ def compute_effects(base: Undisturbed, readings_with: Readings, readings_without
 def _bound_log_error(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> Floats:
     """Return a bound on the error of ln(R / R_0), shape (n,).
 
-    It counts the error of the tumours' fields, and that of the base states in dF / F_0, with F_0 the film forces without the
+    It counts the error of the tumours' fields, and that of the base states (the solutions without tumours in which one block's
+    base is displaced by one unit and the other is held) in dF / F_0, with F_0 the film forces without the
     target and dF their change; otherwise the errors of the base states cancel in R / R_0.
     """
     films = base.films
@@ -151,5 +156,5 @@ def _bound_log_error(base: Undisturbed, readings_with: Readings, readings_withou
         for film_readings in (readings_with, readings_without)
     )
     effect = np.abs((readings_with.totals - readings_without.totals) / readings_with.totals)
-    relative_error = np.minimum(tumour_error + BASE_ERROR_FACTOR * films.relative_errors * effect, 0.999999)
+    relative_error = np.minimum(tumour_error + BASE_ERROR_FACTOR * films.relative_errors * effect, 0.999999)  # below 1: finite
     return np.asarray(-np.log1p(-relative_error).sum(axis=1))

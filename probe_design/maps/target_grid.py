@@ -32,7 +32,7 @@ class Spheres:
     depth, diameter
         m, shapes (k,) and (m,).
     radius
-        Of the modelled cylinder of tissue about the probe's axis, m.
+        Radius of the modelled cylinder of tissue about the probe's axis, m.
 
     Raises
     ------
@@ -54,7 +54,7 @@ class Spheres:
 
     @cached_property
     def fits(self) -> Bools:
-        """Whether each sphere lies within one layer, below enough tissue, and apart from other inclusions; shape (k, m)."""
+        """Whether each sphere lies within one layer, under enough overburden, and apart from other inclusions; shape (k, m)."""
         body, placement, depth = find_target(self.scene), self.scene.placement, self.depth
         side_distance = self.radius - np.hypot(body.x - placement.x, body.y - placement.y)
         free_radius = np.minimum(compute_free_radii(self.scene, depth), side_distance)
@@ -62,12 +62,13 @@ class Spheres:
             self.diameter / 2,
             [np.abs(depth - interface) for interface in (0.0, *self.scene.tissue.interfaces)],
         )
+        # cover: thinnest tissue between the sphere and the surface or an interface
         cover = np.min(face_distances, axis=0)[:, None] - radius
         return np.asarray((radius < free_radius[:, None] * MAX_FILL_FRACTION) & (cover >= MIN_COVER_FRACTION * self.diameter))
 
     @property
     def tumours(self) -> Tumours:
-        """The inclusions of the scene with those that fit in the target's place, shape (fits.sum(), inclusions)."""
+        """The inclusions of the scene, with each sphere that fits in the target's place, shape (fits.sum(), inclusions)."""
         row, column = np.nonzero(self.fits)
         scene_tumours, target = Tumours.from_scene(self.scene), self.scene.target
         table = {field.name: np.repeat(getattr(scene_tumours, field.name), len(row), axis=0) for field in fields(scene_tumours)}
@@ -91,7 +92,11 @@ def check_spheres(scene: Scene, command: str) -> None:
 
 
 def compute_free_radii(scene: Scene, depth: Floats) -> Floats:
-    """Return the distances, m, shape (n,), of the target at some depths to surface, sides, bottom and other inclusions."""
+    """Return the radius of the largest sphere in the target's place at each of n depths, m, shape (n,).
+
+    It is the distance of the target's centre from surface, sides, bottom or another inclusion, whichever is nearest; interfaces
+    between layers do not count.
+    """
     body, tissue = find_target(scene), scene.tissue
     radius = np.asarray(depth, dtype=float)
     if tissue.shape == "cylinder":
@@ -126,12 +131,12 @@ def choose_sizes(
     scene: Scene, points: int, *, depth_from: float | None = None, depth_to: float | None = None,
     diameter_from: float | None = None, diameter_to: float | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return evenly spaced depths and diameters, m, between given ends, or between ends chosen from probe and target.
+    """Return evenly spaced depths and diameters, m, ``points`` of each, between given ends or ends chosen from the scene.
 
     Raises
     ------
     InputError
-        An end is not above the other; no target.
+        An upper end is not above the lower one, or there is no target.
     """
     body, reach = find_target(scene), scene.probe.tube_radius
     max_length = LENGTH_QUANTITY.high if scene.tissue.shape == "half-space" else scene.tissue.depth

@@ -67,7 +67,17 @@ Pair = tuple[str, Any, Any, tuple[float, float]]
 
 
 def _iterate_pairs(recorded: Any, repeated: Any, place: str, errors: Errors = (None, None)) -> Iterator[Pair]:
-    """Yield the leaves of both trees: place, values, and their allowed difference, relative and absolute."""
+    """Yield the leaves of both JSON trees: place, values, and their allowed difference, relative and absolute.
+
+    Parameters
+    ----------
+    recorded, repeated
+        Objects, lists or values at the same place of both trees.
+    place
+        Path of keys to them.
+    errors
+        Error estimates of the objects that contain them.
+    """
     if isinstance(recorded, Mapping) and isinstance(repeated, Mapping):
         estimates = recorded.get("error_estimate"), repeated.get("error_estimate")
         for key in [key for key in {**recorded, **repeated} if key not in IGNORED_KEYS]:
@@ -87,7 +97,7 @@ def _select_error(error: Any, k: int, count: int) -> Any:
 
 
 def _compute_allowed(place: str, errors: Errors) -> tuple[float, float]:
-    """Return the allowed relative and absolute difference, eq. RP.1."""
+    """Return the allowed relative difference, without rounding, and the allowed absolute one, eq. RP.1."""
     error_sum = sum(error for error in errors if _is_number(error) and error > 0)
     return (5 * error_sum, LOG_SENSITIVITY_TOLERANCE) if "log_sensitivity" in place else (error_sum, 0.0)
 
@@ -110,6 +120,7 @@ def _is_same_quantity(recorded: str, repeated: str) -> bool:
 
 
 def _format_value(value: object) -> str:
+    """Format a value for a message, shortened."""
     return f"{value:.6g}" if isinstance(value, float) else repr(value)[:60]
 
 

@@ -23,7 +23,7 @@ def build_rerun_words(
     Parameters
     ----------
     cli
-        The commands.
+        The group of all commands.
     words
         Recorded command line.
     inputs
@@ -47,6 +47,7 @@ def build_rerun_words(
         raise InputError("file", Words("its command"), f"one that this version knows ({fault.format_message()})") from None
     if any(options.get(name) for name in DEVICE_OPTIONS):
         raise InputError("file", Words(" ".join(words)), "a command that can be repeated: a reading of a device cannot")
+    # the name of the command; options and arguments are added to it
     new_words, positional = words[: len(words) - len(arguments)], list[str]()
     for parameter in command.params:
         value = options.get(str(parameter.name))
@@ -54,7 +55,7 @@ def build_rerun_words(
         if isinstance(parameter, click.Argument):
             positional += [places.get(text, text) for text in texts]
         elif isinstance(parameter, click.Option) and parameter.name in options and parameter.name not in IGNORED_OPTIONS:
-            name = max(parameter.opts, key=len)
+            name = max(parameter.opts, key=len)  # the long form, such as --output
             if parameter.is_flag:
                 new_words += [name] if value else []
             elif parameter.name == OUTPUT_OPTION:
@@ -86,7 +87,7 @@ def _replace_path(text: str, places: Mapping[str, str]) -> str:
 
 
 def _find_input(name: str, sha: str, file_folder: Path) -> Path:
-    """Return the path of the file with a name and content."""
+    """Return the path of the input file with a name and the SHA-256 ``sha``; raise ``InputError`` if there is none."""
     paths = [folder / name for folder in (Path(), file_folder, file_folder.parent)]
     for path in paths:
         if compute_file_digest(path) == sha:

@@ -42,9 +42,9 @@ class Rerun:
     differences
         Values that differ by more than their errors.
     version_changes
-        Such as "numpy 2.3 then, 2.4 now".
+        Versions that differ, such as "numpy 2.3 then, 2.4 now".
     provenance
-        Of the repetition.
+        Provenance of the repetition.
     """
 
     command: tuple[str, ...]
@@ -83,7 +83,7 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
     file
         JSON, TOML or HTML page with its provenance; or the folder of such files.
     cli
-        The commands.
+        The group of all commands.
 
     Raises
     ------
@@ -101,6 +101,7 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
         new_words = build_rerun_words(cli, [str(word) for word in words], inputs, file_folder.absolute(), Path(folder))
         repeated = _run_program(new_words)
         new_block = repeated.get("provenance") or build_provenance()
+        # a command without such a file prints the numbers
         new_file = _find_counterpart(file, Path(folder))
         if new_file is not None:
             new_block, repeated = _read_numbers(new_file)
@@ -114,14 +115,14 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
 
 
 def _read_numbers(file: Path) -> tuple[Provenance, JsonObject]:
-    """Read provenance and numbers of a file or folder; those of a folder include the rows of its tables."""
+    """Return provenance and numbers of a file or folder; those of a folder include the rows of its tables."""
     block, numbers = read_block(file)
     tables = {name: file / name for name in TABLE_KEYS if (file / name).is_file() and not (file / OPTIMIZE_FILE).is_file()}
     return block, numbers | {TABLE_KEYS[name]: list(_read_rows(path)) for name, path in tables.items()}
 
 
 def _read_rows(path: Path) -> Iterator[JsonObject]:
-    """Yield the rows of a CSV table by heading without unit; numbers are converted."""
+    """Yield the rows of a CSV table, by heading without unit, with numbers converted; the column ``key`` is left out."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file, restkey=""):

@@ -29,7 +29,7 @@ def evaluate_with_files(
     evaluator
         "solid"; no other evaluator has a mesh of the whole scene.
     accuracy
-        relative.
+        Relative, on the ratio.
     vtu
         File for ParaView, or None.
     picture
@@ -57,7 +57,7 @@ def evaluate_with_files(
     result = solid_evaluator.build_solution(scene, solution, accuracy).build_result(
         solid_evaluator.name, scene, perf_counter() - start
     )
-    descent = compute_indentation(scene, solution, 0)
+    descent = compute_indentation(scene, solution, 0)  # m
     motion = np.array([descent, descent, scene.placement.tilt])
     if vtu is not None:
         tell(f"writing {vtu}")

@@ -45,13 +45,13 @@ class Faces:
     Attributes
     ----------
     points
-        In m, shape (n, 3).
+        m, shape (n, 3).
     triangles
-        Of these points, shape (f, 3).
+        Indices of their corners in ``points``, shape (f, 3).
     body
-        Of each triangle, as in ``Solid.body``, shape (f,).
+        Number of the region of each triangle, as in ``Solid.body``, shape (f,).
     lines
-        Sides of elements, pairs of points, shape (m, 2).
+        Sides of elements as pairs of indices in ``points``, shape (m, 2).
     values
         Fields at the points by name: ``displacement`` in m (n, 3), ``pressure`` and ``von_mises`` in Pa (n,).
     """
@@ -82,13 +82,18 @@ def list_bodies(problem: Problem) -> list[int]:
 def extract_skin(problem: Problem) -> Faces:
     """Return the outer surface of all bodies together; for a half mesh it includes the plane of symmetry."""
     solid, faces, body = problem.solid, *_extract_faces(problem, list_bodies(problem))
+    # a face inside belongs to two elements
     _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
     outer = np.sort(index[count == 1])
     return _flatten_faces(solid.nodes, faces[outer], body[outer])
 
 
 def cut_section(problem: Problem, fields: SolidFields) -> Faces:
-    """Return the cut at y = 0; fields are averaged at the nodes of each body separately, as they jump between bodies."""
+    """Return the cut of the mesh at y = 0 with its fields.
+
+    Fields are averaged at the nodes of each body separately, as they jump between bodies. A half mesh ends at the plane: its
+    faces there are the cut; a whole mesh is sliced.
+    """
     solid, nodes = problem.solid, problem.solid.nodes
     parts = []
     for body in list_bodies(problem):
@@ -117,7 +122,19 @@ def _extract_faces(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
 
 
 def _flatten_faces(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
-    """Split quadratic triangles (f, 6) into four flat ones each."""
+    """Return quadratic triangles, split into four flat ones each.
+
+    Parameters
+    ----------
+    nodes
+        m, shape (n, 3).
+    faces
+        Node numbers, corners then middles of sides, shape (f, 6).
+    body
+        Region of each, shape (f,).
+    values
+        Fields at all nodes, by name.
+    """
     used_nodes, number = np.unique(faces, return_inverse=True)
     faces = number.reshape(-1, 6)
     lines = np.unique(np.sort(faces[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1), axis=0)
@@ -128,7 +145,10 @@ def _flatten_faces(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, 
 
 
 def _slice_elements(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Floats]) -> Faces:
-    """Cut elements, split into eight flat tetrahedra each, slightly off y = 0, where no node lies."""
+    """Return the cut through the elements of one body, slightly off y = 0, where no node lies.
+
+    Each quadratic tetrahedron, (t, 10) node numbers, is split into eight flat ones. ``values`` are fields at all nodes, by name.
+    """
     import pyvista
 
     origin = (0.0, SECTION_OFFSET_RELATIVE * float(np.ptp(nodes, axis=0).max()), 0.0)
@@ -139,6 +159,7 @@ def _slice_elements(nodes: Floats, elements: Ints, body: int, values: Mapping[st
     faces = pyvista.PolyData.from_regular_faces(nodes, triangles)  # type: ignore[arg-type]  # pyvista says int for integers
     for name, node_values in values.items():
         grid.point_data[name] = faces.point_data[name] = node_values
+    # the tetrahedra give the area of the cut, their faces the lines of the mesh on it
     area, rims = (part.slice(normal="y", origin=origin, generate_triangles=True) for part in (grid, faces))
     section = area.regular_faces if area.n_cells else np.zeros((0, 3), dtype=np.int64)
     lines = area.n_points + (rims.lines.reshape(-1, 3)[:, 1:] if rims.n_cells else np.zeros((0, 2), dtype=np.int64))

@@ -52,7 +52,7 @@ class MeshSizes:
 
     @classmethod
     def from_problem(cls, problem: Problem) -> MeshSizes:
-        """Read the sizes from the nodes of the mesh."""
+        """Return the sizes, measured at the nodes of the mesh."""
         nodes, solid = problem.solid.nodes, problem.solid
         radius, core, ring = np.hypot(nodes[:, 0], nodes[:, 1]), solid.find_nodes([INNER_BODY]), solid.find_nodes([OUTER_BODY])
         return cls(radius[core].max(), radius[ring].min(), radius[ring].max(), nodes[core | ring, 2].max())
@@ -66,9 +66,9 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
     Parameters
     ----------
     path
-        Of the picture.
+        File of the picture.
     states
-        As solved.
+        Solutions for unit motions of the base.
     motion
         How far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
 
@@ -87,7 +87,7 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
     problem, motion = states.problem, np.asarray(motion, dtype=np.float64)
     cut, sizes = cut_section(problem, compute_fields(states, motion)), MeshSizes.from_problem(problem)
     figure = Figure(figsize=FIGURE_SIZE_INCHES, dpi=FIGURE_DPI, facecolor="white")
-    FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)  # attaches itself to the figure, which is then drawn without a display
     figure.suptitle(_format_title(states, motion), fontsize=12, y=0.985)
     _draw_mesh(figure.add_axes(MESH_PANEL), problem, cut, sizes)
     _draw_gap(figure.add_axes(GAP_PANEL), cut, sizes)
@@ -100,7 +100,7 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
 
 
 def find_colour(number: int) -> tuple[float, float, float]:
-    """Return the colour of a region: red, green and blue from 0 to 1."""
+    """Return the colour of the region with a number: red, green and blue from 0 to 1."""
     body, layer, _ = Region.from_number(number)
     if body >= FIRST_INCLUSION_BODY:
         return INCLUSION_COLOURS[(body - FIRST_INCLUSION_BODY) % len(INCLUSION_COLOURS)]
@@ -117,7 +117,7 @@ def find_colour(number: int) -> tuple[float, float, float]:
 
 def _format_title(states: SolidStates, motion: Floats) -> str:
     """Describe the motion of the base and the film forces."""
-    inner, outer = states.reactions[:2] @ motion
+    inner, outer = states.reactions[:2] @ motion  # forces on the films, N
     descents = [_format_value(amount, "m") for amount in motion[:2]]
     descent = descents[0] if motion[0] == motion[1] else f"{descents[0]} (inner) and {descents[1]} (outer)"
     tilt = f", turned by {_format_value(motion[2], 'rad')} about y" if motion[2] else ""
@@ -146,12 +146,14 @@ def _draw_mesh(axes: Axes, problem: Problem, cut: Faces, sizes: MeshSizes) -> No
 
 
 def _format_value(value: float, unit: str) -> str:
+    """Format a value with three digits and a prefix before its unit, such as 4.31 mN."""
     return str(EngFormatter(unit)(float(f"{value:.3g}")))
 
 
 def _draw_gap(axes: Axes, cut: Faces, sizes: MeshSizes) -> None:
     """Draw the gap at the tissue, with an arrow for its width."""
     gap, middle = (sizes.hole - sizes.inner) * MM_PER_M, (sizes.inner + sizes.hole) / 2 * MM_PER_M
+    # half the width of the view: a few gaps, but no more than the blocks
     reach = max(min(8 * gap, (sizes.tube - sizes.hole) * MM_PER_M, sizes.inner * MM_PER_M), 1.5 * gap)
     flat = cut.points[:, [0, 2]] * MM_PER_M
     axes.add_collection(
@@ -182,6 +184,7 @@ def _find_window(cut: Faces, sizes: MeshSizes) -> tuple[float, float, float, flo
         [-1.4 * sizes.tube, 1.4 * sizes.tube, *(inclusion_points[:, 0] + np.copysign(margin, inclusion_points[:, 0]))]
     )
     low, top = min(-1.2 * sizes.tube, float(inclusion_points[:, 2].min(initial=0.0)) - margin), sizes.height + 0.5 * margin
+    # width over height of a panel
     shape = STRESS_PANEL[1] * FIGURE_SIZE_INCHES[0] / (STRESS_PANEL[2] * FIGURE_SIZE_INCHES[1])
     width, middle = max(np.ptp(sides), shape * (top - low)), (sides.min() + sides.max()) / 2
     floor = float(cut.points[:, 2].min()) - margin

@@ -50,7 +50,7 @@ def render_faces(parts: Sequence[Faces], colour: Callable[[int], tuple[float, fl
         pixels = run_program(RENDER_PROGRAM, drawing, RENDER_TIME_LIMIT_S)
     except Failure as fault:
         raise MissingLibrary(f"VTK cannot render ({_shorten_reason(fault)}): {OPENGL_REMEDY}") from fault
-    is_drawn = (pixels < 0.99).any(axis=2)
+    is_drawn = (pixels < 0.99).any(axis=2)  # not white
     rows, columns = np.unique(np.nonzero(is_drawn)[0]), np.unique(np.nonzero(is_drawn)[1])
     if not len(rows):
         raise MissingLibrary(f"VTK renders an empty picture: {OPENGL_REMEDY}")

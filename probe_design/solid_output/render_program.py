@@ -26,7 +26,7 @@ def run(drawing: JsonObject) -> Floats:
         drawing[name] for name in ("points", "triangles", "colours", "lines", "half_height")
     )
     surface = pyvista.PolyData.from_regular_faces(points, triangles)
-    edges = pyvista.PolyData(points, lines=np.column_stack([np.full(len(lines), 2), lines]).ravel())
+    edges = pyvista.PolyData(points, lines=np.column_stack([np.full(len(lines), 2), lines]).ravel())  # 2: points of each line
     surface.cell_data["colour"] = colours
     min_y = -PLANE_TOLERANCE_RELATIVE * float(np.ptp(points, axis=0).max())
     if points[:, 1].min() < min_y:

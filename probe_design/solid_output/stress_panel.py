@@ -33,11 +33,11 @@ class DeformedSection:
     Attributes
     ----------
     cut
-        As meshed.
+        The section as meshed.
     points
         Displaced points, mm, shape (n, 2).
     factor
-        Of exaggeration.
+        Factor of exaggeration.
     window
         Shown part, mm.
     """
@@ -54,16 +54,20 @@ class DeformedSection:
         return "true to scale" if self.factor == 1 else f"× {times}"
 
     def find_colour_limits(self, values: Floats) -> tuple[float, float]:
-        """Return the values, of ``values`` (n,), between which all but the tails of the shown area lie."""
+        """Return the limits between which a stress lies in the shown area, but for its ``TAIL_QUANTILES``.
+
+        ``values`` is the stress at the points, shape (n,). Corners with a singular stress are in the tails.
+        """
         corners = self.points[self.cut.triangles]
         edges, middle = corners[:, 1:] - corners[:, :1], corners.mean(axis=1)
+        # twice the area of each triangle: only its fractions are used
         area = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
         left, right, bottom, top = self.window
         is_shown = (left < middle[:, 0]) & (middle[:, 0] < right) & (bottom < middle[:, 1]) & (middle[:, 1] < top)
         triangle_values = values[self.cut.triangles].mean(axis=1)
         order = np.argsort(triangle_values[is_shown])
-        share = np.cumsum(area[is_shown][order])
-        low, high = np.interp(np.array(TAIL_QUANTILES) * share[-1], share, triangle_values[is_shown][order])
+        shown_area_up_to = np.cumsum(area[is_shown][order])
+        low, high = np.interp(np.array(TAIL_QUANTILES) * shown_area_up_to[-1], shown_area_up_to, triangle_values[is_shown][order])
         return float(low), float(high)
 
 
@@ -79,7 +83,10 @@ def deform_section(cut: Faces, largest: float, window: Window) -> DeformedSectio
 
 
 def draw_stress(axes: Any, bar_axes: Any, shape: DeformedSection, name: str) -> None:
-    """Draw ``pressure`` in linear colours, white at zero, or ``von_mises`` in logarithmic ones, and a colour bar."""
+    """Draw one stress, and its colour bar in ``bar_axes``.
+
+    ``name`` is ``pressure``, in linear colours that are white at zero, or ``von_mises``, in logarithmic ones.
+    """
     low, high = shape.find_colour_limits(shape.cut.values[name])
     unit, label = _choose_unit(max(abs(low), abs(high)))
     colours, norm = (
@@ -112,7 +119,7 @@ def label_axes(axes: Axes) -> None:
 
 
 def _find_outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the sides that belong to one triangle only: outlines of all bodies, as bodies share no points."""
+    """Return the sides that belong to one triangle only: outlines of all bodies, as bodies shown_area_up_to no points."""
     sides = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
     sides, count = np.unique(sides, axis=0, return_counts=True)
     return np.asarray(sides[count == 1])
@@ -127,7 +134,7 @@ def _build_linear_colours(low: float, high: float) -> tuple[Any, Any]:
 
 
 def _build_log_colours(low: float, high: float) -> tuple[Any, Any]:
-    """Return a logarithmic colour scale of at most two decades, and its norm."""
+    """Return a logarithmic colour scale of at most ``MAX_DECADES`` decades, and its norm."""
     high = high if high > 0 else 1.0
     return "viridis", LogNorm(min(max(low, high / 10**MAX_DECADES), 0.5 * high), high)
 
@@ -140,7 +147,7 @@ def _label_decades(axis: Any) -> None:
 
 
 def _choose_unit(largest: float) -> tuple[float, str]:
-    """Return the unit of a stress scale in Pa, and its name."""
+    """Return the unit, in Pa, for a stress scale up to ``largest`` Pa, and the unit's name."""
     for unit, label in ((1e6, "MPa"), (1e3, "kPa")):
         if largest >= unit:
             return unit, label
@@ -148,6 +155,7 @@ def _choose_unit(largest: float) -> tuple[float, str]:
 
 
 def _round_down(value: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten."""
+    """Return a positive value rounded down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
+    # 1e-9: a value that is such a number but for rounding stays
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))

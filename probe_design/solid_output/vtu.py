@@ -33,9 +33,9 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
     Parameters
     ----------
     path
-        Of the file, ending in ``.vtu``.
+        File to write, ending in ``.vtu``.
     states
-        As solved.
+        Solutions for unit motions of the base.
     motion
         How far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
 
@@ -51,7 +51,7 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
 
 
 def _build_grid(states: SolidStates, motion: Floats) -> Any:
-    """Build the VTK grid with all fields."""
+    """Return the VTK grid with all fields for a motion of the base, see ``write_vtu``."""
     import pyvista
 
     problem, solution = states.problem, compute_fields(states, motion)

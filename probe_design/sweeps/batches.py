@@ -25,9 +25,9 @@ class Task:
     Attributes
     ----------
     key
-        Of its row.
+        Key of its row in the store.
     values
-        Of the variables.
+        Values of the variables.
     count
         Number of identical designs.
     deaths
@@ -59,6 +59,23 @@ class BatchRun:
         total: int,
         seconds: float,
     ) -> None:
+        """Prepare a run.
+
+        Parameters
+        ----------
+        store
+            Takes the rows.
+        executor
+            Evaluates designs.
+        reporters
+            Called with the progress after each batch.
+        log
+            Called with a line for each worker that ended.
+        total
+            Number of designs of the sweep.
+        seconds
+            Time limit of a design, s.
+        """
         self._store, self._executor, self._reporters, self._log = store, executor, reporters, log
         self._total, self._seconds = total, seconds
         self._start_time, self._counts = monotonic(), store.count_rows()
@@ -68,13 +85,13 @@ class BatchRun:
 
     def process_tasks(self, tasks: list[Task]) -> None:
         """Evaluate all tasks; return when each has a row."""
-        waiting, alone = deque(tasks), deque[Task]()
+        waiting, alone = deque(tasks), deque[Task]()  # alone: tasks that a worker died with, one in a batch
         self._report()
         while waiting or alone or self._batches:
             while (waiting or alone) and self._executor.count_free() > 0:
                 batch = (alone.popleft(),) if alone else self._take_batch(waiting)
                 self._batches[self._executor.submit([task.values for task in batch])] = batch
-            finished = self._executor.collect(1.0)
+            finished = self._executor.collect(1.0)  # waits at most 1 s
             self._store.check_file()
             for number, outcome in finished:
                 unstarted, suspects = self._store_outcome(self._batches.pop(number), outcome)
@@ -83,7 +100,7 @@ class BatchRun:
             self._report()
 
     def _take_batch(self, waiting: deque[Task]) -> Batch:
-        """Take the next batch: half a second of work, less at the end so that all workers end together; groups stay whole."""
+        """Take the next batch: ``BATCH_TIME_S`` of work, less at the end so that all workers end together; groups stay whole."""
         fair_count = len(waiting) / (2 * max(1, self._executor.count_workers()))
         count = max(1, min(int(BATCH_TIME_S / self._cost), MAX_BATCH_DESIGNS, int(fair_count)))
         batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
@@ -99,7 +116,7 @@ class BatchRun:
         if count:
             self._commit(batch[:count], outcome.rows)
             cost = sum(row["seconds"] for row in outcome.rows) / count
-            self._cost = max(0.5 * (self._cost + cost), 1e-6)
+            self._cost = max(0.5 * (self._cost + cost), 1e-6)  # mean of old and new, so that it follows changes; not 0
         begun, unstarted = batch[: count + outcome.unfinished], batch[count + outcome.unfinished :]
         retries = self._retry_held(begun[count:], outcome) if outcome.unfinished else []
         # the rest of a group whose first designs were evaluated one by one
@@ -107,7 +124,10 @@ class BatchRun:
         return list(unstarted[len(interrupted) :]), [*retries, *interrupted]
 
     def _retry_held(self, tasks: Batch, outcome: Outcome[Row]) -> list[Task]:
-        """Return the tasks to be tried again, each alone, after a worker ended with them; a design that ended it gets a row."""
+        """Return which tasks of a worker that ended are to be tried again, each alone.
+
+        A single task that was late, or with which ``MAX_WORKER_DEATHS`` workers died, gets a row instead.
+        """
         reason = f"longer than {self._seconds:g} s" if outcome.is_late else outcome.failure
         self._log(f"a worker ended with {len(tasks)} designs: {reason}")
         if len(tasks) > 1:
@@ -139,7 +159,10 @@ class BatchRun:
 
 
 def order_tasks(job: Job, tasks: list[Task]) -> list[Task]:
-    """Return tasks by number, but with those that can be evaluated together next to each other; the closed form takes any."""
+    """Return the tasks with those that can be evaluated together next to each other, and numbered as groups.
+
+    The order is kept otherwise; the closed form evaluates any designs together and needs no groups.
+    """
     if job.evaluator == FORMULA_EVALUATOR:
         return tasks
     groups: dict[Hashable, list[Task]] = defaultdict(list)

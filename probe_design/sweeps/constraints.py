@@ -93,11 +93,13 @@ class _Condition:
     """
 
     def __init__(self, text: str, read: ReadKey) -> None:
+        """Prepare to evaluate ``text``; ``read`` is that of ``evaluate_condition``."""
         self._text, self._read = text, read
 
     def evaluate_truth(self, node: ast.expr) -> Any:
         """Evaluate a comparison or a logical expression in all designs."""
         if isinstance(node, ast.BoolOp):
+            # reduce over the operands, which broadcast_arrays brings to one shape
             join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
             return join.reduce([np.broadcast_arrays(*map(self.evaluate_truth, node.values))], axis=1)[0]
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -155,8 +157,8 @@ class _Condition:
         return _ARITHMETIC_FUNCTIONS[type(node.op)](left, right)
 
     def _check_units(self, *sides: tuple[ast.expr, Measured]) -> None:
-        """Refuse two sides that have different units (``InputError``)."""
-        units = [value.units for _, value in sides if not _is_bare_zero(value)]
+        """Raise ``InputError`` if two sides, each a node with its value, have different units."""
+        units = [value.units for _, value in sides if not _is_bare_zero(value)]  # a bare 0 fits every unit
         if len(units) < 2 or units[0] == units[1]:
             return
         description = " and ".join(f"{ast.unparse(node)} ({_describe_unit(value)})" for node, value in sides)

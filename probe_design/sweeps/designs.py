@@ -32,9 +32,9 @@ class Variable:
     Attributes
     ----------
     key
-        Of the scene.
+        Key of the scene that is varied.
     values
-        Of a grid; of a sample the values drawn, each equally likely.
+        Values of a grid, or those from which a sample draws, each equally likely; empty for a range.
     low, high
         Range of a sample without ``values``; SI.
     log
@@ -101,13 +101,13 @@ class DesignSampling:
         return list(zip(*columns, strict=True))
 
     def count_designs(self, variables: tuple[Variable, ...]) -> int:
-        """Return the number of designs, without constraints."""
+        """Return the number of designs before constraints exclude any."""
         if self.kind == "grid":
-            return int(np.prod([float(len(variable.values)) for variable in variables]))
+            return int(np.prod([float(len(variable.values)) for variable in variables]))  # floats do not overflow
         return self.n * (len(variables) + 2) if self.kind == "saltelli" else self.n
 
     def _draw_points(self, d: int) -> Floats:
-        """Draw points of the unit cube, shape (designs, d)."""
+        """Draw points of the unit cube of d variables, shape (designs, d)."""
         from scipy.stats import qmc
 
         columns = 2 * d if self.kind == "saltelli" else d
@@ -120,7 +120,10 @@ class DesignSampling:
 
 
 def _arrange_saltelli(points: Floats) -> Floats:
-    """Return, for each point (A, B): A, A with one variable of B for each variable in turn, B; the order that SALib expects.
+    """Return the d + 2 designs of each point (A, B), A and B of d variables, in the order that SALib expects.
+
+    They are A, then A with variable k replaced by that of B, for each k in turn, then B. Shape of ``points`` (n, 2 d), of the
+    result (n (d + 2), d).
 
     Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, radial design.
     """
@@ -141,11 +144,11 @@ def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, uni
     name
         Its key.
     entry
-        Its values, or a table.
+        A list of its values, or a table with the keys ``VARIABLE_KEYS``.
     base
         The tables of the scene.
     kind
-        Of the sample; ranges of a grid need ``points``.
+        Kind of the sample; ranges of a grid need ``points``.
     units_required
         Whether a bare number is refused where a unit belongs.
     folder
@@ -156,7 +159,7 @@ def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, uni
     InputError
         A key or value is not allowed.
     """
-    target = find_key(name, base, Scene)
+    scene_key = find_key(name, base, Scene)
     if isinstance(entry, list | tuple | np.ndarray):
         entry = {"values": entry}
     if not isinstance(entry, Mapping):
@@ -165,11 +168,11 @@ def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, uni
         if part not in VARIABLE_KEYS:
             raise InputError(f"{name}.{part}", entry[part], describe_choices(part, VARIABLE_KEYS))
     if "values" in entry:
-        choices = _read_list(target, entry, units_required)
-        if target.path[-1] == "surface":
+        choices = _read_list(scene_key, entry, units_required)
+        if scene_key.path[-1] == "surface":
             choices = tuple(str((folder / str(surface)).absolute()) for surface in choices)
-        return Variable(target, choices)
-    low, high = (_read_bound(target, entry, end, units_required) for end in ("from", "to"))
+        return Variable(scene_key, choices)
+    low, high = (_read_bound(scene_key, entry, end, units_required) for end in ("from", "to"))
     scale = entry.get("scale", "linear")
     if scale not in ("linear", "log"):
         raise InputError(f"{name}.scale", scale, "'linear' or 'log'")
@@ -182,37 +185,39 @@ def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, uni
     if kind != "grid":
         if "points" in entry:
             raise InputError(f"{name}.points", entry["points"], "none except in a grid: sample.n is the number of points")
-        return Variable(target, (), low, high, scale == "log")
+        return Variable(scene_key, (), low, high, scale == "log")
     points = check_integer(f"{name}.points", entry.get("points"), 2, MAX_VALUES)
     values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
-    values[0], values[-1] = low, high
-    return Variable(target, tuple(values.tolist()), log=scale == "log")
+    values[0], values[-1] = low, high  # exactly, without rounding
+    return Variable(scene_key, tuple(values.tolist()), log=scale == "log")
 
 
-def _read_list(target: Key, table: Mapping[str, object], units_required: bool) -> tuple[Value, ...]:
-    """Read a list of values."""
+def _read_list(scene_key: Key, table: Mapping[str, object], units_required: bool) -> tuple[Value, ...]:
+    """Return the checked values of a variable given as a list, the only entry of its table."""
     values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
     if not isinstance(values, list | tuple) or not 1 <= len(values) <= MAX_VALUES or len(table) > 1:
-        raise InputError(f"{target.name}.values", values, "a list of values, alone")
-    checked_values = tuple(_read_value(target, value, f"{target.name}.values", units_required) for value in values)
+        raise InputError(f"{scene_key.name}.values", values, "a list of values, alone")
+    checked_values = tuple(_read_value(scene_key, value, f"{scene_key.name}.values", units_required) for value in values)
     if len({type(value) for value in checked_values}) > 1:
-        raise InputError(f"{target.name}.values", values, "values of one kind: numbers, texts, or true and false")
+        raise InputError(f"{scene_key.name}.values", values, "values of one kind: numbers, texts, or true and false")
     return checked_values
 
 
-def _read_bound(target: Key, table: Mapping[str, object], end: str, units_required: bool) -> float:
-    """Read one end of a range."""
+def _read_bound(scene_key: Key, table: Mapping[str, object], end: str, units_required: bool) -> float:
+    """Return one end of a range, SI; ``end`` is its key, from or to. Raises ``InputError``."""
     if end not in table:
-        raise InputError(f"{target.name}.{end}", Words("missing"), "from and to, or values")
-    value = _read_value(target, table[end], f"{target.name}.{end}", units_required)
+        raise InputError(f"{scene_key.name}.{end}", Words("missing"), "from and to, or values")
+    value = _read_value(scene_key, table[end], f"{scene_key.name}.{end}", units_required)
     if not isinstance(value, float) or not np.isfinite(value):
-        raise InputError(f"{target.name}.{end}", table[end], "a finite number" + (" with its unit" if target.quantity else ""))
+        raise InputError(
+            f"{scene_key.name}.{end}", table[end], "a finite number" + (" with its unit" if scene_key.quantity else "")
+        )
     return value
 
 
-def _read_value(target: Key, value: object, name: str, units_required: bool) -> Value:
-    """Read one value of a variable, NumPy's too. Raises ``InputError``."""
-    return target.read_value(value.item() if isinstance(value, np.generic) else value, name, units_required)
+def _read_value(scene_key: Key, value: object, name: str, units_required: bool) -> Value:
+    """Return one checked value of a variable, which may be a NumPy scalar; ``name`` is for messages. Raises ``InputError``."""
+    return scene_key.read_value(value.item() if isinstance(value, np.generic) else value, name, units_required)
 
 
 def check_integer(name: str, value: object, low: int, high: int) -> int:

@@ -76,19 +76,19 @@ class Sweep:
         return [(number, values) for number, values in enumerate(designs) if is_allowed[number]]
 
     def _read_values(self, name: str, designs: list[tuple[Value, ...]]) -> tuple[Any, str]:
-        """Return the values of a key in all designs, and their SI unit."""
-        target = find_key(name, self.base, Scene)
+        """Return the values of a key in all designs, an array if it is a variable, else one number; and their SI unit."""
+        scene_key = find_key(name, self.base, Scene)
         for column, variable_key in enumerate(self.keys):
-            if variable_key.path == target.path:
+            if variable_key.path == scene_key.path:
                 values: list[Any] = [row[column] for row in designs]
                 if all(isinstance(value, float) for value in values):
-                    return np.array(values), target.unit
+                    return np.array(values), scene_key.unit
         value = find_at_path(
-            replace_values(self.base, self.keys, designs[0]), target.path
+            replace_values(self.base, self.keys, designs[0]), scene_key.path
         )  # without keys that a variable replaces
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
-        return value, target.unit
+        return value, scene_key.unit
 
 
 def read_sweep(path: Path | str) -> Sweep:
@@ -164,7 +164,7 @@ def _make_surface_paths_absolute(base: JsonObject) -> JsonObject:
 
 
 def _read_settings(tables: Mapping[str, object]) -> tuple[str, float, bool]:
-    """Read evaluator, accuracy and ``linear``."""
+    """Return evaluator, accuracy and ``linear``, checked. Raises ``InputError``."""
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *EVALUATOR_NAMES):
         raise InputError("evaluator", evaluator, describe_choices(evaluator, (AUTO, *EVALUATOR_NAMES)))
@@ -176,7 +176,7 @@ def _read_settings(tables: Mapping[str, object]) -> tuple[str, float, bool]:
 
 
 def _read_limits(tables: Mapping[str, object], units_required: bool) -> Limits:
-    """Read the limits of each design; default to those of this process."""
+    """Return the time and memory limits of each design, by default those of this process."""
     time, memory = tables.get("time_limit"), tables.get("memory_limit")
     return Limits(
         seconds=get_limits().seconds if time is None else TIME_QUANTITY.read("time_limit", time, units_required),
@@ -185,7 +185,7 @@ def _read_limits(tables: Mapping[str, object], units_required: bool) -> Limits:
 
 
 def _read_sample(table: object) -> DesignSampling:
-    """Read the table ``[sample]``."""
+    """Return how the designs are drawn, from the table ``[sample]``, checked. Raises ``InputError``."""
     if not isinstance(table, Mapping):
         raise InputError("sample", table, "a table, [sample]")
     for name in table:
@@ -195,7 +195,7 @@ def _read_sample(table: object) -> DesignSampling:
     if kind not in SAMPLE_KINDS:
         raise InputError("sample.kind", kind, describe_choices(kind, SAMPLE_KINDS))
     if kind == "grid":
-        if len(table) > ("kind" in table):
+        if len(table) > ("kind" in table):  # any key besides kind
             raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(SAMPLE_KINDS[1:])}")
         return DesignSampling()
     return DesignSampling(

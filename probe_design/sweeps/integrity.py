@@ -39,7 +39,7 @@ def build_insertion(table: str) -> str:
 
 
 def seal_row(*values: Any) -> StoredRow:
-    """Return the values of a row, as SQLite returns them, followed by their checksum."""
+    """Return the values of a row followed by their checksum; values must be as SQLite returns them."""
     return (*values, zlib.crc32(ascii(values).encode()))
 
 
@@ -70,7 +70,10 @@ def read_request(rows: Iterable[StoredRow]) -> JsonObject:
 
 
 def find_schema_fault(connection: sqlite3.Connection, version: int) -> str:
-    """Return a text if the tables are not those of this format, else an empty text."""
+    """Describe the fault if the tables are not those of this format; return an empty text if they are.
+
+    A ``version`` of 0 is that of a new file, which has no tables.
+    """
     statements = [text for (text,) in connection.execute("SELECT sql FROM sqlite_master ORDER BY name")]
     return "" if statements == (_TABLE_STATEMENTS if version else []) else "its tables are others"
 
@@ -115,7 +118,7 @@ def save_sound_results(connection: sqlite3.Connection) -> int:
     with closing(sqlite3.connect("", isolation_level=None)) as repaired:  # a temporary file
         repaired.executescript(CREATE_STATEMENTS)
         repaired.execute("BEGIN")
-        for order in ("ASC", "DESC"):
+        for order in ("ASC", "DESC"):  # from both ends, as reading stops at the first damaged page
             repaired.executemany(
                 build_insertion("results"), (row for row in _iterate_readable(connection, order) if is_sound(row))
             )

@@ -20,11 +20,11 @@ class Progress:
     Attributes
     ----------
     total
-        designs.
+        Number of designs.
     done
         Designs with a row, including those of earlier runs.
     refused, failed
-        How many of these were refused, failed.
+        Number of these that were refused, and that failed.
     rate
         Rows per second in this run; 0 before the first.
     workers
@@ -54,10 +54,11 @@ ReportProgress = Callable[[Progress], None]
 
 
 def report_at_intervals(write_line: Callable[[str], None]) -> ReportProgress:
-    """Return a function that writes the state as a line, at most every ten seconds, and at the end."""
-    last_time = -LOG_INTERVAL_S
+    """Return a function that writes the state as a line, at most once in ``LOG_INTERVAL_S``, and at the end."""
+    last_time = -LOG_INTERVAL_S  # the first report is written
 
     def report(state: Progress) -> None:
+        """Write the state if it is due."""
         nonlocal last_time
         if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
             last_time = monotonic()
@@ -72,6 +73,7 @@ def open_log(folder: Path) -> Iterator[Callable[[str], None]]:
     with (folder / LOG_FILE).open("a", encoding="utf-8") as log:
 
         def log_line(text: str) -> None:
+            """Append a line with the time in UTC."""
             with suppress(OSError):  # the store reports a full disk
                 log.write(f"{datetime.now(UTC).isoformat(timespec='seconds')} {text}\n")
                 log.flush()

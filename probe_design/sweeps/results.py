@@ -27,7 +27,7 @@ _FORMULA_PREFIXES = tuple("=+-@\t\r\n＝＋－＠")  # a spreadsheet runs a text
 
 
 def read_request(folder: Path | str) -> JsonObject:
-    """Return the request of the sweep in a folder. Raises ``InputError``, ``StoreError``."""
+    """Return the request of the sweep in a folder: its settings and variables. Raises ``InputError``, ``StoreError``."""
     with open_for_reading(Path(folder)) as store:
         request = store.read_request()
     if not request:
@@ -94,7 +94,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
         It cannot be read.
     """
     xarray, request, frame = import_extra("xarray"), read_request(folder), dataframe(folder)
-    labelled: xr.Dataset
+    labelled: xr.Dataset  # xarray is imported at run time, so its types are not known here
     names, columns = request["names"], [*COLUMN_UNITS, "status", "evaluator", "reason"]
     if request["sample"]["kind"] == "grid":
         axes = [variable["values"] for variable in request["variables"]]

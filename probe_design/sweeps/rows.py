@@ -63,7 +63,7 @@ class Job:
     evaluator, accuracy, linear
         As in ``solver.evaluate``.
     version
-        Of the software that must evaluate them; see ``compute_version``.
+        Version of the software that must evaluate the designs; see ``compute_version``.
     """
 
     base: JsonMapping
@@ -109,13 +109,14 @@ class Job:
         return [*groups] if len(separate_columns) < len(self.names) else [*range(len(designs))]
 
     def count_parts(self, designs: Sequence[Design]) -> list[int]:
-        """Return the sizes of consecutive parts of ``designs`` that are evaluated together."""
+        """Return the sizes of consecutive parts of ``designs``, each of which is evaluated together."""
         max_designs = MAX_CLOSED_FORM_DESIGNS if self.evaluator == FORMULA_EVALUATOR else MAX_CURVE_DESIGNS
+        # lengths of runs of neighbouring designs with the same group key
         runs = [len(list(run)) for _, run in groupby(self.group_designs(designs))]
         return [min(max_designs, run - first) for run in runs for first in range(0, run, max_designs)]
 
     def warm_up(self) -> None:
-        """Import the evaluator and build the scene once, so that the first row is not charged for it.
+        """Import the evaluator and build the scene once, so that the first row's time does not include it.
 
         Raises
         ------
@@ -127,7 +128,7 @@ class Job:
                 "version", Words(compute_version()), f"{self.version}, on every worker as where the sweep was started"
             )
 
-        _catch_fault(lambda: build_scene(self.base, (), ()))
+        _catch_fault(lambda: build_scene(self.base, (), ()))  # the base itself need not be valid
         if self.evaluator == evaluators.AUTO:
             import solver.planning.plan  # noqa: F401
         else:
@@ -152,7 +153,7 @@ class Job:
             give_back()
 
     def _evaluate_part(self, keys: tuple[Key, ...], designs: Sequence[Design]) -> Iterator[list[Row]]:
-        """Evaluate a part: together if possible, else one by one."""
+        """Yield the rows of a part: all at once if it can be evaluated together, else one by one."""
         start = perf_counter()
         scenes = [_catch_fault(lambda values=values: build_scene(self.base, keys, values)) for values in designs]  # type: ignore[misc]
         joint_results = self._evaluate_together([scene for scene in scenes if isinstance(scene, Scene)])
@@ -188,7 +189,7 @@ def _catch_fault(compute: Callable[[], T]) -> T | Exception:
 
 
 def _build_row(result: Result | Exception, seconds: float) -> Row:
-    """Build the row of a result, or of a design that was refused or failed."""
+    """Build the row of a result, or of a design that was refused or failed; ``seconds`` is its computing time."""
     if isinstance(result, Exception):
         status = "refused" if isinstance(result, InputError) else "failed"
         return build_row_without_result(status, type(result).__name__, str(result), seconds) | _find_stopping_limit(result)
@@ -197,24 +198,37 @@ def _build_row(result: Result | Exception, seconds: float) -> Row:
         return build_row_without_result("failed", "ArithmeticError", "a result is not finite", seconds)
     details = {"plan": [asdict(decision) for decision in result.plan], "warnings": result.warnings}
     texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
+    # a row notes the limits if one of them kept the design from a finer result
     columns = {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
     return dict.fromkeys(ROW_COLUMNS) | columns | (_read_both_limits() if select_notes(result.warnings, "limit") else {})
 
 
 def _find_stopping_limit(fault: Exception) -> Row:
-    """Return the limits that stopped a design: with larger ones it may have a result."""
+    """Return the limits, by column, that stopped a design: with larger ones it may have a result; empty if none did."""
     if isinstance(fault, LimitReached):
         return {"time_limit": get_limits().seconds} if fault.key == "time" else {"memory_limit": get_limits().memory}
     return _read_both_limits() if isinstance(fault, OutOfReach) and fault.stopped else {}
 
 
 def _read_both_limits() -> Row:
-    """Return both limits, for a design of which it is not known which one stopped it."""
+    """Return both limits, by column, for a design that one of them stopped; it is not known which one."""
     return {"time_limit": get_limits().seconds, "memory_limit": get_limits().memory}
 
 
 def build_row_without_result(status: str, kind: str, reason: str, seconds: float) -> Row:
-    """Build the row of a design without a result."""
+    """Build the row of a design without a result.
+
+    Parameters
+    ----------
+    status
+        refused or failed.
+    kind
+        Name of the exception's type, or of a similar cause.
+    reason
+        In words; stored as one line, shortened if it is long.
+    seconds
+        Computing time.
+    """
     line = " ".join(reason.split())[:2000]
     return dict.fromkeys(ROW_COLUMNS) | {"status": status, "type": kind, "reason": line, "seconds": seconds}
 

@@ -42,7 +42,7 @@ class SweepSummary(Record):
     Attributes
     ----------
     folder
-        Of its store.
+        Folder of its store.
     designs
         Number of designs, each with a row.
     left_out
@@ -129,6 +129,7 @@ def sweep(
         job = Job.from_sweep(checked_sweep)
 
         def log_notice(text: str) -> None:
+            """Write a line to the log, and pass it to ``notice``."""
             log(text)
             if notice is not None:
                 notice(text)
@@ -172,8 +173,9 @@ def _read_specification(specification: JsonMapping | Path | str) -> Sweep:
 
 
 def _begin(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
-    """Store request and designs unless they are stored already; return the numbers of designs and of excluded ones."""
+    """Store request and designs unless they are stored already; return the number of designs and that of excluded ones."""
     drawn_count = sweep.sample.count_designs(sweep.variables)
+    # identifies the request; limits do not change results, so that a sweep goes on with others
     digest = hashlib.sha256(repr((replace(sweep, limits=Limits()), job)).encode() + _digest_surfaces(sweep, job)).hexdigest()
     request = store.read_request()
     if request.get("digest") != digest:

@@ -46,6 +46,7 @@ class Store:
     """
 
     def __init__(self, folder: Path, connection: sqlite3.Connection, repair_note: str = "") -> None:
+        """Keep an open connection; use ``open_for_writing`` or ``open_for_reading`` to make a store."""
         self.folder, self._connection, self.repair_note = folder, connection, repair_note
         self._file_identity = _identify_file(folder)
 
@@ -58,7 +59,10 @@ class Store:
             return integrity.read_request(rows)
 
     def begin(self, request: Mapping[str, object], designs: Sequence[tuple[int, tuple[Value, ...], bytes]]) -> None:
-        """Store the request and designs of a sweep, replacing those of an earlier sweep in this folder; result rows stay."""
+        """Store the request and designs of a sweep, replacing those of an earlier sweep in this folder; result rows stay.
+
+        A design is its number, its values of the variables, and the key of its row.
+        """
         with self._open_transaction() as connection:
             connection.execute("DELETE FROM request")
             connection.execute("DELETE FROM designs")
@@ -121,7 +125,7 @@ class Store:
                 integrity.open_row(row)  # a row with a damaged key belongs to no design: check it too
         if fault:
             raise _build_damage_error(self.folder, fault)
-        width = len(integrity.TABLE_COLUMNS["designs"]) + 1
+        width = len(integrity.TABLE_COLUMNS["designs"]) + 1  # columns of a design with its checksum; its result follows
         query = "SELECT designs.*, results.* FROM designs LEFT JOIN results ON results.key = designs.key ORDER BY number"
         for record in self._connection.execute(query):
             with _refuse_damage(self.folder):
@@ -209,7 +213,7 @@ def open_for_reading(folder: Path) -> Iterator[Store]:
 
 @contextmanager
 def _lock_folder(folder: Path) -> Iterator[None]:
-    """Lock a folder until the process ends, also by ``kill -9``: SQLite's own lock on a second file."""
+    """Lock a folder against other writers, by SQLite's lock on a second file, which even ``kill -9`` releases."""
     try:
         lock = sqlite3.connect(folder / LOCK_FILE, isolation_level=None, timeout=0)
     except sqlite3.Error as fault:
@@ -284,7 +288,7 @@ def _repair(folder: Path, connection: sqlite3.Connection) -> str:
     fault = _find_fault(connection)
     if not fault:
         return ""
-    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")  # so that the copy of the file is complete
     with write_whole(folder / DAMAGED_FILE) as draft:
         shutil.copyfile(folder / STORE_FILE, draft)
     count = integrity.save_sound_results(connection)

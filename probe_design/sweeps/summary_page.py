@@ -71,14 +71,26 @@ def _build_counts_table(request: JsonObject, all_rows: list[JsonObject]) -> Tabl
 
 
 def _build_reasons(all_rows: list[JsonObject]) -> list[Chapter]:
-    """Build the table of the commonest reasons why designs have no result."""
+    """Build the chapter with the commonest reasons why designs have no result; none if all have one."""
     reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
     lines = [(str(count), *reason) for reason, count in reasons.most_common(20)]
     return [Chapter("Designs without a result", (Table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
 def _build_effects(request: JsonObject, result_rows: list[JsonObject], y: Floats, complete: bool) -> tuple[Table | Text, ...]:
-    """Build the table of main effects, or of Sobol indices if the sample is complete and of kind ``saltelli``."""
+    """Build the table of main effects, or of Sobol indices if the sample is complete and of kind ``saltelli``.
+
+    Parameters
+    ----------
+    request
+        Settings and variables of the sweep.
+    result_rows
+        Rows that have this output.
+    y
+        The output in these rows, shape (rows,).
+    complete
+        Whether every design has it.
+    """
     if len(y) < 2 or np.ptp(y) == 0.0:
         return (Text("The same for all designs."),)
     if request["sample"]["kind"] == "saltelli" and complete:
@@ -93,7 +105,7 @@ def _build_effects(request: JsonObject, result_rows: list[JsonObject], y: Floats
 
 
 def compute_main_effect(values: Sequence[object], y: Floats) -> float | None:
-    """Compute the main effect of a variable: the variance of the conditional means of ``y`` over its variance, from 0 to 1.
+    """Return the main effect of a variable: the variance of the conditional means of ``y`` over its variance, from 0 to 1.
 
     Means are taken at each value of a grid, and over bins of equally many designs of a sample, which adds noise of about
     bins / designs. None if there are fewer than two designs per bin, where every variable would seem to explain everything.
@@ -101,13 +113,14 @@ def compute_main_effect(values: Sequence[object], y: Floats) -> float | None:
     Parameters
     ----------
     values
-        Of the variable, one per design.
+        Values of the variable, one per design.
     y
         The output, shape (designs,), not constant.
     """
     unique_values, bins = np.unique(np.array(values), return_inverse=True)
     if len(unique_values) > 2 * EFFECT_BINS:
         bins = np.empty(len(y), dtype=int)
+        # ranks of the values, divided into bins of equally many designs
         bins[np.argsort(np.array(values), kind="stable")] = np.arange(len(y)) * EFFECT_BINS // len(y)
     counts = np.bincount(bins)
     if np.mean(counts) < 2:
@@ -142,12 +155,12 @@ def compute_sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, 
 
 
 def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Floats) -> Picture:
-    """Draw an output against each variable, in its display unit."""
+    """Draw the output ``name``, with values y, against each variable in its display unit."""
     from matplotlib.figure import Figure
 
     column_count, row_count = min(len(variables), PICTURES_PER_LINE), -(-len(variables) // PICTURES_PER_LINE)
     figure = Figure(figsize=(3.2 * column_count, 2.8 * row_count), layout="constrained")
-    step = -(-len(y) // MAX_POINTS)
+    step = -(-len(y) // MAX_POINTS)  # rounded up: every step-th design is drawn
     places = figure.subplots(row_count, column_count, sharey=True, squeeze=False).ravel()
     for axes in places[len(variables) :]:
         axes.set_visible(False)

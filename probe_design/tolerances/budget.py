@@ -50,11 +50,11 @@ class BudgetPart:
     Attributes
     ----------
     derivative
-        Dy/dx, per SI unit.
+        dy/dx, per SI unit of the number.
     contribution
         |a_j|, eq. TO.4.
     share
-        Of the output's variance, to first order.
+        Share of the output's variance, to first order.
     first, total
         Sobol indices; None without samples.
     first_interval, total_interval
@@ -77,11 +77,12 @@ class BudgetLine(UncertainNumber):
     Attributes
     ----------
     held
-        eq. TO.5, SI: the standard deviation needed for the requested one of ln ratio; None if it is exact or has no effect.
+        tau_j of eq. TO.5, SI: the standard deviation needed for the requested one of ln ratio; None if the number is exact or
+        has no effect.
     alone
         The standard deviation allowed if all other numbers were exact.
     outputs
-        By name.
+        The number's effect on each output, by name.
     """
 
     held: float | None
@@ -96,11 +97,11 @@ class OutputScatter:
     Attributes
     ----------
     sd
-        To first order.
+        Standard deviation to first order.
     sampled
         ``sd`` times q of eq. TO.2, which includes nonlinearity and interactions; None without samples.
     sampled_error
-        Half-width of its 95 % interval, from the number of samples.
+        Half-width of the 95 % interval of ``sampled``, by the finite number of samples.
     error_estimate
         Bound on the relative error of ``sd``: |q - 1|, the sampling error and that of the derivatives; None without samples, or
         if the evaluator warns that its log-sensitivity is less accurate.
@@ -119,7 +120,7 @@ class ToleranceBudget(Record):
     Attributes
     ----------
     evaluator
-        That computed the derivatives.
+        Name of the evaluator that computed the derivatives.
     seconds
         Wall clock.
     ratio
@@ -216,7 +217,17 @@ def split_heights(scene: Scene) -> Scene:
 
 
 def allocate_tolerances(sds: Floats, contributions: Floats, allowed: float) -> Floats:
-    """Return the standard deviations of minimum cost, eq. TO.5; infinite for numbers without contribution; shapes (v,)."""
+    """Return the standard deviations tau of minimum cost, eq. TO.5, shape (v,); infinite for numbers without contribution.
+
+    Parameters
+    ----------
+    sds
+        Usual standard deviations t, shape (v,).
+    contributions
+        a of eq. TO.4, shape (v,).
+    allowed
+        Standard deviation x of the output.
+    """
     is_used = contributions != 0
     magnitude = np.abs(contributions[is_used])
     allocated = np.full(len(sds), np.inf)
@@ -228,12 +239,22 @@ def _check_request(ratio: float, samples: int) -> None:
     """Raise ``InputError`` for a ratio or a number of samples that is not allowed."""
     if not 0 < ratio < 1:
         raise InputError("ratio", ratio, "a number above 0 and below 1, such as 0.01")
-    if not SAMPLE_LIMITS[0] <= samples <= SAMPLE_LIMITS[1] or samples & (samples - 1):
+    if not SAMPLE_LIMITS[0] <= samples <= SAMPLE_LIMITS[1] or samples & (samples - 1):  # zero for powers of 2 only
         raise InputError("samples", samples, f"a power of 2 from {SAMPLE_LIMITS[0]} to {SAMPLE_LIMITS[1]}")
 
 
 def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, result: Result) -> dict[str, OutputScatter]:
-    """Build the scatter of the outputs that the scene has."""
+    """Build the scatter of the outputs that the scene has, by name.
+
+    Parameters
+    ----------
+    contributions
+        a of eq. TO.4, shape (4, v).
+    statistics
+        Of the samples, or None.
+    result
+        Of the probe as drawn.
+    """
     scatters, model_error = {}, DERIVATIVE_ERROR_FACTOR * (result.error_estimate or 0.0)
     is_vague = bool(select_notes(result.warnings, "sensitivity"))
     for k, name in enumerate(OUTPUT_NAMES):
@@ -253,7 +274,10 @@ def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, r
 def _build_lines(
     variables: tuple[UncertainNumber, ...], derivatives: Floats, statistics: SampleStatistics | None, ratio: float
 ) -> tuple[BudgetLine, ...]:
-    """Build the lines of the budget, the largest contribution to ln ratio first."""
+    """Build the lines of the budget, the largest contribution to ln ratio first.
+
+    ``derivatives`` are those of the outputs, shape (4, v); ``ratio`` is the allowed standard deviation of ln ratio.
+    """
     sds = np.array([variable.sd for variable in variables])
     contributions = derivatives * sds
     variances = (contributions**2).sum(axis=1)

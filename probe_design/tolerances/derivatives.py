@@ -56,6 +56,7 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
     Refusal
         See ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
     """
+    # names of the scene's numbers, always with the gap, which eq. TO.6 needs
     names = tuple(dict.fromkeys([*(variable.name for variable in variables if variable.kind != "gain"), GAP_KEY]))
     gradients = _compute_gradients(scene, names, accuracy)
     indices = [gradients.variables.index(name) for name in names]
@@ -69,6 +70,7 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
     if RADIUS_KEY in columns:  # as the workshop makes it, eq. TO.6
         columns[RADIUS_KEY] = columns[RADIUS_KEY] - columns[GAP_KEY]
     forces = np.array([values["stress_inner"] * scene.probe.inner_area, values["stress_outer"] * scene.probe.outer_area])
+    # gains have value 1; the stiffness changes by the film's fraction of the force, the log-sensitivity not at all
     for name, sign, fraction in zip(GAIN_NAMES, (1.0, -1.0), forces / forces.sum(), strict=True):  # eq. TO.3
         columns[name] = np.array([sign, sign, fraction, 0.0])
     return np.array([columns[variable.name] for variable in variables]).T

@@ -9,8 +9,8 @@ from probe_design.tolerances.budget import ToleranceBudget
 
 
 def draw_budget(budget: ToleranceBudget) -> Figure:
-    """Draw a budget."""
-    lines = budget.lines[::-1]
+    """Draw a budget: on the left the contribution of each number to ln ratio, on the right its share of the variance."""
+    lines = budget.lines[::-1]  # the largest contribution on top
     rows, parts = np.arange(len(lines)), [line.outputs["ln_ratio"] for line in lines]
     figure = Figure(figsize=(10.0, 1.5 + 0.4 * len(lines)), dpi=150, facecolor="white", layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)

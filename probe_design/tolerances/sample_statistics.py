@@ -44,7 +44,7 @@ class SampleStatistics:
     Attributes
     ----------
     derivatives
-        Dy/d eta of the closed form, shape (4, v).
+        dy/d eta of the closed form, shape (4, v).
     sd
         Standard deviations of the outputs, shape (4,).
     sd_error
@@ -112,16 +112,33 @@ def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: i
     )
 
 
-def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int) -> dict[str, Floats]:
-    """Compute indices (4, d) and their intervals (4, d, 2) by name; 0 for outputs that no variable affects."""
+def _compute_indices(
+    compute_outputs: Callable[[Any], Any], is_affected: Any, d: int, samples: int, seed: int
+) -> dict[str, Floats]:
+    """Compute Sobol indices, shape (4, d), and their intervals, shape (4, d, 2), by name.
+
+    Parameters
+    ----------
+    compute_outputs
+        Returns the four outputs, shape (4, n), at eta of shape (d, n).
+    is_affected
+        Which outputs the variables affect, shape (4,); the others have indices of 0.
+    d
+        Number of variables.
+    samples
+        A power of 2.
+    seed
+        Of the random numbers.
+    """
     evaluations: list[Floats] = []
 
     def record_and_estimate(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
+        """Keep the outputs of scipy's samples for the bootstrap, and return the indices."""
         evaluations.extend((f_A, f_B, f_AB))
         return _estimate_indices(f_A, f_B, f_AB)
 
     sampled = sobol_indices(
-        func=lambda eta: compute_outputs(eta)[moving],
+        func=lambda eta: compute_outputs(eta)[is_affected],
         n=samples,
         dists=[norm()] * d,  # type: ignore[list-item]  # the stubs want a function of one number
         method=record_and_estimate,
@@ -140,16 +157,18 @@ def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int,
     for k, (name, index) in enumerate((("first", sampled.first_order), ("total", sampled.total_order))):
         ends = np.stack([np.asarray(interval.low)[k], np.asarray(interval.high)[k]], axis=-1)
         indices[name], indices[f"{name}_interval"] = np.zeros((len(OUTPUT_NAMES), d)), np.zeros((len(OUTPUT_NAMES), d, 2))
-        indices[name][moving] = index
-        indices[f"{name}_interval"][moving] = np.where(np.isfinite(ends), ends, index[..., None])
+        indices[name][is_affected] = index
+        indices[f"{name}_interval"][is_affected] = np.where(np.isfinite(ends), ends, index[..., None])
     return indices
 
 
 def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, Floats]:
-    """Return first-order and total indices, (outputs, d), from samples A, B and A with one variable each of B.
+    """Return first-order and total Sobol indices, shapes (outputs, d).
 
-    Table 2, (b) and (f), of Saltelli et al., Comput. Phys. Commun. 181 (2010) 259. Samples have shapes (outputs, n), (outputs, n)
-    and (d, outputs, n); their means are zero.
+    ``f_A`` and ``f_B`` are the outputs at two independent samples A and B, shape (outputs, n); ``f_AB`` those at A with one
+    variable taken from B, for each of d variables, shape (d, outputs, n). The means of the outputs are zero.
+
+    Source: table 2, (b) and (f), of Saltelli et al., Comput. Phys. Commun. 181 (2010) 259.
     """
     variance = np.var([f_A, f_B], axis=(0, -1))
     first = np.mean(f_B * (f_AB - f_A), axis=-1) / variance
@@ -158,10 +177,11 @@ def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, F
 
 
 def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:
-    """Return the function eta, shape (v, n), real or complex -> the four outputs, shape (4, n)."""
+    """Return the function that computes the four outputs, shape (4, n), at eta of shape (v, n), real or complex."""
     shape, nominal = build_parameters(scene)
 
     def compute_outputs(eta: Any) -> Any:
+        """Return the outputs of n built probes."""
         columns = np.repeat(nominal[:, None], eta.shape[1], axis=1).astype(eta.dtype)
         gains = np.zeros((2, eta.shape[1]), dtype=eta.dtype)
         for variable, row in zip(variables, eta, strict=True):
@@ -170,6 +190,7 @@ def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -
             for key in DESIGN_PARAMETERS.get(variable.name, ()):
                 columns[PROBE_PARAMETERS.index(key)] = variable.draw(row)
         radius, gap = PROBE_PARAMETERS.index("inner_radius"), PROBE_PARAMETERS.index("gap")
+        # the gap is the hole's radius less the inner block's, both of which vary on their own (eq. TO.6)
         columns[gap] = keep_gap_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
         with np.errstate(all="ignore"):  # designs without a result become NaN
             matrix, derivatives = compute_forces(shape, columns)
@@ -188,7 +209,19 @@ def keep_gap_open(gap: Any) -> Any:
 
 
 def _compute_readings(matrix: Any, derivatives: Any, columns: Any, gains: Any) -> Any:
-    """Compute the four outputs from film forces, shape (n, 2, 2), and logarithms of the gains, shape (2, n)."""
+    """Compute the four outputs of n built probes, shape (4, n).
+
+    Parameters
+    ----------
+    matrix
+        Film forces in the base states (one block's base displaced by one unit, the other held), shape (n, 2, 2): film, state.
+    derivatives
+        Of ``matrix`` with respect to ln E_object.
+    columns
+        Parameters of the designs; inner radius, gap and outer radius are the first three.
+    gains
+        Logarithms of the films' gains, shape (2, n).
+    """
     inner, gap, outer = columns[:3]
     totals, change = matrix.sum(axis=2).T, derivatives.sum(axis=2).T
     ln_force_ratio = np.log(totals[0]) - np.log(totals[1]) + gains[0] - gains[1]

@@ -62,7 +62,7 @@ class UncertainNumber:
         if self.kind != "poisson_ratio":
             return self.value * np.exp(self.sd / self.value * eta)
         if self.sd == 0.0 or self.value == 0.0:
-            return self.value + 0.0 * eta
+            return self.value + 0.0 * eta  # of eta's shape
         odds = math.log(2 * self.value / (1 - 2 * self.value))
         return 0.5 / (1 + np.exp(-odds - self.sd / (self.value * (1 - 2 * self.value)) * eta))
 
@@ -112,7 +112,7 @@ def list_uncertain_numbers(
 
 
 def _list_block_values(scene: Scene) -> dict[str, float]:
-    """Return the numbers of the blocks by name, SI; films and base are bought, or hardly matter."""
+    """Return the numbers of the blocks by name, SI, without those of films and base, which are bought or hardly matter."""
     others = ("probe.film.", "probe.base.", "probe.area_ratio")
     return {
         name: value for name, value in list_values(scene).items() if name.startswith("probe.") and not name.startswith(others)
@@ -120,7 +120,10 @@ def _list_block_values(scene: Scene) -> dict[str, float]:
 
 
 def _build_number(scene: Scene, name: str, value: float, workshop: Workshop, origin: str) -> UncertainNumber:
-    """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
+    """Build the uncertain number ``name`` with the standard deviation of the bench's ``[workshop]``.
+
+    ``value`` is the drawn one, SI; ``origin`` names the bench in the source.
+    """
     kinds: dict[str, Kind] = {"youngs_modulus": "modulus", "poisson_ratio": "poisson_ratio"}
     kind = kinds.get(name.rpartition(".")[2], "length")
     if kind == "length" and workshop.length is None:
@@ -151,7 +154,7 @@ def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material
 
 
 def _read_sd(number: UncertainNumber, entry: object) -> float:
-    """Read a given standard deviation, SI."""
+    """Return a given standard deviation in SI units, checked; ``entry`` is relative for moduli and gains."""
     key = f"tolerance.{number.name}"
     if number.kind == "length":
         sd = LENGTH_QUANTITY.read(key, entry, units_required=isinstance(entry, str)) if entry not in (0, "0") else 0.0

@@ -30,7 +30,7 @@ MAX_PANELS = 30  # scenes drawn; the title says if there are more
 
 
 def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
-    """Draw a panel for each of the first 30 scenes to a .png file; returns ``path``.
+    """Draw a panel for each of the first ``MAX_PANELS`` scenes to a .png file; return ``path``.
 
     Raises
     ------
@@ -39,10 +39,10 @@ def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
     """
     names = list(study.scenes)[:MAX_PANELS]
     column_count = min(3, len(names))
-    row_count = -(-len(names) // column_count)
+    row_count = -(-len(names) // column_count)  # rounded up
     size = (max(7.5, 4.2 * column_count), 3.5 * row_count + 1.6)
     figure = Figure(figsize=size, dpi=130, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)  # attaches itself to the figure, which is then drawn without a display
     grid = figure.subplots(row_count, column_count, sharex=True, sharey=True, squeeze=False)
     for axes, name in zip(grid.flat, names, strict=False):
         _draw_panel(axes, name, study.find_rows(name))
@@ -57,7 +57,7 @@ def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
 
 
 def _draw_panel(axes: Axes, name: str, rows: Sequence[Row]) -> None:
-    """Draw the panel of one scene."""
+    """Draw the panel of one scene: errors of its ``rows`` against time, the Pareto front, and evaluators without a result."""
     results = remove_duplicates(rows)
     _draw_front(axes, results)
     for row in results:
@@ -81,11 +81,12 @@ def _draw_front(axes: Any, results: Sequence[Row]) -> None:
         return
     x = [row.seconds_probe for row in front]
     y = [_clip_error(row.stated_error) for row in front]
+    # the last step goes on to three times its time, so that it is visible
     axes.step([*x, 3 * (x[-1] or 0.0)], [*y, y[-1]], where="post", zorder=1, **FRONT_STYLE)
 
 
 def _draw_row(axes: Any, row: Row) -> None:
-    """Draw one row: stated error, true error or its upper limit, and the time of the next tumour."""
+    """Draw the marks of one row: stated error, true error or its upper limit, and the time of the next tumour."""
     colour, marker = EVALUATOR_COLOURS[row.evaluator], EVALUATOR_MARKERS[row.evaluator]
     x, stated_error = row.seconds_probe, _clip_error(row.stated_error)
     true = None if row.true_error is None else _clip_error(row.true_error if row.is_resolved else row.true_error_most)
@@ -101,7 +102,7 @@ def _draw_row(axes: Any, row: Row) -> None:
 
 def _label_accuracies(axes: Axes, results: Sequence[Row]) -> None:
     """Label points with the requested accuracy, where labels do not overlap."""
-    label_places: list[tuple[float, float]] = []
+    label_places: list[tuple[float, float]] = []  # log10 of time and error of the labels so far
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.3}
     for row in results:
         x, y = math.log10(row.seconds_probe or 1.0), math.log10(_clip_error(row.stated_error))

@@ -61,7 +61,7 @@ def write_files(study: Tradeoff, folder: Path) -> list[Path]:
 
 
 def _build_page(study: Tradeoff, picture: Path, summary: JsonObject) -> str:
-    """Return the page, HTML."""
+    """Return the page as HTML; ``picture`` is the file of the plot, ``summary`` the JSON object that the page contains."""
     rows = [_format_row(row) for row in study.rows if row.ratio is not None]
     refusals = dict.fromkeys(f"{row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None)
     skipped = [f"{name}: {reason}" for name, reason in study.skipped.items()]
@@ -92,7 +92,7 @@ def build_choice_table(study: Tradeoff) -> Table:
 
 
 def _build_choice_cells(study: Tradeoff) -> list[Cells]:
-    """Return, for each scene and tolerance, the fastest setting with its stated error within it, and with its true error."""
+    """Return a table row for each scene and tolerance: the fastest settings whose stated, and whose true error is within it."""
     return [
         (name, f"{100 * tolerance:g} %", _format_choice(stated), _format_choice(true))
         for name, tolerance, stated, true in study.iterate_choices()
@@ -112,6 +112,7 @@ def _summarize_setting(setting: Setting, rows: Sequence[Row]) -> Cells:
         return (*cells, *("-",) * (len(SUMMARY_HEADINGS) - len(cells)))
 
     def list_values(key: str) -> list[float]:
+        """Return the known values of an attribute of the results."""
         return [value for value in (getattr(row, key) for row in results) if value is not None]
 
     times = [list_values(key) for key in ("seconds_first", "seconds_probe", "seconds_tumour")]
@@ -156,18 +157,22 @@ def _format_true_error(row: Row) -> str:
 
 
 def _format_choice(row: Row | None) -> str:
+    """Format the chosen row as its setting and time; "none" without one."""
     return "none" if row is None else f"{row.setting}, {_format_seconds(row.seconds_probe)} s"
 
 
 def _format_setting_cells(setting: Setting) -> tuple[str, str]:
+    """Return the table cells of a setting: evaluator, and requested accuracy if it has one."""
     return setting.evaluator, "-" if setting.accuracy is None else f"{setting.accuracy:g}"
 
 
 def _format_error(value: float | None) -> str:
+    """Format a relative error with two digits; "-" if it is unknown."""
     return "-" if value is None else f"{value:.1e}"
 
 
 def _format_seconds(value: float | None) -> str:
+    """Format a time in s with two digits, or whole seconds from 100 s; "-" if it is unknown."""
     if value is None:
         return "-"
     return f"{value:.2g}" if value < 100 else f"{value:.0f}"

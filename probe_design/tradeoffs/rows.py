@@ -38,7 +38,7 @@ class Row:
     Attributes
     ----------
     scene
-        Its name.
+        Name of the scene.
     evaluator, accuracy
         See ``Setting``.
     ratio, log_sensitivity
@@ -54,7 +54,7 @@ class Row:
     seconds_tumour
         Median for another tumour under the same probe; None without a tumour.
     reason
-        Why there is no result.
+        Reason why there is no result.
     reference
         Whether this is the result with which the others of the scene are compared.
     same_level
@@ -65,8 +65,8 @@ class Row:
     true_error_least, true_error_most
         Limits of the true error, as the reference has a stated error itself.
     log_sensitivity_error
-        Difference of the log-sensitivity from the reference's, relative to it or, where it is smaller, to 1e-5. The error of the
-        reference's log-sensitivity is not stated, and so not counted.
+        Difference of the log-sensitivity from the reference's, relative to the larger of that and ``MIN_LOG_SENSITIVITY``. The
+        error of the reference's log-sensitivity is not stated, and so not counted.
     """
 
     scene: str
@@ -94,7 +94,7 @@ class Row:
 
     @property
     def is_error_covered(self) -> bool:
-        """Whether the stated error may cover the true one: it is not below ``true_error_least``."""
+        """Whether the stated error may cover the true one: it is at least ``true_error_least``, or one of both is unknown."""
         return self.true_error_least is None or self.stated_error is None or self.true_error_least <= self.stated_error
 
     @property
@@ -104,7 +104,9 @@ class Row:
 
 
 def compare_with_reference(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
-    """Add true errors to the rows of one scene: the reference is the smallest stated error of a ``converging`` evaluator.
+    """Return the rows of one scene with true errors: differences from a reference.
+
+    The reference is the row of a ``converging`` evaluator with the smallest stated error; without one the rows are unchanged.
 
     With d the relative difference from the reference, e the reference's stated error and e' its unknown true one,
 
@@ -137,8 +139,11 @@ def _compare_row(row: Row, reference: Row) -> Row:
 
 
 def remove_duplicates(rows: Iterable[Row]) -> tuple[Row, ...]:
-    """Leave out rows with the same ratio as a coarser setting of their evaluator: their times differ only by chance."""
-    first: dict[tuple[str, str, float | None], Row] = {}
+    """Return the rows with a result, without those with the same ratio as an earlier, coarser setting of their evaluator.
+
+    Times of such rows differ only by chance.
+    """
+    first: dict[tuple[str, str, float | None], Row] = {}  # first row of each scene, evaluator and ratio
     for row in rows:
         if row.ratio is not None:
             first.setdefault((row.scene, row.evaluator, row.ratio), row)
@@ -146,7 +151,10 @@ def remove_duplicates(rows: Iterable[Row]) -> tuple[Row, ...]:
 
 
 def find_pareto_front(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
-    """Return the Pareto front of ``seconds_probe`` and error, fastest first; of stated errors, bounds alone count."""
+    """Return the Pareto front of time and error, fastest first: rows with a smaller error than all faster ones.
+
+    The time is ``seconds_probe``; ``error`` names the attribute of the error. Stated errors count only if they are bounds.
+    """
     costs = [
         (row.seconds_probe, getattr(row, error), row) for row in rows if error != "stated_error" or row.error_kind == "bound"
     ]

@@ -53,13 +53,13 @@ class Tradeoff:
     Attributes
     ----------
     scenes
-        By name.
+        The scenes by name.
     rows
         One for each scene and setting, in that order.
     skipped
         Evaluators that were not used for every scene, with the reason.
     warnings
-        Of loads for which linear elasticity, to which all errors refer, is not accurate.
+        Warnings about loads for which linear elasticity, to which all errors refer, is not accurate.
     """
 
     scenes: Mapping[str, Scene]
@@ -84,7 +84,7 @@ class Tradeoff:
 
     @property
     def uncertain_references(self) -> tuple[Row, ...]:
-        """References with a stated error above 1 %: the true errors of their scenes are not known."""
+        """References with a stated error above ``MAX_CERTAIN_ERROR``: the true errors of their scenes are not known."""
         return tuple(row for row in self.rows if row.reference and (row.stated_error or 0.0) > MAX_CERTAIN_ERROR)
 
     def iterate_choices(self) -> Iterator[tuple[str, float, Row | None, Row | None]]:
@@ -136,7 +136,7 @@ def measure_tradeoff(
     Parameters
     ----------
     scenes
-        By name.
+        The scenes by name.
     solid
         Whether to use the three-dimensional evaluator too, which takes minutes per scene. It is used anyway where no other
         converging evaluator takes the scene.
@@ -145,9 +145,10 @@ def measure_tradeoff(
     settings
         The timed settings.
     finest
-        Settings tried in turn until one states an error of at most 1e-5, for the reference; timed once.
+        Settings tried in turn for the reference, until one states an error of at most ``MAX_REFERENCE_ERROR``; timed once.
     linear
-        Whether to accept loads for which linear elasticity, to which all errors refer, is less accurate than 1 %.
+        Whether to accept loads for which linear elasticity, to which all errors refer, is less accurate than
+        ``LOAD_ACCURACY``.
 
     Raises
     ------
@@ -182,8 +183,11 @@ def _check_load(scene: Scene, linear: bool) -> tuple[str, ...]:
 def _measure_scene(
     name: str, scene: Scene, solid: bool, *, progress: Progress, settings: Sequence[Setting], finest: Sequence[Setting]
 ) -> tuple[Row, ...]:
-    """Evaluate and time one scene with all settings, then compare with the reference."""
-    total = len(settings) + len(finest) + len(SOLID_SETTINGS) + 1
+    """Return the rows of one scene: evaluate and time it with all settings, then compare with the reference.
+
+    ``name`` is the scene's; see ``measure_tradeoff`` for the other parameters.
+    """
+    total = len(settings) + len(finest) + len(SOLID_SETTINGS) + 1  # steps of progress; the repeats are one
     rows: list[Row] = []
     for done, setting in enumerate(settings):
         progress(name, done, total)
@@ -204,10 +208,11 @@ def _measure_scene(
 
 
 def _find_min_error(rows: list[Row]) -> float:
-    """Return the smallest stated error of the converging evaluators."""
+    """Return the smallest stated error of the converging evaluators; inf without a result."""
     stated = (row.stated_error for row in rows if row.evaluator in CONVERGING_EVALUATORS and row.ratio is not None)
     return min((error for error in stated if error is not None), default=math.inf)
 
 
 def _build_choice(row: Row | None) -> dict[str, object] | None:
+    """Return the JSON object of the fastest row within a tolerance; None if there is none."""
     return None if row is None else {"evaluator": row.evaluator, "accuracy": row.accuracy, "seconds_probe": row.seconds_probe}

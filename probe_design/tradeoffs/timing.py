@@ -42,7 +42,10 @@ def time_first_result(name: str, scene: Scene, setting: Setting) -> Row:
 
 
 def time_repeats(scene: Scene, rows: Sequence[Row]) -> list[Row]:
-    """Repeat the settings that have a result in turns, so that other load on the machine slows all of them equally."""
+    """Return the rows with median times of repeated evaluations, for a new probe and for another tumour.
+
+    Settings take turns, so that other load on the machine slows all of them equally.
+    """
     probe_times: list[list[float]] = [[] for _ in rows]
     tumour_times: list[list[float]] = [[] for _ in rows]
     for _ in range(MAX_REPEATS):
@@ -52,6 +55,7 @@ def time_repeats(scene: Scene, rows: Sequence[Row]) -> list[Row]:
             with use_workspace(Workspace()), suppress(ProbeError):  # the scene is at a limit of what the evaluator takes
                 probes.append(_time_setting(scene, row.setting)[1])
                 if scene.inclusion:
+                    # in the same workspace: the solution of the probe is cached
                     tumours.append(_time_setting(change_tumours(scene), row.setting)[1])
     return [
         replace(

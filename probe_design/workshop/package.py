@@ -38,11 +38,11 @@ class ExportSummary:
     scene
         The given scene, or the rounded one.
     files
-        Their paths, the STEP files of the parts first.
+        Paths of the files, the STEP files of the parts first.
     rounding
         The rounded sizes and their effect; None without ``step``.
     remarks
-        For the user, one line each.
+        Notes for the user, one line each.
     """
 
     scene: Scene
@@ -75,11 +75,11 @@ def export(
     Parameters
     ----------
     scene
-        Of the probe.
+        Scene of the probe.
     folder
-        For the files, created if needed.
+        Folder for the files, created if needed.
     step
-        m, sizes are rounded to its multiples; None: not rounded. See ``probe_design.workshop.rounding.round_sizes``.
+        Sizes are rounded to multiples of this length, m; None: not rounded. See ``probe_design.workshop.rounding.round_sizes``.
     force
         Whether to replace parts of another design in the folder.
     tolerance
@@ -104,6 +104,7 @@ def export(
     """
     check_writable(folder)  # fail before the work, not after it
     check_tolerance(tolerance)
+    # raises before the work where no mould is possible
     compute_mould_sizes(scene.probe, scene.contact.edge_radius, casting.shrinkage, casting.draft)
     rounding = None if step is None else round_sizes(scene, step)
     built_scene = scene if rounding is None else rounding.scene
@@ -133,11 +134,12 @@ def export(
 
 
 def list_missing_films(probe: Probe) -> tuple[str, ...]:
-    """Return the warning that a probe is built without sensors, if it is."""
+    """Return the warning that a probe is built without sensors; empty if it has films."""
     if probe.film is not None:
         return ()
     return ("the probe has no sensors: the scene has no [probe.film], so the base lies on the blocks; add that table",)
 
 
 def _write_text(text: str, path: Path) -> None:
+    """Write a text to a file; the path comes last, as in every ``Writer``."""
     path.write_text(text, encoding="utf-8")

@@ -33,7 +33,7 @@ def compute_ratio_budget(scene: Scene, tolerance: float) -> Budget:
     Parameters
     ----------
     scene
-        Of the probe.
+        Scene of the probe.
     tolerance
         Allowed standard deviation of ln ratio from dimensions, moduli and gains together: 0.01 for 1 %.
 
@@ -64,13 +64,16 @@ def check_tolerance(tolerance: float) -> None:
 
 
 def build_budget(probe: Probe, lines: tuple[BudgetLine, ...], tolerance: float, remark: str = "") -> Budget:
-    """Build the budget of the drawings from the lines of an uncertainty budget.
+    """Return the budget for the drawings, from the lines of an uncertainty budget.
+
+    ``tolerance`` is the allowed standard deviation of ln ratio; ``remark`` is printed with the budget.
 
     A deviation is the half-width of a uniform distribution: sqrt(3) standard deviations (JCGM 100:2008, 4.3.7).
     """
     drawing_lines = {name: line for line in lines for name in DRAWING_DIMENSIONS.get(line.name, ())}
     sizes = {"hole_radius": probe.hole_radius, "gap": probe.gap}
     deviations = {name: DEVIATION_PER_SD * line.held * MM_PER_M for name, line in drawing_lines.items() if line.held is not None}
+    # change of ln ratio per relative change of the size; one height for both blocks stands for two independent ones: sqrt(2)
     derivatives = {
         name: line.outputs["ln_ratio"].derivative
         * sizes.get(name, line.value)
@@ -89,7 +92,7 @@ def _describe_number(name: str) -> str:
 
 
 def _build_scatter(line: BudgetLine) -> Scatter:
-    """Build the line of a number that is no dimension of the drawings."""
+    """Return the scatter of a number that is no dimension of the drawings, such as a modulus or a gain."""
     nominal = format_modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
     return Scatter(
         line.name,

@@ -47,15 +47,15 @@ class Rounding(Record):
     Attributes
     ----------
     step
-        Sizes are multiples of it, m.
+        Length, m; all rounded sizes are multiples of it.
     scene
-        The rounded one.
+        The rounded scene.
     changes
         Rounded sizes in the order of the scene file, without those that were multiples of the step already.
     before, after
         Results before and after rounding; None if no evaluator takes the scenes.
     remark
-        Why there are no results.
+        Reason why there are no results.
     """
 
     INTERNAL = ("scene",)
@@ -68,7 +68,9 @@ class Rounding(Record):
 
 
 def round_sizes(scene: Scene, step: float) -> Rounding:
-    """Round radii, gap, heights, groove and base of a scene's probe to multiples of ``step`` (m), without its cost.
+    """Round radii, gap, heights, groove and base of a scene's probe to multiples of ``step`` (m).
+
+    The results before and after are added by ``add_cost``.
 
     The outer radius replaces ``area_ratio``. The wall keeps its limit, see ``MIN_WALL_M``; the groove stays inside its block. The
     thickness of the film is given by its maker and the round edges by the tool: they are not rounded.
@@ -95,7 +97,10 @@ def round_sizes(scene: Scene, step: float) -> Rounding:
 
 
 def add_cost(rounding: Rounding, scene: Scene) -> Rounding:
-    """Add the results before and after to a rounding of ``scene``, by the first of ``COST_EVALUATORS`` that takes both."""
+    """Return a rounding of ``scene`` with the results before and after.
+
+    They are computed by the first of ``COST_EVALUATORS`` that can evaluate both scenes; a remark gives the reason if none can.
+    """
     for name, accuracy in COST_EVALUATORS:
         try:
             old_result, new_result = (evaluate(design, name, accuracy, linear=True) for design in (scene, rounding.scene))
@@ -107,6 +112,7 @@ def add_cost(rounding: Rounding, scene: Scene) -> Rounding:
 
 
 def _build_cost(result: Result) -> RoundingCost:
+    """Return the numbers of a result that show the cost of rounding."""
     return RoundingCost(result.ratio, result.log_sensitivity, result.error_estimate, result.evaluator)
 
 
@@ -125,6 +131,7 @@ def _list_sizes(probe: Probe) -> dict[str, float]:
 
 
 def _round_to_step(size: float, step: float) -> float:
+    """Return the multiple of the step nearest to a size, at least one step."""
     return _multiply_step(max(1, round(size / step)), step)
 
 
@@ -134,7 +141,10 @@ def _multiply_step(count: int, step: float) -> float:
 
 
 def _restore_limits(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float]:
-    """Move rounded sizes by steps until the limits between them hold again."""
+    """Return rounded sizes, by key, moved by whole steps where needed so that the limits between them hold again.
+
+    They are the thickness of the wall, the flange outside the wall, and the groove inside its block; ``scene`` is not rounded.
+    """
     probe = scene.probe
     hole = sizes["probe.inner_radius"] + sizes["probe.gap"]
     wall = min(MIN_WALL_M, probe.tube_radius - probe.hole_radius)
@@ -152,12 +162,12 @@ def _restore_limits(scene: Scene, sizes: dict[str, float], step: float) -> dict[
 
 
 def _round_up(size: float, step: float) -> float:
-    """Round a size up to a multiple of the step."""
+    """Return a size rounded up to a multiple of the step; 1e-9 keeps a size that is a multiple but for rounding."""
     return _multiply_step(math.ceil(size / step * (1 - 1e-9)), step)
 
 
 def _round_below(limit: float, step: float) -> float:
-    """Return the largest multiple of the step below a limit."""
+    """Return the largest multiple of the step strictly below a limit; 1e-9 allows for rounding of the limit."""
     return _multiply_step(math.ceil(limit / step * (1 - 1e-9)) - 1, step)
 
 
@@ -169,6 +179,7 @@ def _replace_sizes(scene: Scene, sizes: dict[str, float]) -> Scene:
         *places, name = key.split(".")
         table = tables
         for place in places:
+            # a base that the scene does not state is rigid
             table = table.setdefault(place, {"rigid": True} if place == "base" else {})
         table[name] = LENGTH_QUANTITY.format_value(size)
     try:

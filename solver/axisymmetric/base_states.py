@@ -53,17 +53,17 @@ class MeridianModel:
     section, materials, interface
         What is modelled.
     mesh
-        The elements.
+        The elements, n of them.
     shapes
-        Their functions.
+        The elements' shape functions, s of order p.
     geometry
-        Their geometry.
+        The elements' geometry at the Gauss points.
     law
-        Of each element, shape (n,).
+        Material law of each element, shape (n,).
     condensed
-        The elements' matrices without their insides.
+        The elements' stiffness with the functions inside them eliminated.
     system
-        Of the unknowns on corners and edges.
+        The equations of the unknowns on corners and edges, factorised.
     """
 
     section: Section
@@ -78,15 +78,18 @@ class MeridianModel:
 
     @cached_property
     def recovery(self) -> Floats:
-        """Matrices that give values inside elements from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
+        """Matrices that give the values of functions inside elements from those on corners and edges, (n, 2 (p-1)^2, 8 p)."""
         return self.condensed.compute_recovery()
 
     def build_blocks(self, chosen: Ints) -> Blocks:
-        """Return the blocks of some elements' stiffness matrices with their moduli. Not cached."""
+        """Return the blocks of the stiffness matrices of the elements with indices ``chosen``; they are not cached."""
         return integrate_stiffness(self.geometry.select(chosen), self.shapes, self.law.select(chosen))
 
     def recover_values(self, edge: Floats) -> Floats:
-        """Return all values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
+        """Return all values of k displacement fields, shape (n, 2 s, k), from those on corners and edges, shape (n, 8 p, k).
+
+        Each of the n elements has s functions, of which the first 4 p are on corners and edges; u_r comes before u_z.
+        """
         n, s, m, k = len(edge), len(self.shapes.degrees), self.shapes.skeleton, edge.shape[-1]
         out = np.empty((n, 2, s, k))
         out[:, :, :m] = edge.reshape(n, 2, m, k)
@@ -96,14 +99,14 @@ class MeridianModel:
 
 @dataclass(frozen=True)
 class BaseStates:
-    """Film forces per unit displacement of the blocks.
+    """The two base states of a model, and from them the film forces per unit displacement of each block's base.
 
     Attributes
     ----------
     model
-        What was solved.
+        The model that was solved.
     v
-        The unknowns of both states, shape (unknowns, 2).
+        The unknowns of both states, shape (unknowns, 2): state 0 displaces the base of the inner block, state 1 of the outer.
     edge
         The elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
     shift
@@ -113,7 +116,7 @@ class BaseStates:
     rounding
         Bound on the rounding error of ``forces``, shape (2, 2).
     residual
-        The larger of both solutions, relative to |K| |u|.
+        The larger of the residuals of both solutions, relative to |K| |u|.
     """
 
     model: MeridianModel
@@ -130,7 +133,7 @@ class BaseStates:
         return self.model.recover_values(self.edge)
 
     def compute_modulus_derivative(self, body: Body = Body.INCLUSION) -> Floats:
-        """Return dF_ij / d ln E of a body, N/m, shape (2, 2)."""
+        """Return dF_ij / d ln E of a body, N/m, shape (2, 2): the part of the energy F_ij inside the body."""
         inside = np.flatnonzero(self.model.mesh.body == body)
         u = self.edge[inside]
         return sum_products(u, self.model.system.stiffness[inside] @ u)
@@ -140,6 +143,8 @@ def build_model(
     section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, kind: Kind | None = None
 ) -> MeridianModel:
     """Build the model of a section on one mesh: integrate, condense and factorise the stiffness.
+
+    ``kind`` is the topology of the mesh; None for that which fits the section.
 
     Raises
     ------
@@ -172,12 +177,15 @@ def build_model(
 
 
 def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, law: Isotropic) -> Iterator[Blocks]:
-    """Yield the elements' matrices in order, rectangles first, in blocks that fit the processor's cache."""
+    """Yield the elements' stiffness matrices in order, rectangles first, in blocks that fit the processor's cache.
+
+    Rectangles in one column of the mesh share integrals, so that their blocks are complete columns.
+    """
     count, columns = max(1, int(BLOCK_BYTES / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
     starts = [columns[0]]
     while starts[-1] < columns[-1]:  # complete columns, at least one
-        fit = columns[columns <= starts[-1] + count][-1]
-        starts.append(fit if fit > starts[-1] else columns[columns > starts[-1]][0])
+        column_end = columns[columns <= starts[-1] + count][-1]
+        starts.append(column_end if column_end > starts[-1] else columns[columns > starts[-1]][0])
     for low, high in pairwise(starts):
         column_starts, chosen = columns[(columns >= low) & (columns <= high)] - low, slice(low, high)
         yield integrate_rectangles(geometry.select(chosen), functions, law.select(chosen), column_starts)
@@ -187,7 +195,10 @@ def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, la
 
 
 def solve_base_states(model: MeridianModel) -> BaseStates:
-    """Solve both base states.
+    """Solve both base states: a unit displacement of the inner block's base with the outer one fixed, then the reverse.
+
+    The film forces F_ij are the energy products u_i^T K u_j of these two states, shape (2, 2). A direct solution usually
+    suffices; otherwise it is repeated with one step of iterative refinement.
 
     Raises
     ------
@@ -195,11 +206,12 @@ def solve_base_states(model: MeridianModel) -> BaseStates:
         The residual of the solution is too large to be trusted.
     """
     system = model.system
+    # 1: a direct solution; 2: with one step of refinement, after which a residual above the maximum is an error
     for passes, max_residual in ((1, np.inf), (2, MAX_RESIDUAL_RELATIVE)):
         solution = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, max_residual)
         values, unbalanced = solution.values, solution.unbalanced
         forces = sum_products(values, solution.loads)
-        # changes of the forces if the equations were met exactly
+        # energy products of both states' remaining errors: changes of the forces if the equations were met exactly
         residual_effects = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
         is_negligible = np.all(residual_effects <= MAX_RESIDUAL_EFFECT_RELATIVE * np.abs(forces))
         if solution.residual <= MAX_RESIDUAL_RELATIVE and is_negligible:
@@ -211,32 +223,42 @@ def solve_base_states(model: MeridianModel) -> BaseStates:
 
 
 def _bound_rounding(stiffness: Floats, values: Floats, forces: Floats) -> Floats:
-    """Return ten standard deviations of the forces if every entry of the matrices has an independent rounding error.
+    """Return ten standard deviations of the film forces, shape (2, 2), for independent rounding errors of all matrix entries.
 
-    An entry of a positive definite matrix is at most the root of the product of its two diagonal entries. That gives a bound from
-    the diagonal, which is returned where it is small enough.
+    An entry of a positive definite matrix is at most the root of the product of its two diagonal entries. That gives a looser
+    bound from the diagonals alone, which is returned where it is below ``MAX_LOOSE_BOUND_RELATIVE``.
+
+    Parameters
+    ----------
+    stiffness
+        Of the elements, shape (n, 8 p, 8 p).
+    values
+        Elements' values in both states, shape (n, 8 p, 2).
+    forces
+        F_ij, N/m, shape (2, 2).
     """
-    ten = 10 * np.finfo(float).eps
+    ten_roundings = 10 * np.finfo(float).eps
     diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), values**2)
-    loose_bound = ten * np.sqrt(diagonal.T @ diagonal)
+    loose_bound = ten_roundings * np.sqrt(diagonal.T @ diagonal)
     if np.all(loose_bound <= MAX_LOOSE_BOUND_RELATIVE * np.abs(forces)):
         return np.asarray(loose_bound)
-    return np.asarray(ten * np.sqrt(sum_products(values**2, stiffness**2 @ values**2)))
+    return np.asarray(ten_roundings * np.sqrt(sum_products(values**2, stiffness**2 @ values**2)))
 
 
 def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, max_modulus_ratio: float = 1.0) -> Floats:
-    """Project states and vectors, in energy, to the space of edge functions up to a degree.
+    """Project states and vectors, in energy, to the space of functions on corners and edges up to a polynomial degree.
 
-    Returns the elements' values, shape (n, 8 p, 2 + m) or, with ``max_modulus_ratio`` above 1, (n, 8 p, 2 + m + 2).
+    Returns the elements' values (n elements of order p), shape (n, 8 p, 2 + m) or, with ``max_modulus_ratio`` above 1,
+    (n, 8 p, 2 + m + 2).
 
     Parameters
     ----------
     states
-        On the whole space; their projections come first.
+        The base states on the whole space; their projections come first.
     vectors
-        Elements' values without a lift, shape (n, 8 p, m).
+        Elements' values of m vectors without a lift (the rigid shift of a block, see ``Numbering.lift``), shape (n, 8 p, m).
     degree
-        At least 1.
+        The highest degree that is kept, at least 1.
     max_modulus_ratio
         A modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved there, too, and their
         differences from the first come last: they describe the strain of a nearly rigid inclusion.
@@ -255,9 +277,10 @@ def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, max
 
 
 def approximate_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
-    """Approximate ``project_to_lower_order`` of both states without another factorisation.
+    """Approximate the projection of both states to a lower degree (``project_to_lower_order``) without another factorisation.
 
-    Returns the elements' values and the forces of their difference from ``states``, (n, 8 p, 2) both.
+    Returns the elements' values of the approximate states, and the elements' forces of their difference from ``states``, both of
+    shape (n, 8 p, 2).
 
     From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent reduces the distance
     in energy of both at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
@@ -283,19 +306,21 @@ def scale_inclusion(model: MeridianModel, modulus_ratio: float) -> Floats:
 
 
 def find_values_of_degree(model: MeridianModel, degree: int) -> Ints:
-    """Return the indices of the elements' values whose edge functions are of one degree."""
+    """Return the indices, among an element's 8 p values, of those whose corner or edge functions have the given degree."""
+    # a function's degree is the larger of its degrees along both sides; the values of u_z follow those of u_r
     degrees = model.shapes.degrees[: model.shapes.skeleton].max(axis=1)
     return np.flatnonzero(np.tile(degrees, 2) == degree)
 
 
 def sum_products(a: Floats, b: Floats) -> Floats:
-    """Return sums a_i^T b_j over all elements, of arrays (n, size, i) and (n, size, j), shape (i, j)."""
+    """Return the products a_i^T b_j summed over all elements, shape (i, j), of arrays a (n, size, i) and b (n, size, j)."""
     return np.asarray(a.reshape(-1, a.shape[-1]).T @ b.reshape(-1, b.shape[-1]))
 
 
 def _collect_laws(mesh: Topology, materials: Materials) -> Isotropic:
-    """Return the law of each element, from the materials of the bodies."""
+    """Return the material law of each element, from the materials of the bodies."""
     bodies = list(materials)
+    # position of each body in ``materials``
     number = np.zeros(len(Body), dtype=int)
     number[bodies] = np.arange(len(bodies))
     return Isotropic.from_materials(materials.values()).select(number[mesh.body])

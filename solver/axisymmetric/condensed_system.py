@@ -26,13 +26,13 @@ class System:
     Attributes
     ----------
     numbering
-        Of the unknowns.
+        The numbering of the unknowns.
     stiffness
         Of the elements, shape (n, 8 p, 8 p).
     matrix
         The assembled stiffness, shape (unknowns, unknowns).
     factor
-        Of the matrix.
+        The matrix's Cholesky factor.
     """
 
     numbering: Numbering
@@ -51,7 +51,10 @@ class System:
         return self.remove_shift(self._gather_values(v, lift))[0]
 
     def remove_shift(self, local: Floats) -> tuple[Floats, Floats]:
-        """Return elements' values (e, 8 p, k) without their rigid shifts along z, and these shifts, (e, k)."""
+        """Return elements' values (e, 8 p, k) without their rigid shifts along z, and these shifts, (e, k).
+
+        An element's shift is u_z at its first corner.
+        """
         unit_shift = self.numbering.vertical
         shift = local[:, np.argmax(unit_shift)]
         return local - shift[:, None] * unit_shift[:, None], shift
@@ -61,11 +64,12 @@ class System:
         return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], v.shape[1]) + lift)
 
     def assemble_forces(self, forces: Floats) -> Floats:
-        """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
+        """Return the forces on the unknowns, shape (unknowns, k): sums of the elements' forces, shape (n, 8 p, k)."""
         return np.asarray(self.numbering.scatter @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
     def compute_lift_forces(self, lift: Floats) -> Floats:
-        """Return the forces of the lift alone, shape (unknowns, k); few elements have a lift."""
+        """Return the forces of the lift alone, shape (unknowns, k)."""
+        # few elements have a lift: only those are multiplied
         elements = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
         forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
         forces[elements] = self.stiffness[elements] @ self.remove_shift(lift[elements])[0]
@@ -79,6 +83,17 @@ class System:
         max_residual: float = MAX_RESIDUAL_RELATIVE,
     ) -> Solution:
         """Solve K (v + lift) = forces, with iterative refinement in ``passes`` - 1 further steps.
+
+        Parameters
+        ----------
+        forces
+            On the unknowns, k sets, shape (unknowns, k).
+        lift
+            Elements' values of given displacements, shape (n, 8 p, k), see ``Numbering.lift``; 0 for none.
+        passes
+            Number of solutions with the factor: the first, and one for each step of refinement.
+        max_residual
+            Largest relative residual that is accepted.
 
         Raises
         ------
@@ -95,7 +110,7 @@ class System:
             unbalanced = forces - self.assemble_forces(loads)
         diagonal = np.diagonal(self.stiffness, axis1=1, axis2=2)[..., None]
         residual = self._compute_relative_residual(unbalanced, diagonal * np.abs(local), forces)
-        if not residual <= MAX_LOOSE_RESIDUAL:
+        if not residual <= MAX_LOOSE_RESIDUAL:  # "not <=": also for NaN; the exact |K| |u| takes longer
             residual = self._compute_relative_residual(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
         if not residual <= max_residual:
             allowed = f"relative residual {residual:.1e}, allowed {max_residual:.0e}"

@@ -31,9 +31,9 @@ class Converged:
     Attributes
     ----------
     films
-        With their errors.
+        Forces per unit displacement with error bounds, one for each modulus.
     sample
-        Where they come from; its states are those of one of the moduli, or of one between them.
+        The solution from which they are computed; its states are those of one of the moduli, or of one between them.
     plan
         Features that are modelled or left out, beyond blocks and tissue.
     notes
@@ -52,6 +52,18 @@ class Converged:
 def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
     """Return film forces on the first mesh that meets ``accuracy``, or on the finest.
 
+    First the effects of all features beyond blocks and tissue are bounded with a solution on the coarsest mesh. Films and base
+    that matter are then modelled; the effects of the others are added to the error bounds.
+
+    Parameters
+    ----------
+    scene
+        Of a kind that ``axisymmetric`` takes.
+    accuracy
+        Relative, of the ratio, the stresses and the stiffness.
+    moduli
+        Young's moduli of the inclusion, Pa, shape (k,); None for its own.
+
     Raises
     ------
     SolveError
@@ -60,48 +72,50 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         Not even the meshes that an error bound needs are within the limits of memory and time.
     """
     get_workspace().begin()
-    plain = build_sections(scene)
-    rough = cache(lambda: solve_on_mesh(plain.section, plain, scene, MESH_LEVELS[0], moduli=moduli))
-    changes = list(bound_omitted_changes(scene, plain, rough, moduli))
-    in_plane = [change for change in changes if change.feature in IN_PLANE_DETAILS]
-    chosen = plain
-    if any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane):
-        chosen = add_details(scene, plain)
-        changes = [replace(change, modelled=True) if change in in_plane else change for change in changes]
-    missing = [change for change in changes if not change.modelled]
-    solve = partial(solve_on_mesh, chosen.section, chosen, scene, moduli=moduli)
+    bare_sections = build_sections(scene)
+    solve_coarsest = cache(lambda: solve_on_mesh(bare_sections.section, bare_sections, scene, MESH_LEVELS[0], moduli=moduli))
+    feature_changes = list(bound_omitted_changes(scene, bare_sections, solve_coarsest, moduli))
+    in_plane_changes = [change for change in feature_changes if change.feature in IN_PLANE_DETAILS]
+    sections = bare_sections
+    if any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
+        sections = add_details(scene, bare_sections)
+        feature_changes = [replace(change, modelled=True) if change in in_plane_changes else change for change in feature_changes]
+    omitted = [change for change in feature_changes if not change.modelled]
+    solve = partial(solve_on_mesh, sections.section, sections, scene, moduli=moduli)
 
     def is_good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
         """Return whether errors are within the accuracy, or finer meshes could not bring them there."""
         numerical = _build_films(scene, mesh_sample, errors)
         numerical_error = reached = max(film.compute_max_error(scene) for film in numerical)
-        if missing:
-            reached = max(film.compute_max_error(scene) for film in _build_films(scene, mesh_sample, errors, missing))
+        if omitted:
+            reached = max(film.compute_max_error(scene) for film in _build_films(scene, mesh_sample, errors, omitted))
+        # the second case: the features left out exceed the accuracy, and finer meshes cannot reduce their effect
         small = reached <= accuracy or (reached - numerical_error > accuracy and numerical_error <= accuracy / 2)
         return small and all(film.meets_sensitivity(accuracy) for film in numerical)
 
+    # bounds from one mesh assume that errors fall with the order as on meshes graded at every singular point, eq. AX.10
     mesh_sample, errors, reason = refine(
-        lambda level: rough() if level == MESH_LEVELS[0] and chosen is plain else solve(level),
+        lambda level: solve_coarsest() if level == MESH_LEVELS[0] and sections is bare_sections else solve(level),
         accuracy,
         is_good,
-        (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if is_graded_everywhere(chosen.section) else (),
-        margin=UNEVEN_MARGIN_FACTOR if chosen.section.has_details or chosen.section.interfaces else 1.0,
-        one_mesh_orders=CROSSED_SPHERE_ORDERS if chosen.section.interfaces_apart[1] else ONE_MESH_ORDERS,
+        (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if is_graded_everywhere(sections.section) else (),
+        margin=UNEVEN_MARGIN_FACTOR if sections.section.has_details or sections.section.interfaces else 1.0,
+        one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
     )
-    films = _build_films(scene, mesh_sample, errors, missing)
-    plan = tuple(change.build_decision(accuracy) for change in changes)
-    return Converged(films, mesh_sample, plan, tuple(_write_notes(scene, films, missing, accuracy, reason)), reason)
+    films = _build_films(scene, mesh_sample, errors, omitted)
+    plan = tuple(change.build_decision(accuracy) for change in feature_changes)
+    return Converged(films, mesh_sample, plan, tuple(_write_notes(scene, films, omitted, accuracy, reason)), reason)
 
 
 def _build_films(
-    scene: Scene, sample: MeshSample, errors: SampleErrors, changes: Iterable[Change] = ()
+    scene: Scene, sample: MeshSample, errors: SampleErrors, feature_changes: Iterable[Change] = ()
 ) -> tuple[FilmForces, ...]:
-    """Return the film forces at each modulus, their bounds widened by what ``changes`` leave out."""
+    """Return the film forces at each modulus, corrected and with bounds widened by the features that are left out."""
     films = []
     for k, forces in enumerate(sample.forces):
         bound = Bound.from_independent_errors(errors.totals[k], forces)
         sensitivity_bound = float(errors.sensitivity[k])
-        for change in changes:
+        for change in feature_changes:
             bound, sensitivity_bound = bound + change.bounds[k], sensitivity_bound + float(change.sensitivity[k])
             forces = forces + np.broadcast_to(change.shift, sample.forces.shape)[k]
         films.append(
@@ -111,20 +125,23 @@ def _build_films(
 
 
 def _write_notes(
-    scene: Scene, films: tuple[FilmForces, ...], missing: Iterable[Change], accuracy: float, reason: str | None
+    scene: Scene, films: tuple[FilmForces, ...], omitted: Iterable[Change], accuracy: float, reason: str | None
 ) -> Iterable[Note]:
     """Yield warnings: features left out, the limit that stopped refinement, and accuracies that were not reached."""
-    for change in missing:
+    for change in omitted:
         if change.effect > NEGLIGIBLE_SHARE * accuracy:
             size = f"changes the ratio by at most about {change.effect:.2g}"
             yield Note("left_out", f"left out: {change.feature}, {size}, counted in error_estimate")
     reached = max(film.compute_max_error(scene) for film in films)
-    worst = max((film.sensitivity_error / max(abs(film.log_sensitivity or 0.0), 2e-6 / accuracy) for film in films), default=0.0)
-    insensitive = scene.target is not None and worst > 5 * accuracy
+    # relative error; 2e-6 / accuracy keeps it finite where the log-sensitivity vanishes
+    worst_sensitivity = max(
+        (film.sensitivity_error / max(abs(film.log_sensitivity or 0.0), 2e-6 / accuracy) for film in films), default=0.0
+    )
+    insensitive = scene.target is not None and worst_sensitivity > 5 * accuracy
     if isinstance(reason, Note) and (reached > accuracy or insensitive):
         yield reason
     if reached > accuracy:
         obstacle = f"; no finer mesh helped: {reason}" if reason else ": the warnings list why"
         yield Note("accuracy", describe_shortfall(reached, accuracy) + obstacle)
     if insensitive:
-        yield Note("sensitivity", f"log_sensitivity is good to about {worst:.1g} of itself only")
+        yield Note("sensitivity", f"log_sensitivity is good to about {worst_sensitivity:.1g} of itself only")

@@ -37,9 +37,10 @@ class Numbering:
         The elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape (n, 8 p, 2); for
         blocks it is zero, as their shift causes no strain.
     rows, starts
-        Of the system's matrix in compressed columns.
+        Row numbers and column starts of the system's matrix in compressed columns.
     sums
-        Of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
+        Sparse matrix that sums the entries of the elements' matrices, with their signs, to those of the system's matrix; shape
+        (entries, n (8 p)^2).
     signs
         Of the elements' own values, shape (n, 8 p).
     degrees
@@ -47,7 +48,7 @@ class Numbering:
     vertical
         The elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
     pattern
-        Shared by the matrices of systems that are used one after the other.
+        Sparsity pattern, shared by the matrices of systems that are used one after the other.
     """
 
     gather: sp.csr_array
@@ -66,7 +67,7 @@ class Numbering:
         return len(self.starts) - 1
 
     def assemble(self, stiffness: Floats) -> sp.csc_array:
-        """Assemble the elements' matrices, shape (n, 8 p, 8 p)."""
+        """Return the system's matrix, assembled from the elements' matrices, shape (n, 8 p, 8 p)."""
         matrix = copy(self._empty_matrix)  # a copy: SciPy checks the rows only once
         matrix.data = self.sums @ stiffness.ravel()
         return matrix
@@ -78,7 +79,7 @@ class Numbering:
 
     @cached_property
     def unsigned_scatter(self) -> sp.csr_array:
-        """``scatter`` without signs."""
+        """``scatter`` without signs, which sums magnitudes."""
         return abs(self.scatter)
 
     @cached_property
@@ -89,18 +90,23 @@ class Numbering:
 
 @keep_result
 def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
-    """Return the numbering of a mesh's unknowns at one polynomial order, for fields of azimuthal order m."""
+    """Return the numbering of a mesh's unknowns at one polynomial order, for fields of azimuthal order m (m = 0: axisymmetric).
+
+    Functions are the shape functions on corners and edges; each has one degree of freedom ("dof") per displacement component.
+    Dofs that are fixed have no unknown (number -1); dofs that are tied by the contact share one.
+    """
     probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
     functions, signs, ends = _number_functions(compute_labels(mesh), probe, order)
     owner, fixed, unit_shift = _find_ties(mesh, ends, interface, FIXED_ON_AXIS.get(m, (True, True, True)))
     components = owner.shape[1]
-    number = np.full(owner.max() + 1, -1)
+    number = np.full(owner.max() + 1, -1)  # the unknown of each dof, -1 where fixed
     free = np.setdiff1d(np.unique(owner), owner[fixed])
     number[free] = np.arange(len(free))
     dofs = number[owner[functions]].transpose(0, 2, 1).reshape(len(functions), -1)
     lift = np.zeros((len(functions), components, functions.shape[1], 2))
     vertical = np.zeros((components, functions.shape[1]))
     if m == 0:
+        # minus: the block shifts into the tissue, along -z; the unknowns at the contact are counted from there
         lift[:, 1] = np.where(probe[:, None, None], 0.0, -unit_shift[functions])
         vertical[1, :4] = 1.0
     all_signs = np.tile(signs, components)
@@ -123,13 +129,13 @@ class Subspace:
     Attributes
     ----------
     unknowns
-        Their numbers.
+        Numbers of the subspace's unknowns among all.
     entries
-        Of the matrix's data, those between them.
+        Indices of the whole matrix's entries whose row and column both belong to these unknowns.
     rows, starts
-        Of their matrix in compressed columns.
+        Row numbers and column starts of their matrix in compressed columns.
     pattern
-        Of their matrices.
+        Sparsity pattern, shared by their matrices.
     """
 
     unknowns: Ints
@@ -147,6 +153,7 @@ class Subspace:
 @keep_result
 def select_subspace(numbering: Numbering, degree: int) -> Subspace:
     """Return the subspace of functions of at most the given degree."""
+    # ``number``: of each unknown in the subspace, where it is inside
     inside = numbering.degrees <= degree
     number: Any = np.cumsum(inside, dtype=np.int32) - 1
     columns = np.repeat(np.arange(numbering.unknowns), np.diff(numbering.starts))
@@ -158,8 +165,17 @@ def select_subspace(numbering: Numbering, degree: int) -> Subspace:
 def _number_functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
     """Assign numbers to the functions on corners and edges, separately for probe and tissue.
 
-    Returns the elements' functions and signs, shape (n, 4 p) both, and for each function its edge's two ends, or its
-    corner twice, with 0 (tissue) or 1 (probe) and its degree: (r, z, r, z, probe, degree).
+    Returns the numbers and signs of each element's functions, shape (n, 4 p) both, and a row for each function: the two ends of
+    its edge, or its corner twice, then 0 (tissue) or 1 (probe), then its degree, that is (r, z, r, z, probe, degree).
+
+    Parameters
+    ----------
+    corners
+        Labels of the elements' corners, which serve as coordinates (r, z), shape (n, 4, 2).
+    probe
+        Whether each element belongs to the probe, shape (n,).
+    order
+        Polynomial order p.
     """
     n = len(corners)
     points = np.concatenate([corners, np.broadcast_to(probe[:, None, None], (n, 4, 1))], axis=2).reshape(-1, 3)
@@ -169,6 +185,7 @@ def _number_functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, 
     pairs, edge = np.unique(np.sort(np.stack([start, end], axis=-1).reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     degree = np.arange(2, order + 1)
     edge_functions = len(points) + edge.reshape(n, 4, 1) * (order - 1) + degree - 2
+    # odd functions change their sign in elements that run along the edge from its higher to its lower vertex
     turned = np.where((start > end)[:, :, None] & (degree % 2 == 1), -1.0, 1.0)
     functions = np.concatenate([vertex, edge_functions.reshape(n, -1)], axis=1)
     signs = np.concatenate([np.ones((n, 4)), turned.reshape(n, -1)], axis=1)
@@ -184,6 +201,17 @@ def _find_ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[b
 
     Returns for each component of each function the dof that represents it and whether it is fixed, shape (functions, components),
     and the value of each function in a unit shift of the inner and the outer block, shape (functions, 2).
+
+    Parameters
+    ----------
+    mesh
+        The mesh, whose layout gives the lines of surface, blocks and supports.
+    ends
+        A row (r, z, r, z, probe, degree) for each function, see ``_number_functions``.
+    interface
+        How blocks and tissue touch.
+    axis
+        Which components vanish on the axis.
     """
     layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
     surface = label_line(layout.row["surface"])
@@ -214,22 +242,33 @@ def _find_ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[b
 
 
 def _build_gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
-    """Return the matrix from unknowns to the elements' own values; ``dofs`` are their unknowns, or negative where fixed."""
+    """Return the sparse matrix that gives the elements' own values from the unknowns.
+
+    ``dofs`` are the unknowns of these values, negative where fixed, and ``signs`` their signs; shape (n, values) both.
+    """
     free = dofs.ravel() >= 0
     starts = np.concatenate([[0], np.cumsum(free)])
     return sp.csr_array((signs.ravel()[free], dofs.ravel()[free], starts), shape=(dofs.size, unknowns))
 
 
 def _build_pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
-    """Return rows and column starts of the matrix, and the sparse matrix that sums its entries."""
+    """Return rows and column starts of the system's matrix, and the sparse matrix that sums elements' entries to its entries.
+
+    ``dofs`` are the unknowns of the elements' own values, negative where fixed, and ``signs`` their signs; shape (n, values)
+    both.
+    """
     size = dofs.shape[1]
-    narrow: Any = dofs.astype(np.int32)
-    row, column = (np.broadcast_to(index, (*dofs.shape, size)).ravel() for index in (narrow[:, :, None], narrow[:, None, :]))
+    # entries of all elements' matrices, sorted by column, then row: first by row, then stably by column
+    dofs_int32: Any = dofs.astype(np.int32)
+    row, column = (
+        np.broadcast_to(index, (*dofs.shape, size)).ravel() for index in (dofs_int32[:, :, None], dofs_int32[:, None, :])
+    )
     entries = np.flatnonzero((row >= 0) & (column >= 0))
     entries = entries[_find_order(row.take(entries), unknowns)]
     entries = entries[_find_order(column.take(entries), unknowns)]
     row, column = row.take(entries), column.take(entries)
     begins = np.flatnonzero(np.append(True, (row[1:] != row[:-1]) | (column[1:] != column[:-1])))
+    # runs of equal row and column are one entry of the system's matrix
     row, column, ends = row.take(begins), column.take(begins), np.append(begins, len(entries)).astype(np.int32)
     products = (signs[:, :, None] * signs[:, None]).ravel().take(entries)
     sums = sp.csr_array((products, entries.astype(np.int32), ends), shape=(len(begins), dofs.size * size))
@@ -238,7 +277,10 @@ def _build_pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints
 
 
 def _find_order(numbers: Ints, count: int) -> Ints:
-    """Return the stable sorting order of numbers below ``count``, by counting, as in the transpose of a sparse matrix."""
+    """Return the indices that sort numbers below ``count`` stably.
+
+    The conversion of a sparse matrix of one row to columns does this by counting, faster than a general sort.
+    """
     whole = np.array([0, len(numbers)], dtype=np.int32)
     row = sp.csr_array((np.arange(len(numbers)), numbers, whole), shape=(1, count))
     return np.asarray(row.tocsc().data)

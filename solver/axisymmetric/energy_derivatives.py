@@ -77,13 +77,13 @@ def differentiate_totals(
     model
         Whose energies are differentiated.
     basis
-        All values of the elements, shape (n, 2 s, m).
+        Values of m basis vectors in n elements with s functions, shape (n, 2 s, m).
     states
-        Coefficients of k pairs of states on the basis, shape (k, m, 2).
+        Coefficients of k pairs (u_1, u_2) of states on the basis, shape (k, m, 2).
     changes
-        Coefficients of j changes, shape (j, m, 2): one of each pair, or several of a single pair.
+        Coefficients of j changes w of the pairs, shape (j, m, 2): one of each pair, or several of a single pair.
     inside
-        A body.
+        The body whose part is returned separately.
     """
     forms = StateForms.choose_pairs(np.resize(states, changes.shape), changes, np.linalg.norm(basis, axis=(0, 1)))
     values = basis @ forms.states.reshape(basis.shape[-1], -1)
@@ -91,7 +91,7 @@ def differentiate_totals(
     velocities, mask = compute_velocities(model), model.mesh.body == inside
 
     def differentiate(part: Bools) -> TotalDerivatives:
-        """Return the derivatives of the elements of one part."""
+        """Return the derivatives of the energies of the elements where ``part`` is true, shape (n,)."""
         totals, changed = forms.sum_forms(_differentiate_elements(model, values, np.flatnonzero(part), velocities))
         return TotalDerivatives(totals[: len(states)], changed)
 
@@ -101,10 +101,17 @@ def differentiate_totals(
 def compute_velocities(model: MeridianModel) -> tuple[Floats, Floats]:
     """Return derivatives of the nodes by ln of each length at a fixed corner size of the mesh, and last by ln of that size.
 
-    Shape (lengths + 1, n, s, 2); the second array are the derivatives of ln of the corner size by ln of each length, (lengths,).
-    Thus most lengths move few elements, and the corner size, on which all depend, is treated once.
+    The corner size is that to which the mesh is graded at the blocks' corners. All nodes depend on it, so that it is treated
+    once; at a fixed corner size most lengths move few elements.
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Derivatives of the nodes, m, shape (lengths + 1, n, s, 2), and derivatives of ln of the corner size by ln of each length,
+        shape (lengths,).
     """
     names, section = model.section.lengths, model.section
+    # factors of each length and, last, of the corner size: row k has a complex step in column k alone
     steps = 1 + 1j * COMPLEX_STEP * np.eye(len(names) + 1)
     moved = {name: getattr(section, name) * steps[k] for k, name in enumerate(names)}
     displaced = replace(section, **moved, mesh_size=section.corner_size * steps[-1])
@@ -115,6 +122,8 @@ def compute_velocities(model: MeridianModel) -> tuple[Floats, Floats]:
 
 def _differentiate_elements(model: MeridianModel, states: Floats, chosen: Ints, velocities: tuple[Floats, Floats]) -> Floats:
     """Return derivatives of the totals u_i^T K (u_1 + u_2) of k pairs of states in some elements, shape (variables, 2, k).
+
+    They follow from the energies of the sum S = u_1 + u_2 and of S with D = u_1 - u_2, as u_1 = (S + D) / 2, u_2 = (S - D) / 2.
 
     Parameters
     ----------
@@ -133,21 +142,37 @@ def _differentiate_elements(model: MeridianModel, states: Floats, chosen: Ints, 
     points = EnergyPoints.from_elements(model, chosen)
     motions = points.compute_motions(velocity[:, chosen]).reshape(len(velocity), -1)
     element_values = states[chosen].reshape(len(chosen), 2, -1, *states.shape[2:]).transpose(3, 4, 1, 0, 2)
-    # energies of S = u_1 + u_2 alone, and of S with D = u_1 - u_2, give both totals
     values = np.empty((element_values.shape[1], 2, *element_values.shape[2:]))
     np.add(element_values[0], element_values[1], out=values[:, 0])
     np.subtract(element_values[0], element_values[1], out=values[:, 1])
     at_once = max(1, int(MAX_TENSOR_BYTES / (16 * motions.shape[1])))
     parts = [_differentiate_pairs(points, motions, values[low : low + at_once]) for low in range(0, len(values), at_once)]
     lengths, energy, volume = (np.concatenate(part) for part in zip(*parts, strict=True))  # (k, 2, ...)
+    # chain rule: lengths also act through the corner size, the last column
     lengths = lengths[..., :-1] + lengths[..., -1:] * corner_size_derivatives
     combined = np.concatenate([lengths, *_differentiate_by_materials(model, chosen, energy, volume)], axis=-1).transpose(2, 1, 0)
+    # column 0 is of S with S, column 1 twice of S with D, see ``EnergyPoints.compute_tensors``
     total, difference = combined[:, 0] / 2, combined[:, 1] / 4
     return np.stack([total + difference, total - difference], axis=1)
 
 
 def _differentiate_pairs(points: EnergyPoints, motions: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return changes of pairs' energies by ``motions``, (lengths, 6 e q), shape (k, 2, lengths), energies and int w P^2."""
+    """Return derivatives of energies by lengths, the energies of the elements and their int w P_u P_v, for k pairs.
+
+    Parameters
+    ----------
+    points
+        Gauss points of e elements, q in each.
+    motions
+        Factors of the six tensors for each length, shape (lengths, 6 e q).
+    values
+        For each pair, S = u_1 + u_2 and D = u_1 - u_2, shape (k, 2, 2, e, s).
+
+    Returns
+    -------
+    tuple[Floats, Floats, Floats]
+        Shapes (k, 2, lengths), (k, 2, e) and (k, 2, e); second axis: of S alone, and twice of S with D.
+    """
     tensors = np.empty((len(values), 2, 6, *points.weight.shape))
     volume = np.empty((len(values), 2, len(points.weight)))
     for pair, tensor, part in zip(values, tensors, volume, strict=True):
@@ -158,9 +183,10 @@ def _differentiate_pairs(points: EnergyPoints, motions: Floats, values: Floats) 
 
 
 def _differentiate_by_materials(model: MeridianModel, chosen: Ints, energy: Floats, volume: Floats) -> tuple[Floats, Floats]:
-    """Return derivatives by ln E and nu of every body, (..., bodies) each; 2 mu and lambda by eq. LW.1.
+    """Return derivatives of the chosen elements' energies by ln E and by nu of every body, shape (..., bodies) each.
 
-    ``energy`` and ``volume`` are the chosen elements' energies and int w P^2, shape (..., e).
+    ``energy`` and ``volume`` are the chosen elements' energies and int w P^2, shape (..., e); 2 mu and lambda depend on E and nu
+    by eq. LW.1.
     """
     membership = (model.mesh.body[chosen][:, None] == np.array(list(model.materials))).astype(float)
     law = Isotropic.from_materials(model.materials.values())
@@ -182,11 +208,11 @@ class EnergyPoints:
     curvature
         1 / r.
     weight
-        w.
+        w of the module's docstring: quadrature weight times 2 pi r.
     two_mu, lam
-        Times w.
+        2 mu and lambda, times w.
     inverse_mass
-        Of the pressures, shape (n, pressures, pressures).
+        Inverse of the pressures' mass matrix, by which dilations are projected, shape (n, pressures, pressures).
     """
 
     shapes: Shapes
@@ -199,7 +225,7 @@ class EnergyPoints:
 
     @classmethod
     def from_elements(cls, model: MeridianModel, chosen: Ints) -> EnergyPoints:
-        """Return the points of some elements of a model."""
+        """Return the points of the elements with indices ``chosen`` of a model."""
         geometry, shapes, law = model.geometry.select(chosen), model.shapes, model.law.select(chosen)
         pressures = shapes.pressure.shape[1]
         return cls(
@@ -215,11 +241,12 @@ class EnergyPoints:
         )
 
     def compute_tensors(self, values: Floats, out: Floats) -> Floats:
-        """Compute the tensors that motions multiply, into ``out``, and return each element's int w P_u P_v, shape (2, n).
+        """Compute the energy-momentum tensors of two states, into ``out``, and return int w P_u P_v by element, shape (2, n).
 
-        ``values`` are the states u, v, shape (2, 2, n, s); the results are of u alone, and twice of u and v. The six of ``out``,
-        (2, 6, n, q), are s_rr u_r,r + s_rz u_z,r, s_rz u_r,z + s_zz u_z,z, s_t u_r / r, s_rz u_r,r + s_zz u_z,r, s_rr u_r,z +
-        s_rz u_z,z and lambda P (D - P), all times w; the sum of the first three is the energy.
+        ``values`` are the states u, v, shape (2, 2, n, s); the results are of u alone, and twice of u and v. The six components
+        in ``out``, (2, 6, n, q), are those that ``compute_motions`` gives the factors of: s_rr u_r,r + s_rz u_z,r, s_rz u_r,z +
+        s_zz u_z,z, s_t u_r / r, s_rz u_r,r + s_zz u_z,r, s_rr u_r,z + s_rz u_z,z and lambda P (D - P), all times w; the sum of
+        the first three is the energy.
         """
         fields = self._compute_fields(values)
         stresses, u, v = self._compute_stresses(fields), fields[:, 0], fields[:, 1]
@@ -254,7 +281,10 @@ class EnergyPoints:
         return out
 
     def compute_motions(self, velocity: Floats) -> Floats:
-        """Return the factors of the tensors as nodes move with velocities (k, n, s, 2), shape (k, 6, n, q)."""
+        """Return the factors of the tensors' components (eq. AX.13) as nodes move with velocities (k, n, s, 2); (k, 6, n, q).
+
+        They are tau - 2 V_r,r, tau - 2 V_z,z, tau - 2 V_r / r, -2 V_r,z, -2 V_z,r and tau.
+        """
         tangents, (along_r, along_z) = self.shapes.tangents, np.ascontiguousarray(np.moveaxis(velocity, -1, 0))
         out = np.empty((len(velocity), 6, *self.weight.shape))
         rr, zz, turn, rz, zr, tau = out.swapaxes(0, 1)
@@ -268,21 +298,25 @@ class EnergyPoints:
         return out
 
     def _transform_derivatives(self, derivatives: Sequence[Floats], out: Sequence[Floats]) -> None:
-        """Convert derivatives by x and y to derivatives by r and z, into ``out``."""
+        """Convert derivatives by x and y (of the unit square) to derivatives by r and z, which are written into ``out``."""
         by_x, by_y = derivatives
         for x_derivative, y_derivative, target in zip(self.derivatives[:2], self.derivatives[2:], out, strict=True):
             np.multiply(x_derivative, by_x, out=target)
             target += y_derivative * by_y
 
     def _project(self, dilation: Floats) -> Floats:
-        """Project dilations, (k, n, q), onto the pressures."""
+        """Return the projections P of dilations D at the points, shape (k, n, q), onto the elements' pressures; same shape."""
         moments = (self.weight * dilation) @ self.shapes.pressure
         coefficients = (moments.transpose(1, 0, 2) @ self.inverse_mass).transpose(1, 0, 2)
         return np.asarray(np.ascontiguousarray(coefficients) @ self.shapes.pressure.T)
 
 
 def _multiply_stresses(stresses: Floats, fields: Floats, out: Floats) -> Floats:
-    """Multiply one state's stresses by another's fields, into the six products of ``out``, shape (6, n, q)."""
+    """Multiply one state's stresses by another's fields, into ``out``, shape (6, n, q), and return it.
+
+    ``stresses`` are as from ``_compute_stresses``, (5, n, q), ``fields`` as from ``_compute_fields``, (7, n, q); the products are
+    the six components of ``compute_tensors``.
+    """
     (radial, axial, hoop, shear, pushed), (rr, rz, zr, zz, turn, excess, _) = stresses, fields
     for k, (a, b, c, d) in {
         0: (radial, rr, shear, zr), 1: (axial, zz, shear, rz), 3: (axial, zr, shear, rr), 4: (radial, rz, shear, zz)

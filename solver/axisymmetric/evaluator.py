@@ -28,7 +28,7 @@ class Axisymmetric(FilmEvaluator):
     summary: str = "2D finite elements; tumour on the probe's axis; 1e-4 to 1e-2 in 0.1 to 3 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return the reason why the scene is not rotationally symmetric, with the evaluator that takes it; None where it is."""
+        """Return which evaluator to use instead if the scene is not rotationally symmetric, and why; None if it is."""
         placement = scene.placement
         reason = find_refusal(scene, GEOMETRY_KINDS)
         if reason is not None:
@@ -45,7 +45,8 @@ class Axisymmetric(FilmEvaluator):
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
 
-        A curve of moduli needs one factorisation per mesh.
+        ``moduli`` are Young's moduli of the inclusion, Pa, shape (k,), or None for its own; however many they are, each mesh
+        takes one factorisation.
 
         Raises
         ------
@@ -62,7 +63,7 @@ class Axisymmetric(FilmEvaluator):
 
     @use_own_workspace
     def compute_converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
-        """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``.
+        """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``, Pa, shape (k,).
 
         Raises
         ------

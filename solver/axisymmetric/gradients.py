@@ -48,6 +48,15 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     Derivatives of log_sensitivity take one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
     base or a film stay constant.
 
+    Parameters
+    ----------
+    scene
+        Supplies the load and the variables.
+    sample
+        The scene's solution on one mesh, at k moduli of the inclusion.
+    names
+        Variables, keys of ``geometry.scenes.variables.list_values``; None for all that can be differentiated.
+
     Raises
     ------
     InputError
@@ -62,7 +71,7 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     logs = differentiate_by_section(sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
     log_stress = f - differentiate_areas(scene, sample.states.model)
-    if scene.load.indentation is None:
+    if scene.load.indentation is None:  # a given force: the indentation is force over stiffness
         log_stress = log_stress - _differentiate_stiffness(totals, f)[..., None]
     logarithmic = {
         "ratio": log_stress[..., 0] - log_stress[..., 1],
@@ -79,9 +88,10 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
 
 
 def _list_differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
-    """Return the scene's variables, without single heights where an elastic base lies flat on both films.
+    """Return the scene's variables that have a derivative.
 
-    There a change of one height would put a step into the base.
+    Where an elastic base lies flat on both films, the heights of single blocks have none: a change of one would put a step into
+    the base, which the mesh does not have.
     """
     flush = sample.states.model.mesh.layout.kind.base == 0
     return tuple(name for name in list_values(scene) if not (flush and name in ("probe.inner_height", "probe.outer_height")))
@@ -96,7 +106,9 @@ class SectionDerivatives:
 
 
 def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
-    """Differentiate totals and log-sensitivities by the section's variables; the states' own change enters F' alone.
+    """Differentiate totals and log-sensitivities by the section's variables.
+
+    Totals do not change with the states, which minimise the energy; their derivatives F' by ln E do:
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
@@ -114,12 +126,18 @@ def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
 
 
 def _differentiate_stiffness(totals: Floats, logs: Floats) -> Floats:
-    """Return derivatives of ln of the total force, (k, v)."""
+    """Return derivatives of ln of the stiffness, the sum of both totals, by v variables, shape (k, v).
+
+    ``totals`` are the films' forces per unit displacement, shape (k, 2), ``logs`` the derivatives of their logarithms, (k, v, 2).
+    """
     return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
 
 
 def differentiate_areas(scene: Scene, model: MeridianModel) -> Floats:
-    """Return derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
+    """Return derivatives of ln of the areas of both blocks' tissue ends by the section's variables, shape (v, 2).
+
+    The variables are ln of the radii: area inner = pi inner_radius^2, outer = pi (tube_radius^2 - hole_radius^2).
+    """
     names, probe = list_variables(model), scene.probe
     out = np.zeros((len(names), 2))
     ring = probe.outer_area / np.pi
@@ -130,7 +148,7 @@ def differentiate_areas(scene: Scene, model: MeridianModel) -> Floats:
 
 
 def differentiate_by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
-    """Return derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
+    """Return derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's, (v,)."""
     section_variables = list_variables(model)
     out = np.zeros(len(section_variables))
     for length, change in compute_length_derivatives(scene).get(name, {}).items():

@@ -79,7 +79,7 @@ class _Change:
     Attributes
     ----------
     model
-        The full space.
+        The model on the full space.
     values
         Vectors that span the difference, elements' values, shape (n, 8 p, m).
     loads
@@ -96,7 +96,11 @@ class _Change:
 
     @classmethod
     def from_curves(cls, model: MeridianModel, lower: StateCurve, full: StateCurve) -> _Change:
-        """Build the difference of two curves; with several moduli their vectors differ, so that both sets are used."""
+        """Build the difference of two curves of states.
+
+        For one modulus (``full.rational`` None) it is the difference of their vectors; for several, the curves have different
+        vectors, so that both sets are kept.
+        """
         values = lower.edges - full.edges if full.rational is None else np.concatenate([lower.edges, full.edges], axis=2)
         return cls(model, values, model.system.stiffness @ values, lower, full)
 
@@ -129,7 +133,7 @@ def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
 def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
     """Bound the errors of a sample by one step of descent, in at most half of the time of a projection.
 
-    None for several moduli, or where Poisson's ratio is above 0.48.
+    None for several moduli, or where Poisson's ratio is too near to 1/2 (``MAX_LAMBDA_OVER_TWO_MU``).
     """
     model, full = sample.states.model, sample.state_curve
     if full.rational is not None or np.any(model.law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * model.law.two_mu):
@@ -153,7 +157,7 @@ def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
 
 
 def _get_factors(model: MeridianModel) -> tuple[float, float | None]:
-    """Return c of eq. AX.10 and k of eq. AX.11 for the order of a model."""
+    """Return c of eq. AX.10 and k of eq. AX.11 for the order of a model; None for k where c_e = c."""
     return ERROR_FACTOR_OF_ORDER[model.shapes.order], RATE_FACTOR_OF_ORDER.get(model.shapes.order)
 
 
@@ -172,13 +176,19 @@ def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate
     lower_sensitivities = _divide(ratios[:, None] * lower_energies.sum(axis=2), totals + energies.sum(axis=2))
     # relative to the smallest force within the error; 0 without variation
     relative_bound = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)
-    chance = np.multiply(np.abs(sensitivities), relative_bound, out=np.zeros_like(relative_bound), where=sensitivities != 0)
-    film_bounds = SENSITIVITY_FACTOR * np.abs(lower_sensitivities - sensitivities) + chance
+    vanishing_guard = np.multiply(
+        np.abs(sensitivities), relative_bound, out=np.zeros_like(relative_bound), where=sensitivities != 0
+    )
+    film_bounds = SENSITIVITY_FACTOR * np.abs(lower_sensitivities - sensitivities) + vanishing_guard
     return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(film_bounds.sum(axis=1)))
 
 
 def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCurve:
-    """Project the vectors of a curve to a lower degree, and return the best states on them."""
+    """Project the vectors of a curve to a lower degree, and return the curve of the best states on them.
+
+    For a curve of moduli, the projected vectors are made orthonormal in energy, without those that depend on others; on them the
+    states are given by eq. AX.8 again.
+    """
     model = sample.states.model
     values = project_to_lower_order(sample.states, full.edges[..., 2:], degree, float(sample.modulus_ratios.max()))
     if full.rational is None:
@@ -196,7 +206,10 @@ def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCu
 
 
 def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficients: Floats) -> Floats:
-    """Return energies within the inclusion, at the model's own modulus, of states on the vectors ``values``, (k, 2, 2)."""
+    """Return energies within the inclusion, at the model's own modulus, of k pairs of states, shape (k, 2, 2).
+
+    The states are sums of the vectors ``values``, (n, 8 p, m), with ``coefficients``, (k, m, 2).
+    """
     inclusion = np.flatnonzero(model.mesh.body == Body.INCLUSION)
     vectors = values[inclusion]
     products = sum_products(vectors, model.system.stiffness[inclusion] @ vectors)
@@ -204,7 +217,11 @@ def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficien
 
 
 def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> Floats:
-    """Return the first factor of eq. AX.12, which changes little with the modulus, shape (k, 2)."""
+    """Return the first factor of eq. AX.12, e_i over the Cauchy-Schwarz bound of its energies, shape (k, 2).
+
+    It changes little with the modulus, so that it is computed at ``SAMPLED_MODULI`` moduli only. ``error_factor`` is c of eq.
+    AX.10, ``rate_factor`` k of eq. AX.11, None where c_e = c.
+    """
     model, order = change.model, change.model.shapes.order
     ratios = (
         np.ones(1)
@@ -221,12 +238,16 @@ def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: flo
         factors = np.clip(steady, MIN_ERROR_FACTOR, factors)
     factors[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
     error_ratios = _divide((factors * sizes).sum(axis=1), _bound_products(energies.sum(axis=1)))
+    # the two nearest of the sampled moduli, t' of eq. AX.12
     upper = np.clip(np.searchsorted(ratios, sample.modulus_ratios), min(1, len(ratios) - 1), len(ratios) - 1)
     return np.asarray(np.maximum(error_ratios[upper], error_ratios[np.maximum(upper - 1, 0)]))
 
 
 def _compute_degree_energies(model: MeridianModel, states: StateCurve, degree: int, ratios: Floats) -> Floats:
-    """Return energies a_e of both states' parts of one degree, (k, n, 2, 2), at ``ratios`` of the modulus."""
+    """Return the energies a_e, by element, of the parts of one degree of both states, shape (k, n, 2, 2).
+
+    The states are those at ``ratios`` of the modulus, shape (k,); a_e is taken with the model's own moduli.
+    """
     chosen = find_values_of_degree(model, degree)
     parts = _combine_vectors(states.edges[:, chosen], states.compute_states(ratios)[0])
     return _multiply_pairs(parts, model.system.stiffness[:, chosen[:, None], chosen] @ parts)
@@ -238,7 +259,7 @@ def _combine_vectors(values: Floats, coefficients: Floats) -> Floats:
 
 
 def _multiply_pairs(values: Floats, loads: Floats) -> Floats:
-    """Return products of pairs of values and loads, element by element, (n, s, 2 k) both to (k, n, 2, 2)."""
+    """Return products of k pairs of values and loads, element by element, shape (k, n, 2, 2); both are (n, s, 2 k)."""
     n, s, _ = values.shape
     a, b = (array.reshape(n, s, -1, 2).transpose(2, 0, 1, 3) for array in (values, loads))
     return np.asarray(a.transpose(0, 1, 3, 2) @ b)
@@ -250,7 +271,7 @@ def _bound_products(energies: Floats) -> Floats:
 
 
 def _compute_sizes(energies: Floats) -> Floats:
-    """Return d_e of eq. AX.10 from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
+    """Return d_e of eq. AX.10, the size of the change in an element, from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
     total, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
     return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * total[..., None])))
 
@@ -261,5 +282,5 @@ def _replace_nan(bounds: Floats) -> Floats:
 
 
 def _divide(numerator: Floats, denominator: Floats, otherwise: float = 0.0) -> Floats:
-    """Return quotients; ``otherwise`` where a denominator is 0."""
+    """Return the quotients of two arrays of one shape; ``otherwise`` where a denominator is 0."""
     return np.divide(numerator, denominator, out=np.full_like(denominator, otherwise), where=denominator != 0)

@@ -46,6 +46,7 @@ class StateCurve:
     def compute_states(self, t: Floats) -> tuple[Floats, Floats]:
         """Return coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
 
+        ``t`` are n moduli relative to that of the solved states, E / E_0.
         On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
         """
         coefficients = np.zeros((2, len(t), self.edges.shape[2], 2))
@@ -59,6 +60,8 @@ def compute_response(
     states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION
 ) -> tuple[RationalResponse, StateCurve]:
     """Return film forces and states for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
+
+    The basis grows step by step until the forces at both ends of the range change by less than the tolerance.
 
     Raises
     ------
@@ -83,7 +86,10 @@ def compute_response(
 
 
 def compute_tangent(states: BaseStates) -> StateCurve:
-    """Return a curve that is exact at t = 1 only: states and derivatives by ln E of the inclusion, from one solve."""
+    """Return a curve that is exact at t = 1 only: the states there and their derivatives by ln E of the inclusion.
+
+    It takes one solve with the factorised stiffness.
+    """
     space = _build_space(states, np.flatnonzero(states.model.mesh.body == Body.INCLUSION))
     space.grow()
     return _build_curve(states, space, space.build_response(states.forces, states.compute_modulus_derivative()))
@@ -96,17 +102,17 @@ def _build_space(states: BaseStates, inside: Ints) -> BodySpace:
     gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
 
     def assemble_loads(local: Floats) -> Floats:
-        """Return K_b times the body's elements' values (e, 8 p, k), on the unknowns."""
+        """Return the forces K_b u on the unknowns, shape (unknowns, k), from values of the body's e elements, (e, 8 p, k)."""
         return np.asarray(gather.T @ (stiffness @ local).reshape(-1, local.shape[2]))
 
     def multiply_body(v: Floats) -> Floats:
-        """Return K_b v of unknowns v, shape (unknowns, k)."""
+        """Return the forces K_b v for displacements v of the unknowns, shape (unknowns, k) both."""
         return assemble_loads(system.remove_shift((gather @ v).reshape(len(inside), size, -1))[0])
 
     return BodySpace(system.matrix, system.factor.solve, multiply_body, assemble_loads(states.edge[inside]), MIN_NEW_ENERGY_SHARE)
 
 
 def _build_curve(states: BaseStates, space: BodySpace, response: RationalResponse) -> StateCurve:
-    """Return the states on the eigenvectors of K_b on the basis."""
+    """Return the curve of states, with the basis turned to the vectors v_k of eq. AX.8, on which K_b is diagonal."""
     basis = states.model.system.compute_values(space.vectors) @ response.turn
     return StateCurve(np.concatenate([states.edge, basis], axis=2), response)

@@ -30,12 +30,18 @@ class Change:
 
     Attributes
     ----------
+    feature
+        Name of the feature.
+    bounds
+        Bounds on the change of the film forces, one for each modulus.
     sensitivity
         Estimate of the change of the log-sensitivities, shape (k,).
     totals
         Forces on each film to which the bounds are relative, N/m, shape (k, 2).
     shift
         Known part of the change, which is added to the forces, N/m, shape (k, 2, 2); 0 where none is known.
+    modelled
+        Whether the feature is modelled, so that its effect is no error.
     """
 
     feature: str
@@ -74,7 +80,7 @@ def bound_omitted_changes(
     plain
         Its sections without them.
     rough
-        Solves the section on the coarsest mesh.
+        Solves the section on the coarsest mesh, ``MESH_LEVELS[0]``, at all moduli; called only if needed.
     moduli
         Of the inclusion, Pa, shape (k,), or None for its own.
 
@@ -89,6 +95,7 @@ def bound_omitted_changes(
     if plain.bracket:
         yield _bound_sides(scene, plain, rough(), moduli)
     if scene.tissue.shape == "half-space":
+        # 4 times size over distance: bounds what a finite model of the half-space changes
         relative_change = 4 / HALF_SPACE_SIZES
         bounds = tuple(Bound(relative_change * np.abs(totals), relative_change) for totals in rough().totals)
         yield Change(OUTER_TISSUE, bounds, zeros, rough().totals)
@@ -101,32 +108,51 @@ def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Float
     R(theta) their distance in the direction theta. With b the relative change of a total for the inscribed or circumscribed
     cylinder, the remaining error is bounded by a third of the shift and b^2. In 3D references with b = 0.03 and 0.06 it was
     0.0001 and 0.002 (their own uncertainty).
+
+    Parameters
+    ----------
+    scene
+        Whose tissue is not round about the probe's axis.
+    plain
+        Its sections without films and base; ``plain.bracket`` are the cylinders, in increasing radius.
+    rough
+        Solution for the cylinder of equal area, on the coarsest mesh.
+    moduli
+        Of the inclusion, Pa, shape (k,), or None for its own.
     """
     kind = find_kind(plain.section)
     from scipy.interpolate import pchip_interpolate
 
-    ends = []
+    bracket_samples = []
     for section in plain.bracket:
         try:  # on a mesh of one topology errors cancel in the difference
             with np.errstate(all="ignore"):  # lengths may be in another order; the mesh then has no area
-                ends.append(solve_on_mesh(section, plain, scene, MESH_LEVELS[0], moduli=moduli, kind=kind))
+                bracket_samples.append(solve_on_mesh(section, plain, scene, MESH_LEVELS[0], moduli=moduli, kind=kind))
         except SolveError:
-            ends.append(solve_on_mesh(section, plain, scene, MESH_LEVELS[0], moduli=moduli))
+            bracket_samples.append(solve_on_mesh(section, plain, scene, MESH_LEVELS[0], moduli=moduli))
     radii = np.array([section.tissue_radius for section in (*plain.bracket[:2], plain.section, *plain.bracket[2:])])
-    bracket_forces = np.array([sample.forces for sample in (*ends[:2], rough, *ends[2:])])
+    bracket_forces = np.array([sample.forces for sample in (*bracket_samples[:2], rough, *bracket_samples[2:])])
     shift = pchip_interpolate(radii, bracket_forces, plain.outline).mean(axis=0) - rough.forces
-    widest = BRACKET_MARGIN_FACTOR * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
-    part = np.minimum(widest / np.abs(rough.totals), 1.0)
-    moved = rough.totals + shift.sum(axis=2)
-    brackets = BRACKET_MARGIN_FACTOR * np.max([np.abs(end.totals - moved) for end in ends], axis=0)
-    totals = np.minimum(SECOND_ORDER_SHARE * np.abs(shift.sum(axis=2)) + part * widest, brackets)
-    logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
-    shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
-    ratios = SECOND_ORDER_SHARE * np.abs(shifted) + BRACKET_MARGIN_FACTOR * np.max(np.abs(logs), axis=0) * np.clip(
-        2 * part.max(axis=1), 0.25, 1.0
+    # largest changes of the totals by the cylinders, absolute and relative: b of the docstring times totals, and b
+    widest = BRACKET_MARGIN_FACTOR * np.max(
+        [np.abs(bracket_sample.totals - rough.totals) for bracket_sample in bracket_samples], axis=0
     )
+    relative_widest = np.minimum(widest / np.abs(rough.totals), 1.0)
+    shifted_totals = rough.totals + shift.sum(axis=2)
+    # the true total lies within the bracket, so that its distance from the corrected one is a bound, too
+    brackets = BRACKET_MARGIN_FACTOR * np.max(
+        [np.abs(bracket_sample.totals - shifted_totals) for bracket_sample in bracket_samples], axis=0
+    )
+    totals = np.minimum(SECOND_ORDER_SHARE * np.abs(shift.sum(axis=2)) + relative_widest * widest, brackets)
+    bracket_log_ratios = [
+        np.log(np.abs(bracket_sample.totals / rough.totals)) @ [1.0, -1.0] for bracket_sample in bracket_samples
+    ]
+    shifted_log_ratio = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
+    ratios = SECOND_ORDER_SHARE * np.abs(shifted_log_ratio) + BRACKET_MARGIN_FACTOR * np.max(
+        np.abs(bracket_log_ratios), axis=0
+    ) * np.clip(2 * relative_widest.max(axis=1), 0.25, 1.0)
     sensitivity_bounds = BRACKET_MARGIN_FACTOR * np.max(
-        [np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0
+        [np.abs(bracket_sample.log_sensitivity - rough.log_sensitivity) for bracket_sample in bracket_samples], axis=0
     )
     bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
     return Change("sides that are not round", bounds, sensitivity_bounds, rough.totals, shift=shift)

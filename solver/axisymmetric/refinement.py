@@ -54,16 +54,17 @@ def refine(
     margin: float = 1.0,
     one_mesh_orders: Sequence[int] = ONE_MESH_ORDERS,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
-    """Return the first sample that is accurate enough with its errors, or the best that could be solved.
+    """Return the first sample that is accurate enough and its error bounds, or the best that could be solved.
 
     The last of the three results explains why no finer mesh was used, if one was needed: a ``Note`` where a limit prevented it.
+    It is None if the sample is accurate enough.
 
     Parameters
     ----------
     solve
         Solves on a mesh.
     accuracy
-        relative.
+        Relative accuracy that is required; it decides on which mesh to begin.
     is_good
         Returns whether a sample with its errors is accurate enough.
     one_mesh_bounds
@@ -90,6 +91,7 @@ def refine(
             if level != LIGHT_MESH:
                 history[level] = mesh_sample
             solved = [history[fineness] for fineness in MESH_LEVELS if fineness in history]
+            # uneven meshes (margin above 1) may share an error: if one can bound its own, their differences are not used
             allowed_bounds = one_mesh_bounds if level.order in one_mesh_orders else ()
             for bounds in _iterate_bounds(
                 mesh_sample, solved if margin == 1 or not allowed_bounds else [mesh_sample], allowed_bounds, margin
@@ -112,10 +114,10 @@ def refine(
 
 
 def _list_meshes(accuracy: float, has_one_mesh_bounds: bool, trusts_several: bool) -> Sequence[MeridianFineness]:
-    """Return the meshes to solve, in order.
+    """Return the meshes to solve, in order, without coarse ones that are hardly ever accurate enough (``COARSE_ENOUGH``).
 
-    Where one mesh bounds its own error, the second mesh comes first. If that is not accurate enough, and bounds from several
-    meshes are trusted (``trusts_several``), the cheap first mesh follows and gives another bound.
+    Where one mesh bounds its own error (``has_one_mesh_bounds``), the second mesh comes first. If that is not accurate enough,
+    and bounds from several meshes are trusted (``trusts_several``), the cheap first mesh follows and gives another bound.
     """
     levels = MESH_LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not has_one_mesh_bounds:
@@ -129,18 +131,29 @@ def _iterate_bounds(
     one_mesh_bounds: Iterable[Callable[[MeshSample], SampleErrors | None]],
     margin: float,
 ) -> Iterator[SampleErrors]:
-    """Yield bounds on the errors of the sample on the finest mesh: from several meshes, and from that mesh alone."""
+    """Yield bounds on the errors of the sample on the finest mesh: from several meshes, and from that mesh alone.
+
+    Parameters
+    ----------
+    mesh_sample
+        The last sample that was solved; on the light mesh it is not part of ``solved``.
+    solved
+        Samples to compare, from the coarsest mesh to the finest.
+    one_mesh_bounds, margin
+        See ``refine``.
+    """
     light = all(mesh_sample is not item for item in solved)
     if len(solved) > 1 and not light:
         change_bounds = bound_errors(solved)
         yield SampleErrors(margin * change_bounds.totals, margin * change_bounds.sensitivity)
+    # a cheap coarser mesh, solved after the finest, gives no bound of its own
     if light or mesh_sample is solved[-1]:
         yield from (bounds for item in one_mesh_bounds if (bounds := item(mesh_sample)) is not None)
 
 
 def _compute_worst_error(sample: MeshSample, bounds: SampleErrors) -> float:
-    """Return the largest relative error bound of a film's force."""
-    return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))
+    """Return the largest relative error bound of a film's force, over films and moduli."""
+    return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))  # 1e-300: no division by zero
 
 
 def bound_errors(history: Sequence[MeshSample]) -> SampleErrors:
@@ -156,13 +169,17 @@ def bound_errors(history: Sequence[MeshSample]) -> SampleErrors:
 
 
 def compute_total_change(change: Floats) -> Floats:
-    """Return the change of both totals, shape (k, 2), from the change of F_ij, shape (k, 2, 2), by eq. AX.2."""
-    single, whole = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
-    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), CANCELLATION_GUARD * np.sqrt(single * whole)))
+    """Return a size of the change of both totals, shape (k, 2), from the change of F_ij, shape (k, 2, 2).
+
+    It is the change itself, or ``CANCELLATION_GUARD`` of the bound of eq. AX.2, sqrt(|dF_ii| |sum of all dF_ij|), if that is
+    larger.
+    """
+    own_change, sum_change = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
+    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), CANCELLATION_GUARD * np.sqrt(own_change * sum_change)))
 
 
 def _extrapolate_error(changes: Sequence[Floats]) -> Floats:
-    """Bound the error that remains after the last of several changes.
+    """Bound the error that remains after the last of several changes from mesh to mesh.
 
     If errors fall by the factor q from mesh to mesh, 1 / (q - 1) of the last change is left (AX.3). q is ASSUMED_DECAY until a
     second change gives it. The bound is at least MIN_CHANGE_SHARE of the last change and MIN_PREVIOUS_CHANGE_SHARE of the one

@@ -27,7 +27,7 @@ class MeshSample:
         F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
     states
         The base states from which they are computed.
-    times
+    modulus_ratios
         The moduli as multiples of that of ``states``, shape (k,).
     curve
         The states as functions of the modulus; None where there is one modulus.
@@ -41,7 +41,7 @@ class MeshSample:
 
     @property
     def state_curve(self) -> StateCurve:
-        """The states as functions of the modulus, which is 1 alone where there is one modulus."""
+        """The states as functions of the modulus; where there is one modulus, a curve that holds these states alone."""
         return self.curve or StateCurve(self.states.edge)
 
     @property
@@ -51,12 +51,12 @@ class MeshSample:
 
     @property
     def totals(self) -> Floats:
-        """Force on each film, shape (k, 2)."""
+        """Force on each film per unit displacement of both bases together, N/m, shape (k, 2)."""
         return np.asarray(self.forces.sum(axis=2))
 
     @property
     def log_sensitivity(self) -> Floats:
-        """Log-sensitivities, shape (k,); 0 where a total is zero."""
+        """Derivatives of ln(inner total / outer total) by ln E_object, shape (k,); a total of zero counts as constant."""
         totals = self.totals
         films = np.divide(self.modulus_derivative.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
         return np.asarray(films[:, 0] - films[:, 1])
@@ -72,6 +72,21 @@ def solve_on_mesh(
     kind: Kind | None = None,
 ) -> MeshSample:
     """Solve one section on one mesh, at the inclusion's modulus or at all ``moduli``.
+
+    Parameters
+    ----------
+    section
+        The section to solve: that of ``scene_sections`` or a variant of it, as with another tissue radius.
+    scene_sections
+        Supply the materials.
+    scene
+        Supplies the contact and the inclusion.
+    fineness
+        Of the mesh.
+    moduli
+        Young's moduli of the inclusion, Pa, shape (k,); None for its own.
+    kind
+        Topology of the mesh; None for that which fits the section.
 
     Raises
     ------
@@ -96,6 +111,9 @@ def solve_on_mesh(
 
 
 def _choose_middle_modulus(moduli: Floats, tissue_modulus: float) -> float:
-    """Return the modulus at which a curve is solved: the middle of the range in which the film forces change."""
+    """Return the modulus at which a curve is solved, Pa: the geometric mean of the range in which the film forces change.
+
+    Beyond a hundredth and a hundred times the tissue's modulus the inclusion is nearly a hole or nearly rigid.
+    """
     low, high = np.clip([moduli.min(), moduli.max()], 0.01 * tissue_modulus, 100 * tissue_modulus)
     return float(np.sqrt(low * high))

@@ -33,7 +33,7 @@ class Sections:
     bracket
         Cylinders from the inscribed to the circumscribed one; empty where the tissue is round about the axis.
     materials
-        Of every body.
+        The material of every body.
     outline
         Distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
     """
@@ -45,11 +45,11 @@ class Sections:
 
 
 def build_sections(scene: Scene) -> Sections:
-    """Return the sections of a scene on a rigid base without films."""
+    """Return the sections of a scene with blocks and tissue alone: on a rigid base, without films (see ``add_details``)."""
     probe, tissue, placement = scene.probe, scene.tissue, scene.placement
     angle = (np.arange(OUTLINE_DIRECTIONS) + 0.5) * 2 * np.pi / OUTLINE_DIRECTIONS
     materials: dict[Body, Material] = {Body.TISSUE: tissue, Body.INNER: probe.inner, Body.OUTER: probe.outer}
-    sphere = (0.0, 0.0)
+    sphere = (0.0, 0.0)  # radius and depth of the centre; no inclusion
     materials |= dict(zip(LAYERS, tissue.layer, strict=False))
     layers = {body.name.lower(): layer.thickness for body, layer in zip(LAYERS, tissue.layer, strict=False)}
     if scene.inclusion:
@@ -59,6 +59,7 @@ def build_sections(scene: Scene) -> Sections:
     if tissue.shape == "cylinder":
         offset = math.hypot(placement.x, placement.y)
         radius, depth = tissue.radius, tissue.depth
+        # distance from a point ``offset`` off the centre of a circle to the circle
         outline = np.sqrt(radius**2 - (offset * np.sin(angle)) ** 2) - offset * np.cos(angle)
     elif tissue.shape == "block":
         radius, depth = math.sqrt(tissue.length * tissue.breadth / math.pi), tissue.depth
@@ -70,6 +71,7 @@ def build_sections(scene: Scene) -> Sections:
         outline = np.full(OUTLINE_DIRECTIONS, radius)
     section = _move_off_poles(Section(*blocks, radius, depth, *sphere, **layers, edge_radius=scene.contact.edge_radius))
     low, high = float(outline.min()), float(outline.max())
+    # tissue that is round about the axis needs no bracket; 1e-9 allows for rounding
     bracket = (
         ()
         if high - low < 1e-9 * radius
@@ -82,10 +84,14 @@ def build_sections(scene: Scene) -> Sections:
 
 
 def _move_off_poles(section: Section) -> Section:
-    """Move interfaces that touch the sphere slightly into it, by less than the rounding of their positions."""
+    """Move interfaces that touch the sphere at a pole slightly into it, so that they cut it.
+
+    They move by about ``TOUCHING_RELATIVE`` of the radius at most, less than the rounding of their positions.
+    """
     if not section.sphere_radius:
         return section
     radius, thicknesses, last = section.sphere_radius, {}, 0.0
+    # ``last``: depth of the interface above
     for body, depth in zip(LAYERS, section.interfaces, strict=False):
         for inwards in (1, -1):  # the upper pole, from which the sphere lies deeper, and the lower one
             pole = section.sphere_depth - inwards * radius
@@ -97,7 +103,7 @@ def _move_off_poles(section: Section) -> Section:
 
 
 def add_details(scene: Scene, plain: Sections) -> Sections:
-    """Add the scene's films and elastic base.
+    """Return the sections ``plain`` of a scene with its films and elastic base added.
 
     Raises
     ------
@@ -116,6 +122,7 @@ def add_details(scene: Scene, plain: Sections) -> Sections:
     if base.youngs_modulus is not None and base.poisson_ratio is not None:
         materials[Body.BASE] = Material(youngs_modulus=base.youngs_modulus, poisson_ratio=base.poisson_ratio)
         sizes = base_sizes(probe)
+        # a flange of the tube's radius is none, within rounding
         wide = sizes.flange_radius > probe.tube_radius * (1 + 1e-9)
         layers |= {"flange_thickness": sizes.thickness, "step_height": sizes.step_height}
         layers["flange_radius"] = sizes.flange_radius if wide else 0.0

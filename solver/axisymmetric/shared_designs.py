@@ -28,7 +28,7 @@ SolutionOrError = FilmSolution | InputError
 
 
 def get_design(scene: Scene) -> Scene:
-    """Return the scene with a standard modulus of the inclusion and zero load: it is equal for all scenes on one curve."""
+    """Return the scene with the inclusions' moduli set to 1 Pa and no load: equal for all scenes that share a curve."""
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})
@@ -45,9 +45,10 @@ def solve_shared_designs(
     Parameters
     ----------
     converge
-        Computes film forces at moduli, Pa, shape (k,); used for scenes with exactly one inclusion.
+        Computes film forces of a scene, at an accuracy, for moduli, Pa, shape (k,); used where scenes differ in the modulus of
+        their only inclusion.
     solve_alone
-        Solves one scene.
+        Solves one scene at an accuracy, or returns its refusal.
     scenes
         Scenes of any kind; those that the evaluator does not take are refused.
     accuracies
@@ -76,9 +77,20 @@ def _get_modulus(scene: Scene) -> float:
 
 
 def _solve_curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: float, count: int) -> dict[float, FilmSolution]:
-    """Solve a curve for scenes by their moduli, within ``count`` times the time limit.
+    """Return solutions by modulus for scenes that share a design, from one curve, within ``count`` times the time limit.
 
-    Moduli at which the curve is not accurate enough, and their own mesh may be, are left out.
+    Moduli at which the curve is not accurate enough are left out if a scene solved alone may be; all are if it is refused.
+
+    Parameters
+    ----------
+    converge
+        See ``solve_shared_designs``.
+    scenes
+        One scene for each modulus of the inclusion, Pa.
+    accuracy
+        Relative.
+    count
+        Number of scenes that the curve replaces.
     """
     moduli = np.array(sorted(scenes))
     try:
@@ -92,7 +104,11 @@ def _solve_curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: fl
 def _select_accurate(
     converged: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
 ) -> Iterator[tuple[float, FilmSolution]]:
-    """Yield the moduli at which a curve is accurate enough, or at which no finer mesh could be more accurate, with solutions."""
+    """Yield moduli, Pa, with solutions: where the curve is accurate enough, or where no finer mesh would have helped.
+
+    Left out are moduli that are not accurate enough because refinement was stopped (``Converged.stopped``): solved alone,
+    such a scene may become accurate.
+    """
     residual, details = converged.sample.states.residual, select_notes(converged.notes, "left_out")
     for modulus, films in zip(moduli.tolist(), converged.films, strict=True):
         short: list[Note] = find_shortfalls(films, films.compute_max_error(scenes[modulus]), accuracy)

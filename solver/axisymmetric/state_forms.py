@@ -42,7 +42,9 @@ class StateForms:
 
     @classmethod
     def choose_pairs(cls, u: Floats, w: Floats, size: Floats) -> StateForms:
-        """Choose the pairs by which all forms and changes are expressed.
+        """Choose the pairs by whose forms all forms g_i and changes g_i' are expressed, and compute the weights.
+
+        A form depends on products of coefficients alone: the pairs are those whose products, with weights, give all others'.
 
         Parameters
         ----------
@@ -61,6 +63,7 @@ class StateForms:
         plain = np.count_nonzero(chosen < len(u))
         changed = chosen[plain:] - len(u)
         displacements = (step * w)[changed]
+        # a change is half the difference of the forms at u + w and u - w
         half = weights[:, plain:] / 2
         weights = np.concatenate([weights[:, :plain], half, -half], axis=1)
         states = np.concatenate([u[chosen[:plain]], u[changed] + displacements, u[changed] - displacements])
@@ -73,13 +76,17 @@ class StateForms:
 
 
 def _compute_steps(u: Floats, w: Floats) -> Floats:
-    """Return factors that scale changes to the size of the states, shape (k, 1, 1)."""
+    """Return factors that scale changes w to the size of the states u, both (k, m, 2), shape (k, 1, 1); 1 where w is zero."""
     states, changes = (np.linalg.norm(array, axis=(1, 2), keepdims=True) for array in (u, w))
     return np.asarray(np.divide(states, changes, out=np.ones_like(states), where=changes > 0))
 
 
 def _compute_products(u: Floats, w: Floats, size: Floats) -> Floats:
-    """Return the factors of A in g_1 - g_2 and g_1 + g_2, bilinear and symmetric in u and w, shape (k, products)."""
+    """Return the factors of A's entries in g_1 - g_2 and g_1 + g_2, bilinear and symmetric in u and w, shape (k, products).
+
+    ``u`` and ``w`` are coefficients of pairs on the basis, shape (k, m, 2), ``size`` the norms of the basis vectors, shape (m,).
+    As A is symmetric, products of its upper triangle suffice.
+    """
     low, high = np.triu_indices(len(size))
     weight = np.where(low < high, 2**0.5, 1.0)  # of entries that stand for two
     (sums, differences), (other_sums, other_differences) = (_add_and_subtract(array * size[:, None]) for array in (u, w))
@@ -92,34 +99,45 @@ def _compute_products(u: Floats, w: Floats, size: Floats) -> Floats:
 
 
 def _add_and_subtract(u: Floats) -> tuple[Floats, Floats]:
+    """Return u_1 + u_2 and u_1 - u_2 of pairs, shape (k, m, 2) to (k, m) both."""
     return u[..., 0] + u[..., 1], u[..., 0] - u[..., 1]
 
 
 def _choose_pivots(products: Floats, plain: int) -> Ints:
     """Choose rows whose linear combinations give all others; return their indices in order, shape (chosen,).
 
-    Of the first ``plain`` rows as many as useful are taken first. A few candidates are tried before all, which usually suffices.
+    Parameters
+    ----------
+    products
+        Rows of products: first ``plain`` of states, then as many of changes, shape (2 plain, products).
+    plain
+        Number of states; as many of these rows as are useful are taken first. A few rows, evenly spaced, are tried before all,
+        which usually suffices.
     """
     norms = np.linalg.norm(products, axis=1, keepdims=True)
-    left = np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
+    residual_rows = np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
     candidates = np.unique(np.linspace(0, plain - 1, FIRST_CANDIDATES).astype(int))
-    chosen, basis = _choose_rows(left[np.concatenate([candidates, plain + candidates])], len(candidates))
-    remainders = np.linalg.norm(left - (left @ basis.T) @ basis, axis=1)
+    chosen, basis = _choose_rows(residual_rows[np.concatenate([candidates, plain + candidates])], len(candidates))
+    remainders = np.linalg.norm(residual_rows - (residual_rows @ basis.T) @ basis, axis=1)
     if remainders.max() > REMAINDER_FACTOR * NEGLIGIBLE_RELATIVE:
-        return _choose_rows(left, plain)[0]
+        return _choose_rows(residual_rows, plain)[0]
     return np.asarray(candidates[chosen % len(candidates)] + plain * (chosen >= len(candidates)))
 
 
-def _choose_rows(left: Floats, plain: int) -> tuple[Ints, Floats]:
-    """Choose rows by pivoting; return their indices in order and an orthonormal basis."""
+def _choose_rows(residual_rows: Floats, plain: int) -> tuple[Ints, Floats]:
+    """Choose rows by pivoting: always the row with the largest remainder, whose direction is then removed from all others.
+
+    Returns the chosen rows' indices in increasing order, and an orthonormal basis of these rows. Rows below index ``plain`` come
+    first while one of them has a useful remainder.
+    """
     chosen: list[int] = []
     basis: list[Floats] = []
-    for _ in range(len(left)):
-        size = np.linalg.norm(left, axis=1)
+    for _ in range(len(residual_rows)):
+        size = np.linalg.norm(residual_rows, axis=1)
         if size.max() <= NEGLIGIBLE_RELATIVE:
             break
         sizes = size[:plain] if size[:plain].max() > MIN_USEFUL_FACTOR * NEGLIGIBLE_RELATIVE else size
         chosen.append(int(np.argmax(sizes)))
-        basis.append(left[chosen[-1]] / size[chosen[-1]])
-        left = left - np.outer(left @ basis[-1], basis[-1])
+        basis.append(residual_rows[chosen[-1]] / size[chosen[-1]])
+        residual_rows = residual_rows - np.outer(residual_rows @ basis[-1], basis[-1])
     return np.sort(chosen).astype(int), np.array(basis)

@@ -60,7 +60,7 @@ class TissueField:
         InputError
             A point lies outside the tissue, or there is an inclusion.
         """
-        if np.all(self.states.model.section.sphere_radius != 0):
+        if np.all(self.states.model.section.sphere_radius != 0):  # 0: no inclusion
             raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")
         points = np.stack(np.broadcast_arrays(np.atleast_1d(r), np.atleast_1d(z)), axis=-1).astype(float)
         self._check_points(points)
@@ -84,6 +84,7 @@ class TissueField:
         element, places, jacobian = self.locate(points)
         model, legendre = self.states.model, evaluate_legendre(places, self.states.model.shapes.order)
         value, (by_u, by_v) = evaluate_functions(places, model.shapes.degrees, legendre)
+        # the Jacobian dr/du, dr/dv; dz/du, dz/dv, and from it derivatives of the s functions by r and z
         (ru, rv), (zu, zv) = jacobian.transpose(1, 2, 0)[..., None]
         determinant = ru * zv - rv * zu
         derivatives = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
@@ -103,13 +104,17 @@ class TissueField:
 
     @cached_property
     def _dilation_coefficients(self) -> Floats:
-        """Coefficients of the pressures in each element, shape (n, k, 2)."""
+        """Coefficients of both states' projected dilations on the k pressure functions of each element, shape (n, k, 2)."""
         model, values = self.states.model, self.states.values
         table = compute_dilations(model.geometry, model.shapes)[:, :, ::2]
         return np.asarray(np.einsum("nkcs,ncsi->nki", table, values.reshape(len(values), 2, -1, 2), optimize=True))
 
     def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
-        """Return for each point its element, the place in its unit square and the Jacobian d(r, z) / d(u, v), (m, 2, 2)."""
+        """Return for each of m points (r, z) its element, the place (u, v) in its unit square and d(r, z) / d(u, v).
+
+        The shapes are (m,), (m, 2) and (m, 2, 2). Grid lines give a few candidates; the element is that in which the point lies
+        deepest, measured from its nearest side.
+        """
         radii, levels, table, tissue, corners, planes = self._lookup_table
         r, z = points.T
         column = np.searchsorted(radii[1:-1], r, side="right")
@@ -122,7 +127,12 @@ class TissueField:
 
     @cached_property
     def _lookup_table(self) -> tuple[Any, ...]:
-        """Grid lines of the tissue, and the elements in each row and column between them (repeated to one length)."""
+        """Data to locate points: grid lines, candidate elements between them, and these elements' corners and sides.
+
+        In order: radii and levels of the tissue's grid lines; candidates for each row and column between the lines, as positions
+        in the next array, repeated to one length, shape (rows, columns, candidates); numbers of the tissue's elements in the
+        mesh; their corners, shape (t, 4, 2); coefficients of their sides, see ``_compute_planes``.
+        """
         model = self.states.model
         layout = model.mesh.layout
         lines = place_lines(model.section, layout)
@@ -144,7 +154,10 @@ class TissueField:
 
 
 def _compute_planes(corners: Floats) -> Floats:
-    """Return coefficients (3, n, 4) of a r + b z + c for each side of quadrilaterals: positive inside, relative to size."""
+    """Return coefficients a, b, c of a r + b z + c, positive inside, for each side of n quadrilaterals, shape (3, n, 4).
+
+    The values are distances from the side times its length, relative to the square of the quadrilateral's size.
+    """
     sides = np.roll(corners, -1, axis=1) - corners
     size = np.abs(sides).sum(axis=(1, 2))[:, None] ** 2
     a, b = -sides[..., 1] / size, sides[..., 0] / size
@@ -165,6 +178,7 @@ def _invert_maps(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
         determinant = d_u[0] * d_v[1] - d_u[1] * d_v[0]
         step = np.stack([residual[0] * d_v[1] - residual[1] * d_v[0], d_u[0] * residual[1] - d_u[1] * residual[0]]) / determinant
         u, v = u + step[0], v + step[1]
+        # without a twist the map is linear: one step is exact
         if not twist.any() or np.abs(step).max(initial=0.0) <= NEWTON_TOLERANCE:
             break
     u, v = np.clip(u, 0.0, 1.0), np.clip(v, 0.0, 1.0)
@@ -172,7 +186,10 @@ def _invert_maps(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 def compute_jacobian(corners: Any, places: Any) -> Any:
-    """Return d(r, z) / d(u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
+    """Return the Jacobians d(r, z) / d(u, v), shape (m, 2, 2), of m quadrilaterals at places in their unit squares.
+
+    ``corners`` are the quadrilaterals' corners, m, shape (m, 4, 2), in order around each; ``places`` are (u, v), shape (m, 2).
+    """
     u, v = places[:, :1], places[:, 1:]
     a, b, c, d = np.moveaxis(corners, 1, 0)
     return np.stack([(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)], axis=-1)

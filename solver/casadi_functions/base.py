@@ -33,7 +33,7 @@ class DifferentiableFunction(casadi.Callback):
         raise NotImplementedError
 
     def compute_cached(self, argument: casadi.DM) -> tuple[Floats, Floats]:
-        """Return ``compute`` at x, from memory for the last x."""
+        """Return ``compute`` at x; the result at the last x is cached, as casadi asks for y and dy/dx separately."""
         x = np.array(argument, dtype=float).ravel()
         if self.last is None or not np.array_equal(self.last[0], x):
             self.last = x, self.compute(x)
@@ -60,13 +60,13 @@ class DifferentiableFunction(casadi.Callback):
         return [casadi.DM(self.compute_cached(arg[0])[0])]
 
     def has_jacobian(self) -> bool:
-        """Return that the Jacobian is computed, so that casadi takes no differences."""
+        """Return True: the Jacobian is computed exactly, so that casadi takes no finite differences."""
         return True
 
     def get_jacobian(
         self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Option]
     ) -> casadi.Function:
-        """Return the Jacobian as a casadi function, and keep it as long as this one."""
+        """Return the Jacobian as a casadi function; a reference to it is kept as long as this function exists."""
         self.jacobians.append(_Jacobian(self, name, opts))
         return self.jacobians[-1]
 

@@ -64,7 +64,7 @@ class FilmCallback(DifferentiableFunction):
         return start.sample.states.model.mesh.layout, start.plan
 
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
-        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+        """Return the outputs and derivatives of one design, on a mesh of the given kind; of its own where ``kind`` is None.
 
         Raises
         ------
@@ -83,6 +83,10 @@ class FilmCallback(DifferentiableFunction):
         return np.array(values), np.array([solution.derivatives[name][0] for name in OUTPUT_NAMES])
 
     def _try_differentiate(self, x: Floats) -> Gradients | None:
+        """Return the outputs and derivatives at x; None where the scene is invalid or cannot be solved.
+
+        The mesh of the scene at the start is tried first, so that the outputs are smooth, then one that fits the design.
+        """
         try:
             scene = self.scene.replace(dict(zip(self.variables, x.tolist(), strict=True)))
             scene_sections = build_sections(scene)
@@ -113,13 +117,13 @@ class TumourCallback(FilmCallback):
     """
 
     def solve_start(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
-        """See ``FilmCallback``."""
+        """Solve the scene itself and check the variables, to first order; see ``FilmCallback.solve_start``."""
         base = EquivalentInclusion().prepare(self.scene, accuracy)
         compute_tumour_gradients(self.scene, solve_first_order(self.scene, build_sections(self.scene)), self.variables)
         return base.field.states.model.mesh.layout, base.plan
 
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
-        """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
+        """Return the outputs and derivatives of one design, on a mesh of the given kind; of its own where ``kind`` is None.
 
         Raises
         ------
@@ -131,9 +135,9 @@ class TumourCallback(FilmCallback):
 
 
 def _write_defaults(scene: Scene) -> Scene:
-    """Return the scene with default values that follow from other numbers set, so that they stay constant as x moves.
+    """Return the scene with those defaults written out that are computed from other numbers of the scene.
 
-    These are the sizes of the base and the modulus of the adhesive.
+    They are the sizes of the base and the modulus of the adhesive; written out, they stay constant as x changes the others.
     """
     data, probe = scene.model_dump(exclude_unset=True), scene.probe
     if probe.base.youngs_modulus is not None:

@@ -24,9 +24,9 @@ VALUES_PER_SLAB = 16384  # values at a time, so that the work arrays stay in the
 
 
 def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
-    """Return J_first, ..., J_(orders-1) of x from 0 to ``MAX_ARGUMENT``, NaN elsewhere; shape (orders - first, *x.shape).
+    """Return the Bessel functions J_first, ..., J_(orders-1) of x, shape (orders - first, *x.shape).
 
-    No scene's waves have larger arguments.
+    They are NaN outside 0 to ``MAX_ARGUMENT``; no scene's waves have larger arguments.
     """
     return _interpolate(x, [_fit_cubics(0, order) for order in range(first, orders)])
 
@@ -37,6 +37,7 @@ def spherical_bessel(x: Array, orders: int) -> Array:
 
 
 def _interpolate(x: Array, tables: list[Any]) -> Array:
+    """Return each table's cubics at x, NaN outside the table; shape (tables, *x.shape)."""
     flat = x.reshape(-1)
     outside = ~((flat.real >= 0) & (flat.real < MAX_ARGUMENT))
     if outside.any():
@@ -70,6 +71,7 @@ def _fit_cubics(kind: int, order: int) -> Floats:
     else:
         weight = (0.5, 0.5) if kind == 0 else (order / (2 * order + 1), (order + 1) / (2 * order + 1))
         derivative = weight[0] * _get_table_values(kind, order - 1) - weight[1] * next_order
+    # Hermite's cubic on each step, in its fraction from 0 to 1: the derivatives are per step
     rise, derivative = np.diff(value), derivative / STEPS_PER_UNIT
     bend = derivative[:-1] + derivative[1:] - 2 * rise
     return np.stack([bend, rise - derivative[:-1] - bend, derivative[:-1], value[:-1]])

@@ -47,7 +47,10 @@ from solver.closed_form.tractions import ElasticBlocks
 
 
 def _build_polynomials() -> Any:
-    """Return coefficients by powers of s of P_i, of their derivatives and their integrals over s; shape (3 functions, powers)."""
+    """Return the coefficients, by powers of s, of P_i, their derivatives and their integrals over s, shape (3 functions, powers).
+
+    s is (r / radius)^2 of a disc. The integrals are divided by s, so that all have the same number of powers.
+    """
     P = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL_FUNCTIONS)]
     kinds = [P, [p.deriv() for p in P], [p.integ(lbnd=0) for p in P]]
     rows = [[p.convert(kind=Polynomial).coef for p in kind] for kind in kinds]
@@ -61,7 +64,8 @@ _POLYNOMIAL_COEFFICIENTS = _build_polynomials()
 def compute_end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
     """Compute the work of each unit load on the end displacements by each other, m^5/N, shape (n, loads, loads).
 
-    Pressures come before shears; the functions of the shears are multiplied by r / radius.
+    Pressures come before shears; the functions of the shears are multiplied by r / radius. ``bonded`` selects the correction of
+    the modulus (eq. CF.10); shears are included in either case.
     """
     wall = None if block.hole is None else block.width / block.radius
     transverse = interpolate_radial_integrals(wall)
@@ -92,11 +96,11 @@ class RitzSystem:
     Attributes
     ----------
     S
-        Shape (n, u, u).
+        Stiffness of the functions of u with the modes of w eliminated, shape (n, u, u).
     E
-        Shape (n, loads, u).
+        Work of the loads on these, that through the eliminated modes included, shape (n, loads, u).
     C
-        Shape (n, loads, modes).
+        Work of the loads on the modes, shape (n, loads, modes).
     mode_coupling
         D^-1 (kV + T), shape (n, u, modes).
     C_over_D
@@ -111,7 +115,7 @@ class RitzSystem:
 
     @property
     def amplitudes(self) -> Array:
-        """Amounts a of the u under unit loads, shape (n, u, loads)."""
+        """Amounts a of the functions of u (eq. CF.8) under unit loads, shape (n, u, loads)."""
         return np.linalg.solve(self.S, self.E.swapaxes(1, 2))
 
     def compute_compliance(self, amplitudes: Array) -> Array:
@@ -119,7 +123,7 @@ class RitzSystem:
         return self.E @ amplitudes + self.C @ self.C_over_D.swapaxes(1, 2)
 
     def compute_mode_amplitudes(self, amplitudes: Array) -> Array:
-        """Return the amounts of the modes that belong to the amounts a of the u, shape (n, modes, loads)."""
+        """Return the amounts of the modes under unit loads, from the amounts a of the u, shape (n, modes, loads)."""
         return self.C_over_D.swapaxes(1, 2) + self.mode_coupling.swapaxes(1, 2) @ amplitudes
 
 
@@ -154,6 +158,7 @@ def build_ritz_system(
     over_D = on_modes * (D_inverse * one_minus_2nu).reshape(-1, len(nu))
 
     def move_blocks_first(values: Array, rows: int) -> Array:
+        """Return arrays whose last axis is the blocks as matrices of ``rows`` rows, shape (n, rows, columns)."""
         return np.ascontiguousarray(values.reshape(rows, -1, len(nu)).transpose(2, 0, 1))
 
     count = on_u.shape[1]

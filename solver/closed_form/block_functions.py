@@ -37,9 +37,16 @@ WALL_LOG_OFFSET = 1.01  # tubes' numbers are smooth in the logarithm of this les
 
 @dataclass(frozen=True)
 class AxialFunctions:
-    """The g_j and f_j, and their derivatives by zeta / h, at Gauss's zeta; blocks last.
+    """The functions g_j and f_j of eqs. CF.8 and CF.9 at the nodes of quadrature along the heights of n blocks; blocks last.
 
-    Shapes (nodes, n) of zeta and the weights, (n,) of ``steep``, and (functions, nodes, n).
+    Attributes
+    ----------
+    zeta, weight
+        Distances of the nodes from the tissue end, m, and weights of quadrature, m, shape (nodes, n).
+    steep
+        How much denser the nodes are near both ends, shape (n,).
+    g, dg, f, df
+        The functions, and their derivatives by zeta / h, shape (functions, nodes, n).
     """
 
     zeta: Array
@@ -57,6 +64,7 @@ class AxialFunctions:
     def interpolate(self, fraction: Array) -> tuple[Array, ...]:
         """Return g, dg, f and df at fractions (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
+        # y: coordinate from -1 to 1 in which the functions are interpolated by polynomials
         y = np.arctanh((2 * fraction - 1) * np.tanh(steep)) / steep
         nodes = len(self.zeta)
         interpolation = (legendre.legvander(y, nodes - 1) @ _HEIGHT_RULES[nodes].series).swapaxes(1, 2)
@@ -64,13 +72,24 @@ class AxialFunctions:
 
 
 def build_axial_functions(height: Array, steepness: Array, nodes: int = HEIGHT_NODES) -> AxialFunctions:
-    """Build the functions g_j and one f_j more for blocks of heights (n,) and decays times heights ``steepness`` (n,)."""
+    """Build the functions g_j, and the f_j, of which there is one more, for n blocks.
+
+    Parameters
+    ----------
+    height
+        Heights h, m, shape (n,).
+    steepness
+        Decays times heights, b h of eq. CF.9, shape (n,).
+    nodes
+        Number of nodes along the height, one of those in ``_HEIGHT_RULES``.
+    """
     rule = _HEIGHT_RULES[nodes]
     y, weight = rule.y[:, None], rule.weight[:, None]
     steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
     tanh_node, tanh_end = np.tanh(steep * y), np.tanh(steep)
     fraction = (1 + tanh_node / tanh_end) / 2
     dz = (steep / (2 * tanh_end)) * (1 - tanh_node * tanh_node)
+    # fractions count from the tissue end; top and fade are the two factors of eq. CF.9
     last = np.exp(-steepness)
     loss = 1 - last
     tissue_end_decay, base_end_decay = np.exp(-steepness * fraction), np.exp(steepness * (fraction - 1))
@@ -82,6 +101,7 @@ def build_axial_functions(height: Array, steepness: Array, nodes: int = HEIGHT_N
     for j in range(1, AXIAL_FUNCTIONS):
         dg[j] += j * top * powers[j - 1] * dfade
     df = np.stack([0 * fraction - 1, (last - base_end_decay) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
+    # every f_j is 0 at the base: minus the integral of its derivative from the node to there
     f = np.concatenate([(1 - fraction)[None], -(rule.remaining @ (df[1:] * dz))])
     return AxialFunctions(height * fraction, weight * (height * dz), steep, g, dg, f, df)
 
@@ -107,6 +127,7 @@ class HeightRule:
 
 
 def _build_height_rule(nodes: int) -> HeightRule:
+    """Build Gauss's rule with the given number of nodes."""
     y, weight = legendre.leggauss(nodes)
     P, n = legendre.legvander(y, nodes), np.arange(1, nodes)
     series = (np.arange(nodes)[:, None] + 0.5) * P[:, :-1].T * weight
@@ -124,7 +145,7 @@ class AxialIntegrals:
     Attributes
     ----------
     gg, dg_dg
-        Of two functions.
+        Of two functions g, and of the derivatives of two, shape (g_j, g_j, n).
     g_dmode, dg_mode
         Of g with the modes' derivatives, and of dg with the modes.
     derivative
@@ -151,6 +172,7 @@ def interpolate_axial_integrals(steepness: Array) -> AxialIntegrals:
 
 @cache
 def _build_axial_table() -> PiecewisePolynomials:
+    """Build the table of the axial integrals, pieces of 0.25 in x = ln(1 + steepness / ``DECAY_LOG_SCALE``)."""
     return PiecewisePolynomials(
         lambda x: compute_axial_integrals(DECAY_LOG_SCALE * np.expm1(x)),
         0.0,
@@ -161,13 +183,15 @@ def _build_axial_table() -> PiecewisePolynomials:
 
 
 def compute_axial_integrals(steepness: Any) -> list[Any]:
-    """Compute the fields of ``AxialIntegrals`` by quadrature, blocks along the first axis."""
+    """Compute the fields of ``AxialIntegrals`` by quadrature, blocks along the first axis; ``steepness`` is b h, shape (n,)."""
     functions = build_axial_functions(np.ones_like(steepness), steepness, TABLE_HEIGHT_NODES)
     g, dg, f, df = functions.g, functions.dg, functions.f, functions.df
 
     def integrate_products(left: Any, right: Any) -> Any:
+        """Return the integrals of products of functions (i, nodes, n) and (j, nodes, n), shape (n, i, j)."""
         return np.einsum("iqn,jqn,qn->nij", left, right, functions.weight)
 
+    # f_j at the tissue end: minus the integral of its derivative, as f_j is 0 at the base
     f_end = -(functions.weight * df).sum(axis=1).T
     derivative, modes = _find_modes(integrate_products(f, f), integrate_products(df, df), f_end)
     of_modes = [integrate_products(left, right) @ modes for left, right in ((g, df), (dg, f))]
@@ -175,7 +199,21 @@ def compute_axial_integrals(steepness: Any) -> list[Any]:
 
 
 def _find_modes(squares: Floats, derivatives: Floats, end: Floats) -> tuple[Any, Any]:
-    """Find modes (columns) with unit integrals of squares, positive at ``end``; return their derivatives' integrals and them."""
+    """Find the modes: sums of functions that diagonalise the integrals of products and of products of derivatives.
+
+    Parameters
+    ----------
+    squares, derivatives
+        Integrals of the functions' products, and of their derivatives' products, shape (n, functions, functions).
+    end
+        The functions at the end where all modes are made positive, shape (n, functions).
+
+    Returns
+    -------
+    tuple[Any, Any]
+        Integrals of the squares of the modes' derivatives, shape (n, modes), and how much of each function (row) is in each mode
+        (column), shape (n, functions, modes), such that the integrals of the modes' squares are 1.
+    """
     low = np.linalg.inv(np.linalg.cholesky(squares))
     derivative, turn = np.linalg.eigh(low @ derivatives @ low.swapaxes(1, 2))
     modes = low.swapaxes(1, 2) @ turn
@@ -221,11 +259,13 @@ def interpolate_radial_integrals(wall: Array | None) -> RadialIntegrals:
 
 @cache
 def _compute_disc_integrals() -> RadialIntegrals:
+    """Compute the integrals of a disc, which are the same for all: n = 1."""
     return RadialIntegrals(*(np.moveaxis(part, 0, -1) for part in compute_radial_integrals(np.ones(1), True)))
 
 
 @cache
 def _build_wall_table() -> PiecewisePolynomials:
+    """Build the table of a tube's integrals, ten pieces in x = ln(``WALL_LOG_OFFSET`` - wall / outer radius)."""
     start = np.log(WALL_LOG_OFFSET - 1)
     return PiecewisePolynomials(
         lambda x: compute_radial_integrals(WALL_LOG_OFFSET - np.exp(x), False),
@@ -237,8 +277,11 @@ def _build_wall_table() -> PiecewisePolynomials:
 
 
 def compute_radial_integrals(wall: Any, solid: bool) -> list[Any]:
-    """Compute the fields of ``RadialIntegrals`` by quadrature, blocks along the first axis."""
-    hole = 1 / wall - 1
+    """Compute the fields of ``RadialIntegrals`` by quadrature, blocks along the first axis.
+
+    ``wall`` is the wall over the outer radius, shape (n,), and 1 for discs (``solid``).
+    """
+    hole = 1 / wall - 1  # inner radius over width
     y, weight = _build_gauss_rule((0.0, 1.0), WALL_NODES)
     P, derivative, r, u = _evaluate_functions(y, hole, solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
@@ -246,19 +289,23 @@ def compute_radial_integrals(wall: Any, solid: bool) -> list[Any]:
     volume = np.concatenate([P[:, :0] if solid else 0 * P[:, :1], P], axis=1)  # d(r u)/dr / r
 
     def integrate_products(left: Any, right: Any) -> Any:
+        """Return the integrals of products of functions (n, i, points) and (n, j, points), shape (n, i, j)."""
         return (left * ring[:, None]) @ right.swapaxes(1, 2)
 
     squares, derivatives = integrate_products(P, P), integrate_products(derivative, derivative)
-    slope_integrals, modes = _find_modes(squares, derivatives, np.ones((1, RADIAL_FUNCTIONS)))
+    derivative_squares, modes = _find_modes(squares, derivatives, np.ones((1, RADIAL_FUNCTIONS)))
     rr = volume - hoop
     strain = 2 * (integrate_products(rr, rr) + integrate_products(hoop, hoop))
     pressed, sheared = _integrate_loads(hole, wall, LOADS.loads[0 if solid else 1])
     of_modes = [integrate_products(left, right) @ modes for left, right in ((volume, P), (u, derivative))]
-    return [strain, integrate_products(u, u), *of_modes, slope_integrals, pressed @ modes, sheared, modes]
+    return [strain, integrate_products(u, u), *of_modes, derivative_squares, pressed @ modes, sheared, modes]
 
 
 def _integrate_loads(hole: Floats, wall: Floats, loads: Loads) -> tuple[Any, Any]:
-    """Return the work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
+    """Return the work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions).
+
+    ``hole`` is the inner radius over the width, ``wall`` the width over the outer radius, shape (m,) both.
+    """
     y, weight = _build_gauss_rule(tuple(loads.cuts), NODES_PER_RING)
     P, _, r, u = _evaluate_functions(y, hole, loads.solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
@@ -267,14 +314,18 @@ def _integrate_loads(hole: Floats, wall: Floats, loads: Loads) -> tuple[Any, Any
 
 
 def _build_gauss_rule(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
-    """Return Gauss's nodes and weights with ``points`` nodes in each interval between the cuts."""
+    """Return Gauss's nodes and weights with ``points`` nodes in each interval between increasing numbers ``cuts``."""
     x, weight = legendre.leggauss(points)
     parts, low = np.diff(cuts)[:, None], np.array(cuts)[:-1, None]
     return (low + parts * (x + 1) / 2).ravel(), (parts * weight / 2).ravel()
 
 
 def _evaluate_functions(y: Floats, hole: Floats, solid: bool) -> tuple[Any, Any, Any, Any]:
-    """Return P_i, dP_i/dr, r and u = U_i / r at fractions y of walls of width 1, shapes (m, functions, points), r (m, points)."""
+    """Return P_i, dP_i/dr, r and u = U_i / r of m blocks of width 1, shapes (m, functions, points), of r (m, points).
+
+    ``y`` are fractions of the width, shape (points,), ``hole`` the inner radii, shape (m,), 0 for discs (``solid``).
+    """
+    # six nodes between 0 and each y integrate U_i exactly
     x, weight = legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight / 2
     polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL_FUNCTIONS)]

@@ -53,9 +53,18 @@ NODES_PER_WAVE, MIN_WAVE_NODES = 0.35, 8  # nodes per wave number times outermos
 
 @dataclass(frozen=True)
 class Tissue:
-    """Tissue bonded to a floor at ``depth`` (None: half-spaces): modulus, Poisson's ratio; arrays of shape (n,), SI.
+    """The tissues of n designs; arrays of shape (n,), SI.
 
-    ``radius`` is that of the free sides, if they are near; ``layers`` are of other materials, from the surface downwards.
+    Attributes
+    ----------
+    depth
+        Of the rigid floor, m; None for half-spaces.
+    E, nu
+        Young's modulus, Pa, and Poisson's ratio of the tissue's own material.
+    radius
+        Of the free sides, m; used where they are near.
+    layers
+        Layers of other materials above, from the surface downwards.
     """
 
     depth: Any
@@ -72,7 +81,7 @@ class Tissue:
 
     @property
     def mu(self) -> Array:
-        """Shear modulus."""
+        """Shear modulus of the tissue's own material, Pa."""
         return self.E / (2 * (1 + self.nu))
 
     @property
@@ -134,21 +143,21 @@ def solve_contact(
     blocks
         Inner (solid) and outer (tube).
     tissue
-        Without a depth, a half-space.
+        The tissues; half-spaces where they have no depth.
     spheres
-        Any number.
+        The inclusions of each design, any number.
     target
-        Which sphere the derivative is of.
+        Index of the sphere by whose modulus the forces are differentiated; None for none.
     bonded
         Whether shear is carried; frictionless otherwise.
     nodes
-        Of the integrals over wave numbers.
+        Number of nodes of the integrals over wave numbers.
     side_nodes
-        Of those for the tissue's sides, 0 where they are far.
+        Number for the integrals of the tissue's sides, 0 where they are far.
     layer_nodes
-        Of those for its layers.
+        Number for the integral of its layers.
     shared
-        Which designs have the same blocks and tissue.
+        Which designs have the same blocks and tissue, whose works are then computed once; None to compute all.
     """
     C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
     if tissue.depth is not None or spheres:
@@ -156,31 +165,41 @@ def solve_contact(
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
         if tissue.depth is not None:
             C = C + _compute_floor_works(k, TissueLayer(tissue.depth, stiffest.E, stiffest.nu), loads, weights)
-    bare_tractions, higher_moments, derivative, softened, target_body = (
+    bare_tractions, higher_moment_forces, derivative, softened_works, target_body = (
         np.linalg.solve(C, A),
         0.0,
         np.zeros_like(A[:, :2]),
         C,
         None,
     )
+    # tractions without spheres give what eq. CF.13 has beyond the moments; the moments act through C, so that tractions give way
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
+        # the disc stands for the blocks' response to fields that are not symmetric about the probe's axis
         layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _build_disc(blocks, tissue, layer_nodes)
         in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None)
         body = build_loaded_spheres(sphere, in_layer, loads, weights, layer=layer, disc=disc, sides=sides)
         forces, by_log = body.compute_higher_moments(bare_tractions)
-        softened, higher_moments = softened - body.works, higher_moments + forces
+        softened_works, higher_moment_forces = softened_works - body.works, higher_moment_forces + forces
         if index == target:
             target_body, derivative = body, by_log
-    tractions = np.linalg.solve(softened, A) if spheres else bare_tractions
-    forces = A.swapaxes(1, 2) @ tractions + higher_moments
+    tractions = np.linalg.solve(softened_works, A) if spheres else bare_tractions
+    forces = A.swapaxes(1, 2) @ tractions + higher_moment_forces
     derivative = derivative if target_body is None else derivative + target_body.compute_log_modulus_derivative(tractions)
-    return ContactSolution(forces, derivative, softened, A, tractions)
+    return ContactSolution(forces, derivative, softened_works, A, tractions)
 
 
 @dataclass(frozen=True)
 class Shared:
-    """Designs that have the same blocks and tissue as others: the first of each kind, and which kind each is."""
+    """Designs that have the same blocks and tissue as others.
+
+    Attributes
+    ----------
+    first
+        Index of the first design of each kind, shape (kinds,).
+    which
+        The kind of each design, shape (n,).
+    """
 
     first: Any
     which: Any
@@ -189,7 +208,11 @@ class Shared:
 def _assemble_without_spheres(
     blocks: BlockPair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
 ) -> tuple[Array, Array, Sides | None]:
-    """Return C without the floor, A, and the sides; equal blocks and tissues are computed once."""
+    """Return C and A of eq. CF.12, and the sides, None where they are far.
+
+    C leaves out the spheres and what ``_compute_floor_works`` adds. ``nodes`` are those for sides and for layers; with
+    ``shared``, equal blocks and tissues are computed once.
+    """
     if shared is not None:
         inner, outer = (block.take(shared.first) for block in blocks)
         C, A, sides = _assemble_without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
@@ -202,17 +225,18 @@ def _assemble_without_spheres(
 
 
 def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
-    """Add the compliance of the blocks' ends to C; pressures of both blocks come before shears of both."""
+    """Add the compliance of the blocks' ends to C, in place; pressures of both blocks come before shears of both."""
     loads = LOADS.loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    # even positions belong to the inner block, odd ones to the outer
     for block, parts in zip(blocks, (places[::2], places[1::2]), strict=True):
         index = np.concatenate(parts)
         C[:, index[:, None], index] += compute_end_compliance(block, bonded)[:, : len(index), : len(index)]
 
 
 def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
-    """Return works of pressures, shears and pressures on shears, without the floor, from those of discs."""
+    """Return the works of pressures, shears and pressures on shears on the tissue, without ``_compute_floor_works``."""
     if tissue.layers:
         return compute_layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
     return combine_disc_works(blocks, compute_disc_works(*list_disc_radii(blocks), tissue.mu, tissue.nu))
@@ -221,13 +245,16 @@ def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: 
 def _choose_waves(
     blocks: BlockPair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
-    """Choose the wave numbers; return them, the transforms of the loads, shapes (n, q, loads), and the weights k dk."""
+    """Choose the wave numbers for floor and spheres.
+
+    Returns the wave numbers, 1/m, shape (n, q), the Hankel transforms of pressures and shears there, shapes (n, q, loads), and
+    the weights k dk, shape (n, q).
+    """
     reaches = [INTEGRAL_REACH / _find_shortest_path(sphere, tissue) for sphere in spheres]
     reach = reduce(_choose_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_choose_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - MIN_WAVE_NODES) / (
-        NODES_PER_WAVE * across
-    )  # shorter waves do not matter for a sphere tiny beside the probe
+    # what the nodes resolve: shorter waves do not matter for a sphere that is tiny compared with the probe
+    resolved = (nodes - MIN_WAVE_NODES) / (NODES_PER_WAVE * across)
     reach = np.where(reach.real < resolved.real, reach, resolved)
     fractions, weight = build_wave_rule(nodes)
     k = reach[:, None] * fractions
@@ -236,15 +263,16 @@ def _choose_waves(
 
 def _find_shortest_path(sphere: SphereArray, tissue: Tissue) -> Array:
     """Return the shortest path from a sphere's quadrature to the surface, or to another face and back, m."""
-    path = sphere.depth - 0.8 * sphere.radius
+    path = sphere.depth - 0.8 * sphere.radius  # the highest points of the quadrature lie 0.8 radii above the centre
     for face in tissue.faces:
         face_path = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
+        # minima, as maxima of the negatives
         path = -_choose_larger(-path, -2 * _choose_larger(face_path, MIN_PATH_RADII * sphere.radius))
     return path
 
 
 def _compute_sides(blocks: BlockPair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
-    """Compute what free sides add to the works, eq. CF.11."""
+    """Compute what free sides add to the works, eq. CF.11; layers count as one material, see ``_average_column``."""
     k, weights = build_cut_waves(tissue.radius, blocks[1].radius, nodes)
     E, nu = _average_column(tissue)
     cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, E, nu)
@@ -252,7 +280,10 @@ def _compute_sides(blocks: BlockPair, tissue: Tissue, nodes: int, bonded: bool) 
 
 
 def _average_column(tissue: Tissue) -> tuple[Array, Array]:
-    """Return modulus and Poisson's ratio of one material whose column shortens and widens as that of the layers."""
+    """Return modulus, Pa, and Poisson's ratio of one material whose column shortens and widens as that of the layers.
+
+    Under one stress, layers shorten by thickness / E; these are also the weights of Poisson's ratios.
+    """
     if not tissue.layers:
         return tissue.E, tissue.nu
     shortening = [layer.thickness / layer.E for layer in tissue.stack]
@@ -261,10 +292,14 @@ def _average_column(tissue: Tissue) -> tuple[Array, Array]:
 
 
 def _build_disc(blocks: BlockPair, tissue: Tissue, layer_nodes: int) -> Disc:
-    """Build the disc that stands for both ends: each has the compliance of a half-space, averaged over the areas."""
+    """Build the disc that stands for both blocks' ends in ``off_axis``.
+
+    The ends have the compliance of half-spaces of their materials, averaged with the ends' areas; the tissue's is added.
+    """
     area = blocks[0].area + blocks[1].area
 
     def compute_end_compliance(poisson_weight: float) -> Array:
+        """Return the mean of (1 - poisson_weight nu) / mu of the ends: weight 1 for pressure, 1/2 for shear."""
         return sum(block.area / area * (1 - poisson_weight * block.nu) * 2 * (1 + block.nu) / block.E for block in blocks)
 
     if tissue.layers:
@@ -287,9 +322,13 @@ def _choose_larger(first: Array, second: Array) -> Array:
 
 
 def _compute_floor_works(k: Array, layer: TissueLayer, loads: tuple[Array, Array], weights: Array) -> Array:
-    """Return what a floor below one layer adds to C: 2 pi times the integral of loads times its compliance k dk."""
+    """Return what a floor below one layer adds to C, shape (n, m, m) for m loads.
+
+    It is 2 pi times the integral, over waves k (n, q) with ``weights`` k dk, of both loads' transforms times the floor's change
+    of the compliance.
+    """
     scale = (np.pi / layer.mu)[:, :, None]
     parts = [(weights / k * part)[:, :, None] for part in compute_floor_change(k, layer)]
     p, q = loads
-    pt, qt = p.swapaxes(1, 2), q.swapaxes(1, 2)
-    return scale * join_works((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))
+    p_transposed, q_transposed = p.swapaxes(1, 2), q.swapaxes(1, 2)
+    return scale * join_works((p_transposed @ (parts[0] * p), q_transposed @ (parts[1] * q), p_transposed @ (parts[2] * q)))

@@ -58,21 +58,21 @@ class Shape:
     on_axis
         For each inclusion, whether its centre lies on the probe's axis.
     target
-        Index of the inclusion whose modulus ``derivative`` refers to.
+        Index of the inclusion by whose modulus the forces are differentiated; None for none.
     nodes
-        Of the integrals over wave numbers.
+        Number of nodes of the integrals over wave numbers.
     bonded
         Whether blocks and tissue stick; frictionless otherwise.
     bounded
         Whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
     side_nodes
-        Of the integrals for the tissue's sides at ``tissue_radius``; 0 where they are far.
+        Number for the integrals of the tissue's sides at ``tissue_radius``; 0 where they are far.
     sphere_layers
         For each inclusion, the index of the layer that holds it, the tissue's own material last.
     layers
         How many layers of other materials the tissue has.
     layer_nodes
-        Of the integral for these.
+        Number of nodes of the integral for these.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -87,7 +87,10 @@ class Shape:
 
 
 def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
-    """Solve the contact for parameters p, shape (parameters, n)."""
+    """Solve the contact for parameters p of n designs, shape (parameters, n), in the order of ``compute_forces``.
+
+    With ``reuse``, what designs with the same probe and tissue have in common is computed once.
+    """
     depth, side, modulus, poisson = p[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers = split_parameters(shape, p)
     tissue_layers = tuple(TissueLayer(*layer) for layer in layers)
@@ -106,14 +109,17 @@ def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
 
 
 def build_blocks(parameters: Array) -> BlockPair:
-    """Build the blocks of n designs from parameters of which PROBE_PARAMETERS are the first, shape (parameters, n)."""
+    """Build the inner and the outer blocks of n designs from parameters (parameters, n), PROBE_PARAMETERS the first of them."""
     inner_radius, gap, outer_radius, inner_height, outer_height, *materials = parameters[: len(PROBE_PARAMETERS)]
     inner = ElasticBlocks(None, inner_radius, inner_height, *materials[:2])
     return inner, ElasticBlocks(inner_radius + gap, outer_radius, outer_height, *materials[2:])
 
 
 def _find_shared(rows: Array) -> Shared | None:
-    """Find equal columns by a weighted sum of their numbers, then compare them; None where fewer than half repeat."""
+    """Find equal columns of an array (numbers, n); None where more than half are distinct, as little would be saved.
+
+    Columns with equal weighted sums of their numbers are compared; None, too, if they then differ.
+    """
     with np.errstate(invalid="ignore"):
         _, first, which = np.unique(_HASH_WEIGHTS[: len(rows)] @ rows, return_index=True, return_inverse=True)
     if 2 * len(first) > rows.shape[1] or not (rows[:, first[which]] == rows).all():
@@ -187,6 +193,7 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):
         values += [block.youngs_modulus, block.poisson_ratio]
+    # a half-space has neither depth nor sides: its numbers are not used
     depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, compute_side_radius(tissue))
     values += [depth, side, tissue.youngs_modulus, tissue.poisson_ratio]
     offsets = [_compute_offset(scene, body) for body in scene.inclusion]
@@ -213,8 +220,13 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
 
 
 def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
-    """Return how many nodes resolve the shallowest sphere, its reflections in other faces, and the waves across the probe."""
+    """Return how many nodes the integrals over wave numbers need, an even number.
+
+    They resolve waves that decay over the shortest path, from a sphere's points (up to 0.4 diameters from its centre) to the
+    surface or to another face and back, and that oscillate across the probe. ``faces`` are the depths of layers' interfaces, m.
+    """
     faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
+    # maximum wave numbers, 1/m; a path to a face and back counts twice, hence the half below
     reach = [INTEGRAL_REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:
         size = body.diameter or 0.0
@@ -227,4 +239,5 @@ def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
 
 
 def _compute_offset(scene: Scene, body: Inclusion) -> float:
+    """Return the distance of an inclusion's centre from the probe's axis, m."""
     return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)

@@ -65,16 +65,19 @@ class StatedErrors:
 
     @property
     def largest(self) -> float:
-        """Of the logarithms of ratio, totals and stiffness."""
+        """The largest of the errors of the logarithms of ratio, totals and stiffness."""
         return max(self.log_ratio, float(self.log_totals.max()), self.log_stiffness)
 
     def compute_bound(self, totals: Floats) -> Bound:
-        """Return by how much totals (2,), N/m, may be too large: their logarithms are bounded, so true totals are not zero."""
+        """Return bounds on the errors of totals, N/m, shape (2,): by how much they may be too large.
+
+        The errors of their logarithms are bounded, so that the true totals are exp(-error) of them at least, and not zero.
+        """
         sum_error = -math.expm1(-self.log_stiffness) * float(totals.sum())
         return Bound(-np.expm1(-self.log_totals) * totals, self.log_ratio, sum_error)
 
     def add_details(self, probe: Probe, forces: Floats) -> StatedErrors:
-        """Return the errors with bounds on what groove, film and base change of the forces (2, 2), N/m, on top."""
+        """Return the errors, increased by bounds on how much groove, film and base change the forces, N/m, shape (2, 2)."""
         errors = self
         for detail in iterate_details(probe):
             bound = detail.compute_bound(forces)
@@ -88,7 +91,7 @@ class StatedErrors:
 
 
 def state_errors(scene: Scene, shape: Shape, forces: Floats, derivatives: Floats) -> StatedErrors:
-    """State the errors of the formulas for a scene (eq. CF.19).
+    """Return the 95 % quantiles of the formulas' errors for a scene (eq. CF.19).
 
     Parameters
     ----------

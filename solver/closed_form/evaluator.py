@@ -92,6 +92,8 @@ class ClosedForm(FilmEvaluator):
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Solve the scene with the formulas, with a warning where their stated error is above ``accuracy``.
 
+        ``moduli`` are Young's moduli of the target, Pa, shape (k,), for each of which the scene is solved; None for its own.
+
         Raises
         ------
         Refusal
@@ -121,7 +123,7 @@ class ClosedForm(FilmEvaluator):
 
     @use_own_workspace
     def compute_films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
-        """Return the film forces of each scene with their errors, or its refusal."""
+        """Return the film forces of each scene with their errors, or its refusal; scenes of one structure are solved at once."""
         solutions: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
@@ -140,7 +142,11 @@ class ClosedForm(FilmEvaluator):
     def _build_forces(
         self, scene: Scene, shape: Shape, forces: Floats, derivative: Floats, residual: float
     ) -> ClosedFormForces | InputError:
-        """Return a scene's film forces with their errors, or the refusal where the formulas break down."""
+        """Return a scene's film forces with their errors, or the refusal where the formulas break down.
+
+        ``forces`` are F_ij, N/m, ``derivative`` their derivatives by ln of the target's modulus, shape (2, 2) both; ``residual``
+        is that of eq. CF.12.
+        """
         totals = forces.sum(axis=1)
         if not (np.all(np.isfinite(forces)) and np.all(totals > 0) and residual < MAX_RESIDUAL):
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
@@ -148,8 +154,8 @@ class ClosedForm(FilmEvaluator):
         if errors.largest > MAX_LOG_ERROR:
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
         errors = errors.add_details(scene.probe, forces)
-        target_slope = derivative if scene.target is not None else None
-        films = FilmForces(forces, errors.compute_bound(totals), target_slope, errors.sensitivity)
+        target_derivative = derivative if scene.target is not None else None
+        films = FilmForces(forces, errors.compute_bound(totals), target_derivative, errors.sensitivity)
         return ClosedFormForces(films, errors, float(residual))
 
 
@@ -163,6 +169,7 @@ def _build_solution(solutions: Sequence[ClosedFormForces], accuracy: float) -> F
 
 def _is_near_interface(body: Inclusion, scene: Scene) -> bool:
     """Return whether two layers of different materials meet in a sphere, or nearer to it than ``MIN_COVER_DIAMETERS``."""
+    # 0.5 diameters from the centre to the sphere's surface, and the minimum cover
     faces = accumulate(layer[0] for layer in list_material_layers(scene.tissue))
     return any(abs(body.depth - face) < (0.5 + MIN_COVER_DIAMETERS) * (body.diameter or 0.0) for face in faces)
 
@@ -186,25 +193,28 @@ def _explain_incompressible_refusal(scene: Scene) -> str | None:
 def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
     """Return the scene with another Young's modulus of its target, Pa."""
     bodies = list(scene.inclusion)
-    target = scene.target or 0
+    target = scene.target or 0  # without a target, the first inclusion
     bodies[target] = bodies[target].model_copy(update={"youngs_modulus": modulus})
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
 def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return forces, derivatives and residuals of designs of one structure.
+    """Return forces, derivatives and residuals of n designs of one structure.
+
+    Their number is rounded up to a multiple of ``COLUMNS_AT_ONCE`` by repeating the last, see the module's docstring.
 
     Parameters
     ----------
     shape
-        Of all the designs.
+        The structure of all the designs.
     columns
-        The parameters of each, see ``designs.build_parameters``, shape (parameters, n).
+        The parameters of n designs, one in each column, see ``designs.build_parameters``, shape (parameters, n).
 
     Returns
     -------
     tuple[Floats, Floats, Floats]
-        Two arrays of shape (n, 2, 2), not finite or not positive where the formulas break down, and one of shape (n,).
+        Forces F_ij, N/m, and their derivatives by ln of the target's modulus, both of shape (n, 2, 2), not finite or not positive
+        where the formulas break down, and residuals of eq. CF.12, shape (n,).
     """
     count = columns.shape[1]
     padded = np.pad(columns, ((0, 0), (0, -count % COLUMNS_AT_ONCE)), mode="edge")

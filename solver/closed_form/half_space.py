@@ -48,12 +48,14 @@ LOG_OFFSET = 1e-200  # keeps the logarithm finite where its factor is zero
 def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Array, Array, Array]:
     """Return the works between discs, eqs. CF.2-CF.5, of pressures, shears, and pressures (rows) on shears.
 
+    They are the works of each disc's load on the displacements by each other disc's load, on a half-space.
+
     Parameters
     ----------
     circles
-        Increasing radii, shape (n, k).
+        Radii of k discs for each of n designs, increasing, m, shape (n, k).
     radius
-        The shears are r / radius; shape (n, k).
+        Radius of each disc's block, m, shape (n, k): the shear under the disc is r / radius.
     mu
         Shear modulus of the half-space, shape (n,).
     nu
@@ -83,11 +85,12 @@ def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> t
 
 @lru_cache(maxsize=4)
 def _index_upper_triangle(size: int) -> tuple[Any, Any]:
+    """Return the rows and columns of a matrix's upper triangle, the diagonal included."""
     return np.triu_indices(size)
 
 
 def _fill_symmetric(values: Array, size: int) -> Array:
-    """Build symmetric matrices from their upper triangles, shape (n, size, size)."""
+    """Build symmetric matrices, shape (n, size, size), from their upper triangles, shape (entries, n)."""
     low, high = _index_upper_triangle(size)
     full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
     full[low, high] = full[high, low] = values
@@ -96,6 +99,7 @@ def _fill_symmetric(values: Array, size: int) -> Array:
 
 def _evaluate_polynomials(x: Array, coefficients: Floats) -> Array:
     """Evaluate several polynomials (rows of coefficients, lowest power first) at x; shape (polynomials, *x.shape)."""
+    # powers by products of lower ones: numpy is slow with ``**``
     powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
     powers[0], powers[1] = 1, x.ravel()
     for k in range(2, len(powers)):

@@ -40,23 +40,23 @@ from solver.layers.stack import TissueLayer
 
 @dataclass(frozen=True)
 class LoadedSpheres:
-    """Spheres under the loads of a probe, m in all.
+    """One sphere in each of n designs, under the m unit loads of a probe.
 
     Attributes
     ----------
     sphere
         Places, sizes and materials.
     in_layer
-        The waves that reach it.
+        The waves that reach the spheres, and their images.
     axis_distance
         Distances of the points from the probe's axis, m, shape (n, points); None for spheres on the axis.
     loads
-        The loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
+        The transforms of pressures and of shears, times k dk / 2 mu, shapes (n, q, .).
     sides
-        Strains at the points that near sides add under unit works, (n, 4 points, works), and these under each load, (n, works,
-        m); None where sides are far.
+        Strains at the points that near sides add under unit works, (n, 4 points, works), and the works under each load, (n,
+        works, m); None where sides are far.
     moments
-        Under each load, shape (n, moments, m).
+        M of eq. CF.14: moments of the strain under each load, shape (n, moments, m).
     image
         G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
     strength, strength_by_log
@@ -75,22 +75,22 @@ class LoadedSpheres:
 
     @property
     def volume(self) -> Array:
-        """4/3 pi R^3, shape (n, 1, 1)."""
+        """Volume V of the spheres, m^3, shape (n, 1, 1)."""
         return (4 * np.pi / 3 * self.sphere.radius**3)[:, None, None]
 
     @cached_property
     def form(self) -> Array:
-        """V K of eq. CF.14: eq. CF.13 on the moments."""
+        """V K of eq. CF.14, which is eq. CF.13 on the moments, shape (n, moments, moments)."""
         return self.volume * build_moment_form(*self.strength, self.moments.shape[1])
 
     @cached_property
     def form_by_log(self) -> Array:
-        """Derivative of V K by ln E of the sphere."""
+        """Derivative of V K by ln E of the sphere, shape (n, moments, moments)."""
         return self.volume * build_moment_form(*self.strength_by_log, self.moments.shape[1])
 
     @cached_property
     def effective_moments(self) -> Array:
-        """D^-1 M of eq. CF.14, shape (n, moments, m)."""
+        """D^-1 M of eq. CF.14: the moments that polarise the sphere under each load, its image included, (n, moments, m)."""
         D = np.eye(self.moments.shape[1]) + (self.image / self.volume) @ self.form
         return np.linalg.solve(D, self.moments)
 
@@ -105,7 +105,10 @@ class LoadedSpheres:
         return y.swapaxes(1, 2) @ self.form_by_log @ y
 
     def compute_higher_moments(self, tractions: Array) -> tuple[Array, Array]:
-        """Return the part of eq. CF.13 beyond the moments under tractions t (n, m, 2), its derivative by ln E; both (n, 2, 2)."""
+        """Return the part of eq. CF.13 beyond the moments, N/m, and its derivative by ln E, both of shape (n, 2, 2).
+
+        ``tractions`` are t of eq. CF.12, without spheres, shape (n, m, 2).
+        """
         sphere_waves, moments = self.in_layer.sphere_waves, self.moments @ tractions
         pressures = self.loads[0].shape[2]
         t = tractions.swapaxes(1, 2)
@@ -120,14 +123,16 @@ class LoadedSpheres:
         weight = (ON_AXIS_POINTS if self.sphere.on_axis else OFF_AXIS_POINTS).weight
         trace = strain[:, :, 0] + strain[:, :, 2]
         traces = (weight * trace) @ trace.swapaxes(1, 2)
-        counts = np.concatenate([times * weight for times in (0.5, 0.5, 1.0, 2.0)])
+        # eps:eps = (rr + hoop)^2 / 2 + (rr - hoop)^2 / 2 + zz^2 + 2 rz^2
+        strain_weights = np.concatenate([times * weight for times in (0.5, 0.5, 1.0, 2.0)])
         flat = strain.reshape(*strain.shape[:2], -1)
-        squares = (counts * flat) @ flat.swapaxes(1, 2)
-        turned = moments.swapaxes(1, 2)
+        squares = (strain_weights * flat) @ flat.swapaxes(1, 2)
+        moments_transposed = moments.swapaxes(1, 2)
 
         def compute_excess(strength: tuple[Array, Array], form: Array) -> Array:
+            """Return eq. CF.13 by quadrature, less its part in the moments."""
             k_v, k_d = (part[:, None, None] for part in strength)
-            return self.volume * ((k_v - k_d / 3) * traces + k_d * squares) - turned @ form @ moments
+            return self.volume * ((k_v - k_d / 3) * traces + k_d * squares) - moments_transposed @ form @ moments
 
         return compute_excess(self.strength, self.form), compute_excess(self.strength_by_log, self.form_by_log)
 
@@ -171,7 +176,7 @@ def build_loaded_spheres(
         x_from_axis = sphere.offset[:, None] + sphere.radius[:, None] * OFF_AXIS_POINTS.x
         y_from_axis = sphere.radius[:, None] * OFF_AXIS_POINTS.y
         moments, axis_distance = (moments[0] * shares, moments[1] * shares), np.sqrt(x_from_axis**2 + y_from_axis**2)
-    dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
+    load_moments = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
     side_strains = None
     if sides is not None:
         depths = sphere.depth[:, None] - sphere.radius[:, None] * ON_AXIS_POINTS.z
@@ -179,18 +184,22 @@ def build_loaded_spheres(
         strains = strains * (sides.tissue.E / layer.E)[:, None, None]  # the layer bears the stress of the column
         side_strains = strains, sides.side_works
         side_moments = MOMENT_WEIGHTS @ strains if sphere.on_axis else _compute_moments(strains, x_from_axis, y_from_axis)
-        dipoles = dipoles + side_moments @ sides.side_works
+        load_moments = load_moments + side_moments @ sides.side_works
     G = in_layer.image
     if disc is not None:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
         bonded = loads[1].shape[2] > 0
         G = G - volume * compute_off_axis_response(sphere, sphere_waves, k, weights, disc=disc, mu=layer.mu, bonded=bonded)
     strengths = compute_strengths(layer.E, layer.nu, sphere.E, sphere.nu)
-    return LoadedSpheres(sphere, in_layer, axis_distance, weighed, side_strains, dipoles, G, *strengths)
+    return LoadedSpheres(sphere, in_layer, axis_distance, weighed, side_strains, load_moments, G, *strengths)
 
 
 def _compute_moments(strain: Array, x_from_axis: Array, y_from_axis: Array) -> Array:
-    """Return all moments of strains (n, 4 points, l) at ``OFF_AXIS_POINTS``, given their coordinates from the probe's axis."""
+    """Return all moments, shape (n, moments, l), of strains (n, 4 points, l) at ``OFF_AXIS_POINTS``.
+
+    The strains rr + hoop, rr - hoop, zz and rz are about the probe's axis, from which the points have the coordinates x and y, m,
+    shape (n, points).
+    """
     parts = strain.reshape(len(strain), 4, x_from_axis.shape[1], -1)
     r, x, y, z, w = (
         np.sqrt(x_from_axis**2 + y_from_axis**2),
@@ -199,6 +208,7 @@ def _compute_moments(strain: Array, x_from_axis: Array, y_from_axis: Array) -> A
         OFF_AXIS_POINTS.z,
         OFF_AXIS_POINTS.weight,
     )
+    # cosine and sine of the points' angles about the probe's axis turn strains to x and y
     c, s = x_from_axis / r, y_from_axis / r
     fixed, cos_2phi, sin_2phi = np.stack([w, 5 * w * z, 5 * w * x]), c * c - s * s, 2 * c * s
     in_plane, zz = fixed @ parts[:, 0], fixed @ parts[:, 2]
@@ -209,7 +219,10 @@ def _compute_moments(strain: Array, x_from_axis: Array, y_from_axis: Array) -> A
 
 
 def build_moment_form(k_v: Array, k_d: Array, size: int) -> Array:
-    """Build the form K of eq. CF.15, that is eq. CF.13 on the moments, shape (n, size, size)."""
+    """Build the form K of eq. CF.15, that is eq. CF.13 on the moments, shape (n, size, size).
+
+    ``k_v`` and ``k_d`` are the strengths, shape (n,), ``size`` the number of moments: ``AXIAL_MOMENTS`` or ``ALL_MOMENTS``.
+    """
     K = np.zeros((len(k_d), size, size), dtype=k_d.dtype)
     trace_coefficient = k_v - k_d / 3
     for start, times in ((0, 1.0), (2, 0.2), (7, 0.2))[: 2 if size == AXIAL_MOMENTS else 3]:  # the mean of zeta^2 is R^2 / 5

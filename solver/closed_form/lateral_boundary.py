@@ -6,9 +6,9 @@ off. By Betti's theorem, inside the cut and outside, the loads' works on each ot
     dC_ij = -Int_cut s_i . u_j dA + b_i K^-1 b_j,     b_i = -Int_cut s_i . v dA                      (CF.11)
 
 where the first term is the energy of what is cut off, and the second what the cylinder adds once it is free: v are the
-displacements of eq. CF.8 for a disc of tissue, of stiffness K. A tall cylinder becomes a column under uniaxial stress, a wide
-one remains a layer. Fields at the cut are those of the loads smoothed by a Gaussian narrower than the way to the cut, so that few
-waves serve. A block of tissue is taken as the cylinder of equal cross-section about the probe's axis.
+displacements of eq. CF.8 for a disc of tissue, of stiffness K. A tall cylinder becomes a column under uniaxial stress, a wide one
+remains a layer. Fields at the cut are those of the loads smoothed by a Gaussian narrower than the distance to the cut, so that
+few waves serve. A block of tissue is taken as the cylinder of equal cross-section about the probe's axis.
 """
 
 from __future__ import annotations
@@ -49,14 +49,20 @@ def compute_side_radius(tissue: CylinderTissue | BlockTissue) -> float:
 
 
 def count_side_nodes(outer: float, depth: float, radius: float) -> int:
-    """Return how many waves to use, in steps of 4; 0 where sides change the totals by less than about 6 %."""
+    """Return how many waves to use, a multiple of 4; 0 where sides change the totals by less than about 6 %.
+
+    Arguments are the probe's outer radius, the tissue's depth and the radius of its sides, m.
+    """
     if radius > NEAR_SIDE_RADII * outer and depth * outer < MAX_SLENDERNESS * radius**2:
         return 0
     return 4 * math.ceil((8 + NODES_PER_WAVE * WAVE_REACH / max(BLUR_RELATIVE * (1 - outer / radius), MIN_BLUR_RELATIVE)) / 4)
 
 
 def build_cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
-    """Return wave numbers, 1/m, and the weights k dk with the smoothing, shapes (n, nodes)."""
+    """Return wave numbers, 1/m, and the weights k dk times the Gaussian smoothing, shapes (n, nodes).
+
+    ``radius`` is that of the tissue's sides, ``outer`` the probe's outer radius, m, shape (n,).
+    """
     gap_width, min_width = BLUR_RELATIVE * (radius - outer), MIN_BLUR_RELATIVE * radius
     width = np.where(gap_width.real > min_width.real, gap_width, min_width)[:, None]
     fractions, weight = _build_wave_rule(nodes)
@@ -67,7 +73,7 @@ def build_cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Arr
 
 @lru_cache(maxsize=16)
 def _build_wave_rule(nodes: int) -> tuple[Any, Any]:
-    """Return wave numbers as fractions of their maximum, and their weights with the smoothing."""
+    """Return wave numbers as fractions of their maximum, and their weights times the Gaussian smoothing, shapes (nodes,)."""
     s, weight = legendre.leggauss(nodes)
     return (s + 1) / 2, weight / 2 * np.exp(-((WAVE_REACH * (s + 1) / 4) ** 2))
 
@@ -79,13 +85,13 @@ class Sides:
     Attributes
     ----------
     work
-        To the works of the loads, eq. CF.11, shape (n, m, m).
+        What the sides add to the works of the loads, eq. CF.11, shape (n, m, m).
     tissue, axial_functions
         The cylinder and its functions along the height.
     sink, widen
-        Amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``_solve_column``.
+        Amplitudes of the P_i f_j and of the U_i g_j of eq. CF.8 under unit works at the side, see ``_solve_column``.
     side_works
-        Those works under each load, shape (n, works, m).
+        The works at the side under each of m loads, shape (n, works, m).
     """
 
     work: Array
@@ -101,7 +107,15 @@ class Sides:
         return Sides(self.work[which], tissue, axial_functions, self.sink[which], self.widen[which], self.side_works[which])
 
     def compute_strain(self, r: Array, z: Array) -> Array:
-        """Return strains rr + hoop, rr - hoop, zz, rz under unit works at r (n, k), equally many per depth z; (n, 4 k, works)."""
+        """Return the strains rr + hoop, rr - hoop, zz and rz under unit works at the side, shape (n, 4 k, works).
+
+        Parameters
+        ----------
+        r
+            Distances of k points from the axis, m, shape (n, k): equally many for each depth, those of the first depth first.
+        z
+            Depths, m, shape (n, depths).
+        """
         P, derivative, u_over_r = evaluate_radial_functions(self.tissue.radius, r)
         points_per_depth = r.shape[1] // z.shape[1]
         g, dg, f, df = (
@@ -109,14 +123,16 @@ class Sides:
             for values in self.axial_functions.interpolate(z / self.tissue.height[:, None])
         )
         h = self.tissue.height[:, None, None]
-        widening, turn = (_multiply_functions(radial_part, g) @ self.widen for radial_part in (P, P - 2 * u_over_r / r[:, None]))
+        widening, difference = (
+            _multiply_functions(radial_part, g) @ self.widen for radial_part in (P, P - 2 * u_over_r / r[:, None])
+        )
         sinking = -_multiply_functions(P, df / h) @ self.sink
-        slide = (_multiply_functions(u_over_r, dg / h) @ self.widen - _multiply_functions(derivative, f) @ self.sink) / 2
-        return np.concatenate([widening, turn, sinking, slide], axis=1)
+        shear = (_multiply_functions(u_over_r, dg / h) @ self.widen - _multiply_functions(derivative, f) @ self.sink) / 2
+        return np.concatenate([widening, difference, sinking, shear], axis=1)
 
 
 def _multiply_functions(radial_part: Array, axial: Array) -> Array:
-    """Return products of all functions of the radius with all functions of the height, shape (n, k, functions)."""
+    """Return the products of all functions of the radius, (n, i, k), with all of the height, (n, j, k), shape (n, k, i j)."""
     return (radial_part[:, :, None] * axial[:, None]).reshape(len(radial_part), -1, radial_part.shape[2]).swapaxes(1, 2)
 
 
@@ -137,6 +153,7 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
     (work, sink, widen), axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness)
     R, dz = tissue.radius[:, None, None], axial_functions.weight.T[:, :, None]
     at_cut, heights = _compute_cut_fields(field, loads, weights, tissue, axial_functions.zeta.T), axial_functions.zeta.shape[0]
+    # stresses times the area of the cut at each depth
     ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
     lost = -(ringed.swapaxes(1, 2) @ at_cut[:, 2 * heights :])
     side_works = np.concatenate(
@@ -146,6 +163,7 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
         ],
         axis=1,
     )
+    # the two terms of eq. CF.11: ``lost`` is cut off, ``added`` by the cylinder; rounding of the first is made symmetric
     added = side_works.swapaxes(1, 2) @ (work @ side_works)
     return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, axial_functions, sink, widen, side_works)
 
@@ -153,8 +171,8 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
 def _solve_column(tissue: ElasticBlocks) -> tuple[Array, Array, Array]:
     """Return the response of a cylinder of tissue to unit works at its side.
 
-    The works are on the f_j and, divided by half the radius, on the g_j: every P_i is 1 at the side, and of the U_i the first
-    alone is not 0.
+    The works are those of tractions on the f_j and, divided by half the radius, on the g_j: every P_i is 1 at the side, and of
+    the U_i the first alone is not 0. ``tissue`` is the cylinder, as a disc fixed to the floor.
 
     Returns
     -------
@@ -185,7 +203,10 @@ def _solve_column(tissue: ElasticBlocks) -> tuple[Array, Array, Array]:
 
 
 def _compute_cut_fields(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
-    """Return stresses rr and rz, outward and downward displacements at the cut at depths z (n, p), shape (n, 4 p, m)."""
+    """Return the fields of m loads at the cut: stresses rr and rz, displacements outwards and downwards, shape (n, 4 p, m).
+
+    ``z`` are depths of p points, m, shape (n, p), symmetric about the layer's middle; see ``solve_free_sides`` for the others.
+    """
     nu, mu, R, k, weight = tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius, field.k.T.copy(), weights.T.copy()
     J0, J1 = bessel(k * R) * weight
     J1_over_kR = J1 / (k * R)

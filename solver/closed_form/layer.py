@@ -50,7 +50,10 @@ class Waves:
 
 
 def solve_waves(k: Array, depth: Array, nu: Array) -> Waves:
-    """Return the waves k (n, q) under unit loads at the surface of layers on a floor, depths and Poisson's ratios (n,)."""
+    """Return the waves k (n, q) under unit loads at the surface of single layers on a rigid floor.
+
+    ``depth`` are the layers' thicknesses and ``nu`` their Poisson's ratios, shape (n,).
+    """
     layer = TissueLayer(depth, np.ones_like(depth), nu)  # waves times 2 mu do not depend on the modulus
     echoes = compute_echoes(k, [layer], True)
     waves = build_waves_in_layer(k, layer, echoes[0])
@@ -63,17 +66,19 @@ def solve_waves(k: Array, depth: Array, nu: Array) -> Waves:
 def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Array, ...]]:
     """Return k U, b + b', (dU/dz - k W)/2 and k W at depths z, under unit pressure and under unit shear, times 2 mu.
 
-    With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a', b + b',
-    (2nu-1) (b - b') - a + a' and (3-4nu) (b - b') + a - a'; dW/dz is 2 (2nu-1) (b + b') less the first.
+    U and W are the amplitudes of eq. CF.6. With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x)
+    they are k times a + a', b + b', (2nu-1) (b - b') - a + a' and (3-4nu) (b - b') + a - a'; dW/dz is 2 (2nu-1) (b + b') minus k
+    U.
 
     Parameters
     ----------
     waves
-        Of q wave numbers.
+        Coefficients of q waves for each of n designs.
     z
         Depths, shape (n, p).
     mirrored
-        Whether the depths are their own mirror image in the layer's middle: half the exponentials serve.
+        Whether the depths are their own mirror image in the layer's middle, so that the same exponentials serve waves of both
+        directions.
 
     Returns
     -------
@@ -103,7 +108,7 @@ def compute_strain_amplitudes(
     Parameters
     ----------
     load
-        The coefficients c1 to c4 of eq. CF.6.
+        The coefficients c1 to c4 of eq. CF.6, or c1 and c2 on a half-space, times k.
     downward
         (averages of) e^-t and t e^-t.
     upward
@@ -117,6 +122,7 @@ def compute_strain_amplitudes(
 
 def _combine_waves(load: Sequence[Array], downward: WavePair, upward: WavePair | None) -> tuple[Array, Array, Array, Array]:
     """Return a + a', b + b', b - b' and a - a' of ``compute_fields``; see ``compute_strain_amplitudes`` for the arguments."""
+    # a' and b' belong to upward waves, which a half-space does not have
     a, b = load[0] * downward[0] + load[1] * downward[1], load[1] * downward[0]
     if upward is None:
         return a, b, b, a
@@ -125,9 +131,9 @@ def _combine_waves(load: Sequence[Array], downward: WavePair, upward: WavePair |
 
 
 def build_waves_in_layer(k: Array, layer: TissueLayer, echo: Echo) -> Waves:
-    """Build the waves (eq. CF.6) in a layer among others, z from its top, under unit downward waves a (eq. LY.1) at the top.
+    """Build the waves k (n, q) of eq. CF.6 in a layer among others, z from its top, under unit downward waves a (eq. LY.1) there.
 
-    ``by_pressure`` is by a = (1, 0) with its echo from below, ``by_shear`` by a = (0, 1).
+    ``by_pressure`` is the field of a = (1, 0) with its echo from below, ``by_shear`` that of a = (0, 1).
     """
     nu = layer.nu[:, None]
     shear_factor, pressure_factor = 1 - 2 * nu, 2 - 2 * nu
@@ -136,6 +142,7 @@ def build_waves_in_layer(k: Array, layer: TissueLayer, echo: Echo) -> Waves:
         return Waves(k, None, nu, *downward)
     r, x = echo.far_echo, echo.path
     columns = []
+    # (p, q): columns of F, without its e^-x; (bp, bq): the echo (p', q') of eq. CF.7 at the layer's bottom
     for (c1, c2), (p, q) in zip(downward, ((1 + x, x), (-x, 1 - x)), strict=True):
         bp, bq = r[0] * p + r[2] * q, r[2] * p + r[1] * q
         c4 = (bq + bp) / k

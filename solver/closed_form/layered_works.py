@@ -54,7 +54,9 @@ SLOPE_WAVE_RATIO = 0.9  # wave number, relative to the last, of the second point
 def compute_layered_works(
     blocks: BlockPair, layers: tuple[TissueLayer, ...], depth: Array | None, nodes: int, bonded: bool
 ) -> list[Array]:
-    """Compute the works of pressures, shears and pressures on shears, without the floor of the stiffest layer alone.
+    """Compute the works of loads on each other: of pressures, shears and pressures on shears, (n, i, j) each, by eq. CF.20.
+
+    The effect of a floor below the stiffest layer alone is left out: ``contact`` adds it.
 
     Parameters
     ----------
@@ -73,7 +75,9 @@ def compute_layered_works(
     fractions, weight = build_wave_rule(nodes)
     waves = K * fractions
     C = _compute_surface_compliance(np.concatenate([waves, K, K * SLOPE_WAVE_RATIO], axis=1), layers, depth)
-    half_space, springs = _fit_short_waves(C, K, layers[0], cut=(K[:, 0] * layers[0].thickness).real < 0.999 * LAYER_WAVE_REACH)
+    half_space, springs = _fit_short_waves(
+        C, K, layers[0], is_cut=(K[:, 0] * layers[0].thickness).real < 0.999 * LAYER_WAVE_REACH
+    )
     remainders = [K * weight * (part[:, :-2] - a - b * waves) for part, a, b in zip(C, half_space, springs, strict=True)]
     ones = np.ones(len(K), dtype=K.dtype)
     closed = combine_disc_works(
@@ -88,29 +92,45 @@ def compute_layered_works(
     return works
 
 
-def _fit_short_waves(C: Sequence[Array], K: Array, first: TissueLayer, cut: Array) -> tuple[list[Array], list[Array]]:
+def _fit_short_waves(C: Sequence[Array], K: Array, first: TissueLayer, is_cut: Array) -> tuple[list[Array], list[Array]]:
     """Return A and B of eq. CF.20, shapes (n, 1), from C at waves of which the last two are K and ``SLOPE_WAVE_RATIO`` K.
 
-    ``cut`` is true where K does not pass the first layer's waves, shape (n,).
+    Parameters
+    ----------
+    C
+        Compliance under pressures, shears and both, shape (n, waves) each.
+    K
+        The last wave number, shape (n, 1).
+    first
+        The first layer.
+    is_cut
+        Whether K is so small that waves which pass the first layer are left out, shape (n,). Otherwise A is the first layer's own
+        compliance, and B is 0.
     """
     half_space, springs = [], []
     for part, top, bed in zip(C, first.half_space, (True, True, False), strict=True):
         last_value, previous_value = part[:, -2, None], part[:, -1, None]
         derivative = (last_value - previous_value) / ((1 - SLOPE_WAVE_RATIO) * K)
-        derivative = np.where(cut[:, None] & bed & (derivative.real > 0), derivative, 0 * derivative)
+        derivative = np.where(is_cut[:, None] & bed & (derivative.real > 0), derivative, 0 * derivative)
         springs.append(derivative)
-        half_space.append(np.where(cut[:, None], last_value - derivative * K, top / (2 * first.mu)))
+        half_space.append(np.where(is_cut[:, None], last_value - derivative * K, top / (2 * first.mu)))
     return half_space, springs
 
 
 def _choose_last_wave(radius: Array, first: TissueLayer, nodes: int) -> Array:
-    """Return K of eq. CF.20, shape (n, 1), limited to what the nodes resolve: they may have been counted for another design."""
+    """Return K of eq. CF.20, 1/m, shape (n, 1), limited to what the nodes resolve: they may have been counted for another design.
+
+    ``radius`` is the probe's, ``first`` the first layer.
+    """
     K, resolved = compute_last_wave(radius, first.thickness), (nodes - 8) / (NODES_PER_WAVE * radius)
     return np.where(K.real < resolved.real, K, resolved)[:, None]
 
 
 def count_layer_nodes(radius: float, thickness: float) -> int:
-    """Return how many nodes the integral of eq. CF.20 needs."""
+    """Return how many nodes, a multiple of 4, the integral of eq. CF.20 needs.
+
+    ``radius`` is the probe's outer radius, ``thickness`` that of the first layer, m.
+    """
     reach = min(LAYER_WAVE_REACH / thickness * radius, PROBE_WAVE_REACH)
     return 4 * math.ceil((8 + NODES_PER_WAVE * reach) / 4)
 
@@ -119,6 +139,7 @@ def find_stiffest(layers: tuple[TissueLayer, ...]) -> TissueLayer:
     """Return the stiffest of the layers for each design, without a thickness."""
 
     def choose_stiffer(upper: TissueLayer, lower: TissueLayer) -> TissueLayer:
+        """Return the stiffer of two layers for each design."""
         first = upper.E.real >= lower.E.real
         return TissueLayer(None, np.where(first, upper.E, lower.E), np.where(first, upper.nu, lower.nu))
 
@@ -146,15 +167,18 @@ def compute_disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nod
     turned = compute_shear_compliance(k, layers) - 1 / first.mu
     normal = first.half_space[0] / (2 * first.mu)
     squares = spherical_bessel(k * radius[:, None], MAX_DEGREE + 1) ** 2 * (K * weight)
-    times = 2 * radius[:, None] * (2 * np.arange(MAX_DEGREE + 1) + 1) / np.pi
+    degree_factors = 2 * radius[:, None] * (2 * np.arange(MAX_DEGREE + 1) + 1) / np.pi
     return (
-        normal + times * (squares * pressed).sum(axis=2).T,
-        (normal + 1 / first.mu) / 2 + times * (squares * (sheared + turned) / 2).sum(axis=2).T,
+        normal + degree_factors * (squares * pressed).sum(axis=2).T,
+        (normal + 1 / first.mu) / 2 + degree_factors * (squares * (sheared + turned) / 2).sum(axis=2).T,
     )
 
 
 def _compute_surface_compliance(k: Array, layers: tuple[TissueLayer, ...], depth: Array | None) -> list[Array]:
-    """Return C of eq. CF.20 for pressures, shears and both, without the floor of the stiffest layer alone; shapes (n, q)."""
+    """Return C of eq. CF.20 for pressures, shears and both, shapes (n, q), for waves k (n, q).
+
+    What a floor at ``depth`` would add below the stiffest layer alone is subtracted; ``depth`` is None on half-spaces.
+    """
     first, near_echo = layers[0], compute_echoes(k, layers, depth is not None)[0].near_echo
     change = (0.0, 0.0, 0.0) if near_echo is None else compute_compliance_change(first, near_echo)
     compliances = [(a + b) / (2 * first.mu) for a, b in zip(first.half_space, change, strict=True)]
@@ -167,4 +191,5 @@ def _compute_surface_compliance(k: Array, layers: tuple[TissueLayer, ...], depth
 
 
 def _sum_waves(left: Array, weights: Array, right: Array) -> Array:
+    """Return sums over waves of weights (n, q) times products of transforms (n, q, i) and (n, q, j), shape (n, i, j)."""
     return left.swapaxes(1, 2) @ (weights[:, :, None] * right)

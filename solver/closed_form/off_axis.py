@@ -48,7 +48,9 @@ class Disc:
 
 
 def shift_waves(k: Array, offset: Array) -> Array:
-    """Return the amount of each moment of ``SphereWaves`` in a wave J_0 about the probe's axis, shape (n, moments, q).
+    """Return the amplitudes, about the sphere's axis, of a wave J_0 about the probe's axis, eq. CF.17, shape (n, moments, q).
+
+    There is a row for each moment of ``SphereWaves``: the factor by which that moment counts.
 
     Parameters
     ----------
@@ -92,14 +94,15 @@ def compute_off_axis_response(
     bonded
         Whether the disc takes shear, too.
     orders
-        The largest n.
+        The largest azimuthal order n of the waves about the probe's axis.
     degree
-        The largest l.
+        The largest degree l of the pressures j_l.
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
     j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu
     j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
     pairs = _build_pairs(orders, degree)
+    # rows of moments by the parity of m + l of the products that they need
     p, (difference_waves, sum_waves) = sphere_waves.moments[0], _combine_shear(sphere_waves)
     even_rows = np.concatenate(
         [p[:, :AXIAL_MOMENTS], p[:, -1:], difference_waves[:, AXIAL_MOMENTS:-1], sum_waves[:, AXIAL_MOMENTS:-1]], axis=1
@@ -111,6 +114,7 @@ def compute_off_axis_response(
         pairs,
         *(rows @ pairs.compute_products(J, j, parity).transpose(1, 2, 0) for parity, rows in enumerate((even_rows, odd_rows))),
     )
+    # the weights 2 a (2l+1) / (pi^2 c) of eq. CF.18, (2l+1) / pi^2 being in j; shear counts half
     factors = np.concatenate(
         [
             (2 * disc.radius)[:, None] / _select_degrees(disc.pressed, pairs.pressed),
@@ -124,7 +128,7 @@ def compute_off_axis_response(
 
 
 def _combine_shear(sphere_waves: SphereWaves) -> tuple[Array, Array]:
-    """Return moments under waves of shear in the plane minus, and plus, those under shear about the vertical."""
+    """Return the moments under waves of shear along the wave minus, and plus, those under shear about the vertical."""
     turned = sphere_waves.turned
     return sphere_waves.moments[1] - turned, sphere_waves.moments[1] + turned
 
@@ -136,15 +140,16 @@ class Pairs:
     Attributes
     ----------
     degrees
-        For each parity and m, the first l, and where its products are.
+        For each parity and m, the first l, and the slice of its products.
     pressed, sheared
         l of each column of v, under pressure, and under shear with n + 1 before n - 1, shapes (columns,).
     positions
-        For each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
+        For each column, the indices of the products of j_l with J_n, J_n-1, J_n+1, J_n-2 and J_n+2 among those of their parity,
+        shape (5, columns).
     sign
         Of J_n-2, shape (columns,).
     added
-        Of the columns of shear, those with n - 1, shape (columns,).
+        Whether a column of shear has m = n - 1 rather than n + 1, shape (columns of shear,).
     """
 
     degrees: tuple[tuple[tuple[int, slice], ...], ...]
@@ -155,7 +160,10 @@ class Pairs:
     added: Any
 
     def compute_products(self, J: Array, j: Array, parity: int) -> Array:
-        """Return the products J_m j_l of one parity, shape (products, n, q)."""
+        """Return the products J_m j_l of one parity (0: m + l even, 1: odd), shape (products, n, q).
+
+        ``J`` are J_0, J_1, ... of k d and ``j`` are j_0, j_1, ... of k a, shapes (orders, n, q) and (degrees, n, q).
+        """
         degrees = self.degrees[parity]
         table = np.empty((degrees[-1][1].stop, *J.shape[1:]), dtype=np.result_type(J, j))
         for wave, (first, place) in zip(J, degrees, strict=True):
@@ -165,6 +173,7 @@ class Pairs:
 
 @lru_cache(maxsize=4)
 def _build_pairs(orders: int, degree: int) -> Pairs:
+    """Build the list of products for n up to ``orders`` and l up to ``degree``."""
     degrees = tuple(tuple(_iterate_degrees(orders, degree, parity)) for parity in (0, 1))
     places = {
         (m, first + 2 * position): place.start + position
@@ -174,6 +183,7 @@ def _build_pairs(orders: int, degree: int) -> Pairs:
     }
 
     def list_columns(step: int) -> list[tuple[int, int]]:
+        """Return the (n, l) of all columns whose pressures or shears have m = n + step; l = m, m + 2, ... (eq. CF.18)."""
         return [(n, ell) for n in range(1, orders + 1) for ell in range(n + step, degree + 1, 2)]
 
     pressed, difference_columns, sum_columns = list_columns(0), list_columns(1), list_columns(-1)
@@ -189,7 +199,10 @@ def _build_pairs(orders: int, degree: int) -> Pairs:
 
 
 def _iterate_degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice]]:
-    """Yield for each m the first l of the parity that a column needs, and the slice of its products."""
+    """Yield for m = 0, 1, ... the first l that a column needs, with m + l of the given parity, and the slice of its products.
+
+    Columns for the order n and l >= n - 1 need J_m with m up to n + 2, hence l from m - 3.
+    """
     start = 0
     for m in range(orders + 3):
         first = max(m - 3, 0)
@@ -200,21 +213,39 @@ def _iterate_degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[in
 
 
 def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Array:
-    """Assemble v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
-    count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
-    p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
+    """Assemble v of eq. CF.18, shape (n, moments, columns), from the moments' integrals with the products J_m j_l.
+
+    ``even_rows`` and ``odd_rows`` hold integrals with the products of m + l even and odd, shape (n, rows, products), in the order
+    of rows of ``compute_off_axis_response``. Each block below is one bracket of eq. CF.17.
+    """
+    # columns: p of pressures, then of shears, first those with m = n + 1, then those with m = n - 1
+    count, plus_one_end = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
+    p, shear_columns, plus_one_columns, minus_one_columns = (
+        slice(0, count),
+        slice(count, None),
+        slice(count, plus_one_end),
+        slice(plus_one_end, None),
+    )
     same_order, order_below, order_above, two_below, two_above = pairs.positions
-    sym, once = slice(0, AXIAL_MOMENTS), slice(AXIAL_MOMENTS, 2 * AXIAL_MOMENTS)
+    # moments: symmetric about the sphere's axis, ``once`` as cos of the angle; the last goes as cos of twice the angle
+    symmetric_rows, once = slice(0, AXIAL_MOMENTS), slice(AXIAL_MOMENTS, 2 * AXIAL_MOMENTS)
     difference_rows, sum_rows = even_rows[:, AXIAL_MOMENTS + 1 : 2 * AXIAL_MOMENTS + 1], even_rows[:, 2 * AXIAL_MOMENTS + 1 :]
     v = np.empty((len(even_rows), ALL_MOMENTS, len(same_order)), dtype=even_rows.dtype)
-    v[:, sym, p], v[:, sym, s] = even_rows[:, sym].take(same_order[p], axis=2), odd_rows[:, sym].take(same_order[s], axis=2)
+    v[:, symmetric_rows, p], v[:, symmetric_rows, shear_columns] = (
+        even_rows[:, symmetric_rows].take(same_order[p], axis=2),
+        odd_rows[:, symmetric_rows].take(same_order[shear_columns], axis=2),
+    )
     v[:, once, p] = odd_rows[:, once].take(order_below[p], axis=2) - odd_rows[:, once].take(order_above[p], axis=2)
-    v[:, once, sub] = difference_rows.take(order_below[sub], axis=2) - sum_rows.take(order_above[sub], axis=2)
-    v[:, once, add] = sum_rows.take(order_below[add], axis=2) - difference_rows.take(order_above[add], axis=2)
+    v[:, once, plus_one_columns] = difference_rows.take(order_below[plus_one_columns], axis=2) - sum_rows.take(
+        order_above[plus_one_columns], axis=2
+    )
+    v[:, once, minus_one_columns] = sum_rows.take(order_below[minus_one_columns], axis=2) - difference_rows.take(
+        order_above[minus_one_columns], axis=2
+    )
     twice = (
         (p, even_rows[:, AXIAL_MOMENTS], even_rows[:, AXIAL_MOMENTS]),
-        (sub, odd_rows[:, -2], odd_rows[:, -1]),
-        (add, odd_rows[:, -1], odd_rows[:, -2]),
+        (plus_one_columns, odd_rows[:, -2], odd_rows[:, -1]),
+        (minus_one_columns, odd_rows[:, -1], odd_rows[:, -2]),
     )
     for columns, lower_part, upper_part in twice:
         v[:, -1, columns] = pairs.sign[columns] * lower_part.take(two_below[columns], axis=1) + upper_part.take(
@@ -224,10 +255,16 @@ def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Arra
 
 
 def _select_degrees(compliance: Array, degrees: Ints) -> Array:
-    """Return the compliance at each of the degrees, shape (n, degrees); one value may serve all."""
+    """Return the compliance c of each column's degree l, shape (n, columns).
+
+    ``compliance`` is the same for all degrees, shape (n,), or has a value for each, shape (n, degrees).
+    """
     return np.repeat(compliance[:, None], len(degrees), axis=1) if compliance.ndim == 1 else compliance[:, degrees]
 
 
 def _repeat_for_moments(symmetrical: Array, once: Array, twice: Array) -> Array:
-    """Return one row for each moment: five symmetrical about the sphere's axis, five as cos, one as cos of twice the angle."""
+    """Return one row for each moment, shape (n, moments, q), from arrays (n, q).
+
+    Five moments are symmetrical about the sphere's axis, five go as cos of the angle, one as cos of twice the angle.
+    """
     return np.stack([symmetrical] * AXIAL_MOMENTS + [once] * AXIAL_MOMENTS + [twice], axis=1)

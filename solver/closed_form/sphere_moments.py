@@ -23,9 +23,20 @@ ALL_MOMENTS = 11  # these, then of xz, xz zeta, a x, zz x, the shear in the plan
 
 @dataclass(frozen=True)
 class SphereArray:
-    """Spheres: radius, depth of the centre, distance from the probe's axis, modulus, Poisson's ratio; arrays of shape (n,).
+    """One sphere in each of n designs; arrays of shape (n,), SI.
 
-    ``layer`` counts the tissue's layers down to the one that holds them.
+    Attributes
+    ----------
+    radius, depth
+        Radius and depth of the centre, m.
+    offset
+        Distance of the centre from the probe's axis, m.
+    E, nu
+        Young's modulus, Pa, and Poisson's ratio.
+    on_axis
+        Whether all lie on the probe's axis, so that five moments suffice.
+    layer
+        Index of the tissue's layer that holds them, 0 the first.
     """
 
     radius: Array
@@ -59,7 +70,11 @@ def build_ball_quadrature(turns: Any) -> BallQuadrature:
 
 
 def _build_point_pairs() -> tuple[Any, Any, Any]:
-    """Return distances from the vertical axis, heights above and below the centre, and weights of pairs of points (4,)."""
+    """Return distances from the vertical axis, heights above and below the centre, and weights of 4 pairs of points, (4,) each.
+
+    A pair is one point above and its mirror image below the centre; all are in sphere radii, and the weights of both add up to 1.
+    """
+    # the positive half of four nodes in the cosine of the polar angle; in radius cubed the ball's volume is uniform
     cubes, cube_weights = np.polynomial.legendre.leggauss(2)
     cosines, cosine_weights = (part[2:] for part in np.polynomial.legendre.leggauss(4))
     rho, c = np.meshgrid(np.cbrt((cubes + 1) / 2), cosines, indexing="ij")
@@ -75,7 +90,12 @@ ON_AXIS_POINTS, OFF_AXIS_POINTS = (
 
 
 def _build_moment_weights() -> Any:
-    """Build the matrix from strains in a vertical half-plane to the five moments about the sphere's axis, shape (5, 4 points)."""
+    """Build the matrix from strains in a vertical half-plane to the five moments about the sphere's axis, shape (5, 4 points).
+
+    The strains are rr + hoop, rr - hoop, zz and rz at all points. First moments are divided by their own norm: the mean of zeta^2
+    is 1/5, that of rho^2 is 2/5, hence the factors 5 and 2.5.
+    """
+    # each row: weights of the points, and the index of the strain they multiply
     w, zeros = ON_AXIS_POINTS.weight, 0 * ON_AXIS_POINTS.weight
     rows = [(w, 0), (w, 2), (5 * w * ON_AXIS_POINTS.z, 0), (5 * w * ON_AXIS_POINTS.z, 2), (2.5 * w * ON_AXIS_POINTS.x, 3)]
     return np.array([np.concatenate([weight if i == which else zeros for i in range(4)]) for weight, which in rows])
@@ -85,7 +105,11 @@ MOMENT_WEIGHTS = _build_moment_weights()
 
 
 def _build_average_weights() -> Any:
-    """Build the matrix from even and odd parts times J0 and J1 at the pairs of points to the averages of ``BallWaves``."""
+    """Build the matrix from values at the pairs of points to the averages of ``BallWaves``, shape (6, 16).
+
+    The values are sums and differences of e^(s z) above and below the centre, times J0, then both times J1. The first three rows
+    give the even averages, the last three the odd ones.
+    """
     w, x, z, zeros = PAIR_WEIGHTS, PAIR_RADII, PAIR_HEIGHTS, 0 * PAIR_WEIGHTS
     even_rows = [(w, zeros, zeros, zeros), (zeros, 5 * w * z, zeros, zeros), (zeros, zeros, 2.5 * w * x, zeros)]
     odd_rows = [(zeros, w * z, zeros, zeros), (5 * w * z * z, zeros, zeros, zeros), (zeros, zeros, zeros, 2.5 * w * x * z)]
@@ -122,13 +146,19 @@ class BallWaves:
     size: Array
 
     def average_downward(self, t: Array) -> tuple[Array, Array]:
-        """Return averages of e^-t and t e^-t, with t (n, q) at the centre, decreasing upwards; two (n, 3, q)."""
+        """Return the averages (see ``even_averages``) over the ball of e^-t and t e^-t, two arrays (n, 3, q).
+
+        ``t``, k times the depth below the layer's top, is given at the centre, shape (n, q).
+        """
         fade = np.exp(self.size - t)[:, None]
         plain = fade * self.even_averages
         return plain, t[:, None] * plain - fade * self.odd_averages
 
     def average_upward(self, t: Array, x: Array) -> tuple[Array, Array]:
-        """Return averages of e^(t - 2x) and t e^(t - 2x), t as for downward waves, x = k times thickness (n, q)."""
+        """Return the averages over the ball of e^(t - 2x) and t e^(t - 2x), two arrays (n, 3, q).
+
+        ``t`` is as for downward waves, ``x`` k times the layer's thickness, shape (n, q).
+        """
         fade = AVERAGE_MIRROR_SIGNS * np.exp(self.size + t - 2 * x)[:, None]
         plain = fade * self.even_averages
         return plain, t[:, None] * plain + fade * self.odd_averages
@@ -154,9 +184,9 @@ class SphereWaves:
     Attributes
     ----------
     ball
-        The waves at the sphere.
+        The factors of the waves at the points in the sphere.
     waves
-        As they fade in its layer.
+        The waves in the layer that holds it.
     depth
         Of its centre below its layer's top, shape (n,).
     moments
@@ -175,7 +205,7 @@ class SphereWaves:
 
 
 def compute_sphere_waves(sphere: SphereArray, waves: Waves, ball: BallWaves) -> SphereWaves:
-    """Compute the moments about spheres, at depths from the top of their layer, under waves of the tissue."""
+    """Compute the moments about spheres, whose ``depth`` counts from the top of their layer, under waves in that layer."""
     k = waves.k
     t = k * sphere.depth[:, None]
     downward, upward = ball.average_downward(t), None if waves.depth is None else ball.average_upward(t, k * waves.depth)
@@ -189,7 +219,11 @@ def compute_sphere_waves(sphere: SphereArray, waves: Waves, ball: BallWaves) -> 
 
 
 def _stack_moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
-    """Stack the moments from the averages (n, 3, q) of rr + hoop, zz and rz, shape (n, moments, q)."""
+    """Stack the moments, shape (n, moments, q), from the averages (n, 3, q) of rr + hoop, zz and rz.
+
+    The averages are those of ``BallWaves``: mean, vertical moment and radial moment. Off the axis, the amplitudes of waves as cos
+    of once or twice the angle follow from the same averages.
+    """
     a, zz, rz = strain
     rows = np.empty((len(a), AXIAL_MOMENTS if on_axis else ALL_MOMENTS, a.shape[2]), dtype=a.dtype)
     rows[:, 0:4:2], rows[:, 1:4:2], rows[:, 4] = a[:, :2], zz[:, :2], rz[:, 2]
@@ -202,7 +236,11 @@ def _stack_moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
 
 
 def _compute_turned_moments(plain: Array) -> Array:
-    """Compute all moments under waves of shear about the vertical on a half-space, as sin, the last as sin 2, times 2 mu."""
+    """Compute all moments under waves of shear about the vertical on a half-space, times 2 mu, shape (n, moments, q).
+
+    They go as sin of the angle about the sphere's axis, the last as sin of twice the angle. ``plain`` are averages of e^-t, shape
+    (n, 3, q).
+    """
     rows = np.zeros((len(plain), ALL_MOMENTS, plain.shape[2]), dtype=plain.dtype)
     rows[:, 5:7], rows[:, 9], rows[:, 10] = plain[:, :2] / 2, plain[:, 2] / 2, -plain[:, 0]
     return rows
@@ -216,9 +254,10 @@ def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array],
     Parameters
     ----------
     sphere_waves
-        The waves.
+        The waves at the spheres.
     loads
-        So much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
+        Amplitudes of each wave under l loads, two arrays (n, l, q): of pressure and of shear at the surface, or, in a layer among
+        others, of the downward waves at the layer's top.
     axis_distance
         Of ``OFF_AXIS_POINTS`` from the waves' axis, m, shape (n, points); None where that is the sphere's.
     """
@@ -240,6 +279,7 @@ def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array],
     strain[:, :, 2] = 2 * two_nu_minus_1[:, :, None] * parts[0][2] - strain[:, :, 0]
     if upward is not None:
         for place, part, index in ((0, parts[0], 3), (1, parts[1], 2), (3, parts[2], 2)):
+            # ::-1: e^(-s z) above the centre is e^(s z) below it
             risen = part[index, :, :, ::-1] + z * part[index + 1, :, :, ::-1]
             strain[:, :, place] += risen
             if place == 0:
@@ -250,7 +290,11 @@ def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array],
 def _compute_running_waves(
     sphere_waves: SphereWaves, loads: tuple[Array, Array]
 ) -> tuple[tuple[Array, ...], tuple[Array, ...] | None]:
-    """Return A, A' and the part of c2 e^-t alone of downward waves, and R, R' and the part of c4 of upward ones, (n, l, q)."""
+    """Return the amplitudes of ``compute_tissue_strain``, each of shape (n, l, q), under l loads.
+
+    They are A, A' and c2 e^-t of downward waves, and R, R' and c4 e^(t-2x) of upward ones (eq. CF.6), times k; None in place of
+    the latter on a half-space.
+    """
     waves, size = sphere_waves.waves, sphere_waves.ball.size
     t = waves.k * sphere_waves.depth[:, None]
     sums = [
@@ -268,7 +312,10 @@ def _compute_running_waves(
 
 
 def _iterate_bessel_factors(sphere_waves: SphereWaves, axis_distance: Array | None) -> Iterator[Array]:
-    """Yield J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, times e^(s z - s), shapes (n, points, q)."""
+    """Yield J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, times e^(s z - s), shapes (n, points, q).
+
+    They are the factors of the strains rr + hoop, rr - hoop and rz; s = k R, and z is the height above the centre in radii.
+    """
     ball = sphere_waves.ball
     if axis_distance is None:
         J0, J1, x = ball.J0[:, :, None], ball.J1[:, :, None], (ball.size[:, None] * PAIR_RADII[:, None])[:, :, None]

@@ -1,6 +1,6 @@
 """Pressures and shears under a block: a few smooth functions and the singularities of its edges, as sums of rings.
 
-Every function is a value on each of several rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
+Every function is a value on each of several rings, narrow at the edges; y is the fraction of the width (0 at the axis or hole).
 With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
 blocks of any stiffness need eleven unknowns. Rings are differences of discs, which closed formulas know; in integrals over long
 waves a load is its values at few radii, exact for polynomials.
@@ -22,7 +22,15 @@ from solver.closed_form.bessel import Array, bessel
 
 @dataclass(frozen=True)
 class ElasticBlocks:
-    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI."""
+    """n blocks, all solid (``hole`` None) or all tubes; arrays of shape (n,), SI.
+
+    Attributes
+    ----------
+    hole, radius, height
+        Inner radius, outer radius and height, m.
+    E, nu
+        Young's modulus, Pa, and Poisson's ratio.
+    """
 
     hole: Array | None
     radius: Array
@@ -53,6 +61,7 @@ class ElasticBlocks:
     @property
     def steepness(self) -> Array:
         """The decay b of eq. CF.9 times the height."""
+        # b times the width is one number for all discs, another for all tubes
         return (2.2 if self.hole is None else 2.0) * self.height / self.width
 
     def radii(self, y: Floats) -> Array:
@@ -70,7 +79,7 @@ class Loads:
     Attributes
     ----------
     cuts
-        Shares of the width where rings meet, shape (rings + 1,).
+        Fractions of the width where rings meet, shape (rings + 1,).
     pressure, shear
         Values on the rings, shapes (rings, functions).
     solid
@@ -84,7 +93,7 @@ class Loads:
 
     @cached_property
     def radii(self) -> Any:
-        """Shares of the width at which the loads are concentrated for the integrals over wave numbers.
+        """Fractions of the width at which the loads are concentrated for the integrals over wave numbers.
 
         Waves are even functions of the radius: under a disc the radii are Gauss's in its square.
         """
@@ -92,9 +101,11 @@ class Loads:
         return np.sqrt(x) if self.solid else x
 
     def build_transform(self, values: Any) -> Any:
-        """Build the matrix from a wave at ``radii`` to its integrals r dr / width with the functions, shape (radii, functions).
+        """Build the matrix that gives the integrals of a wave times each function from the wave's values at ``radii``.
 
-        A disc's carry the factor r, a tube's leave it to the wave's values.
+        It has the shape (radii, functions). ``values`` are the functions' values on the rings, (rings, functions). The rule is
+        exact for waves that are polynomials: of y^2 under a disc, of y under a tube. Integrals are over the width times r; the
+        factor r is applied to the wave's values by the caller, so that a disc's weights are divided by it.
         """
         polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADII)]
         x, cuts = (self.radii**2, self.cuts**2) if self.solid else (self.radii, self.cuts)
@@ -109,7 +120,10 @@ def batched_matmul(matrices: Any, matrix: Floats) -> Any:
 
 
 def _average_on_rings(cuts: Any, function: Any) -> Any:
-    """Return means of a function over the rings, by a rule exact for inverse square roots at both ends of (0, 1)."""
+    """Return the means of a function of y over the rings between ``cuts``, shape (rings,).
+
+    With y = (1 - cos(turn)) / 2 the rule is accurate for inverse square roots at both ends of (0, 1).
+    """
     angle, weight = legendre.leggauss(8)
     low, high = (np.arccos(1 - 2 * c)[:, None] for c in (cuts[:-1], cuts[1:]))
     turn = (low + high) / 2 + (high - low) / 2 * angle
@@ -130,11 +144,11 @@ class PairLoads:
     Attributes
     ----------
     loads
-        Of the disc and of the tube.
+        The functions under the disc and under the tube.
     discs
-        What makes pressures, and shears, of discs, shapes (circles, functions).
+        Pressures, and shears, as sums of uniform loads on discs: factors of the discs, shapes (discs, functions).
     transform_weights
-        What makes their transforms of values at the radii, shapes (radii, functions).
+        Their transforms as sums over the radii at which loads are concentrated: weights, shapes (radii, functions).
     """
 
     loads: tuple[Loads, Loads]
@@ -144,6 +158,7 @@ class PairLoads:
 
 def _build_pair_loads() -> PairLoads:
     """Build the loads of both blocks, their rings narrow at the edges."""
+    # cuts are dense at the outer edge of a disc, and at both edges of a tube
     step = np.arange(RINGS + 1) / RINGS
     cuts = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
     pressures = [
@@ -155,6 +170,7 @@ def _build_pair_loads() -> PairLoads:
         for block_cuts, pressure, solid in zip(cuts, pressures, (True, False), strict=True)
     )
     disc_rings = np.eye(RINGS) - np.eye(RINGS, k=1)  # differences of discs
+    # a tube's rings are discs of the outer less discs of the inner radius
     tube_rings = np.eye(RINGS + 1, RINGS, k=-1) - np.eye(RINGS + 1, RINGS)
     kinds = (disc.pressure, tube.pressure), (disc.shear, tube.shear)
     discs = [_join_blocks(disc_rings @ on_disc, tube_rings @ on_tube) for on_disc, on_tube in kinds]
@@ -163,12 +179,15 @@ def _build_pair_loads() -> PairLoads:
 
 
 def _join_blocks(disc: Floats, tube: Floats) -> Floats:
-    """Return one block-diagonal matrix of two matrices."""
+    """Return one block-diagonal matrix of a disc's and a tube's matrix."""
     return np.asarray(build_block_diagonal((disc[None], tube[None]))[0])
 
 
 def compute_load_areas(blocks: BlockPair, like: Array) -> Array:
-    """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
+    """Return A of eq. CF.12, the force of each unit load on each block, m^2, shape (n, loads, 2); shears have none.
+
+    ``like`` is an array (n, loads, ...) of the same type.
+    """
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
     for i, (block, loads) in enumerate(zip(blocks, LOADS.loads, strict=True)):
@@ -180,7 +199,7 @@ def compute_load_areas(blocks: BlockPair, like: Array) -> Array:
 
 
 def join_works(works: Sequence[Array]) -> Array:
-    """Join the works of pressures, shears and pressures on shears to one symmetric matrix."""
+    """Join the works of pressures, shears and pressures on shears, (n, i, j) each, to symmetric matrices (n, loads, loads)."""
     pressure, shear, cross = works
     top_rows = np.concatenate([pressure, cross], axis=2)
     return np.concatenate([top_rows, np.concatenate([cross.swapaxes(1, 2), shear], axis=2)], axis=1)
@@ -196,22 +215,22 @@ def build_block_diagonal(parts: tuple[Array, Array]) -> Array:
 
 
 def list_disc_radii(blocks: BlockPair) -> tuple[Array, Array]:
-    """Return the radii of the discs whose differences are the rings, and the radius of each disc's block, shapes (n, discs)."""
+    """Return the radii of the discs whose differences are the rings, and the outer radius of each disc's block, m, (n, discs)."""
     inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, LOADS.loads, strict=True))
-    count = inner.shape[1] - 1
+    count = inner.shape[1] - 1  # the inner block's disc of radius 0 is left out
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
     return np.concatenate([inner[:, 1:], outer], axis=1), radius
 
 
 def combine_disc_works(blocks: BlockPair, works: Sequence[Array]) -> list[Array]:
-    """Combine the works of discs to works of the loads: of pressures, shears, pressures on shears."""
+    """Combine the works of discs, (n, discs, discs), to works of the loads, both of pressures, shears and pressures on shears."""
     pressure, shear = LOADS.discs
     sides = ((pressure, pressure), (shear, shear), (pressure, shear))
     return [_combine_works(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
 
 
 def _combine_works(work: Array, left: Floats, right: Floats) -> Array:
-    """Return left^T work right for matrices ``work`` (n, i, j) whose axis n is last in memory."""
+    """Return left^T work right, shape (n, loads, loads), for matrices ``work`` (n, i, j) whose axis n is last in memory."""
     rows = work.transpose(1, 2, 0)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
     return (right.T @ halves).transpose(2, 0, 1).copy()
@@ -219,7 +238,10 @@ def _combine_works(work: Array, left: Floats, right: Floats) -> Array:
 
 @lru_cache(maxsize=64)
 def build_wave_rule(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
-    """Return wave numbers as fractions of their maximum, denser among long waves, and their weights, from Gauss's rule."""
+    """Return wave numbers as fractions of their maximum, denser among long waves, and their weights, shapes (nodes,).
+
+    The fractions are a cubic of the nodes s of Gauss's rule on (0, 1); ``powers`` are its coefficients of s, s^2 and s^3.
+    """
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2
     linear, quadratic, cubic = powers
@@ -241,7 +263,10 @@ def transform_long_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Arr
 
 
 def transform_all_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Array, Array]:
-    """Return Hankel transforms of pressures and shears at waves of any length: those of the rings themselves."""
+    """Return Hankel transforms of pressures and shears (no shears unless bonded) at waves k (n, q) of any length.
+
+    They are those of the rings themselves, from the transforms a J1(ka)/k and a^2 J2(ka)/k of discs; shapes (n, q, loads).
+    """
     (c, radius), discs = list_disc_radii(blocks), LOADS.discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
     pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
@@ -251,12 +276,12 @@ def transform_all_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Arra
 
 
 def integrate_load_products(blocks: BlockPair) -> tuple[Array, Array]:
-    """Integrate products of two pressures, and of two shears, over the ends; shapes (n, p, p) and (n, s, s), m^2."""
+    """Integrate products of two pressures, and of two shears, over the ends: p and s functions, (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []
     for block, loads in zip(blocks, LOADS.loads, strict=True):
-        square = block.radii(loads.cuts) ** 2
-        discs = np.pi * square, np.pi / 2 * (square / block.radius[:, None]) ** 2
+        squared_radii = block.radii(loads.cuts) ** 2
+        discs = np.pi * squared_radii, np.pi / 2 * (squared_radii / block.radius[:, None]) ** 2
         for products, disc, values in zip((pressures, shears), discs, (loads.pressure, loads.shear), strict=True):
             products.append(values.T @ (np.diff(disc, axis=1)[:, :, None] * values))
     return build_block_diagonal((pressures[0], pressures[1])), build_block_diagonal((shears[0], shears[1]))

@@ -71,16 +71,16 @@ class Echo:
 
 
 def compute_echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
-    """Return the echo from below in each layer for waves k (n, q), from the first on.
+    """Return the echo from below in each layer, the first layer first.
 
     Parameters
     ----------
     k
-        Wave numbers.
+        Wave numbers, 1/m, shape (n, q).
     layers
         From the surface downwards; the last has a thickness if ``rigid``.
     rigid
-        Whether the last lies on a rigid floor; it is a half-space otherwise.
+        Whether the last layer lies on a rigid floor; it is a half-space otherwise.
     """
     last = layers[-1]
     results = [compute_echo(k, last, _compute_rigid_reflection(last)) if rigid else Echo(None, None, k)]
@@ -90,15 +90,16 @@ def compute_echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list
 
 
 def compute_echo(k: Array, layer: TissueLayer, far: Symmetric) -> Echo:
-    """Compute the echo in a layer whose far face reflects r = ``far``."""
+    """Return the echo in a layer for waves k (n, q), where r = ``far`` is the reflection at the layer's far face."""
     x = k * layer.thickness[:, None]
     return Echo(far, _compute_returned(far, x), x)
 
 
 def compute_reflection(layer: TissueLayer, next_layer: TissueLayer, near_echo: Symmetric | None) -> Symmetric:
-    """Compute the reflection r (eq. LY.2) in a layer before another one, whose own echo is N = ``near_echo``.
+    """Return the reflection r (eq. LY.2) at the face between a layer and the next, whose own echo is N = ``near_echo``.
 
-    With C = V W^-1, W = 1 + N and V = H - H' N, it is taken of W (V + H' W)^-1: W vanishes for long waves on free plates.
+    N is None where the next layer is a half-space, which returns nothing. With C = V W^-1, W = 1 + N and V = H - H' N of the next
+    layer, (C + H')^-1 is computed as W (V + H' W)^-1, which is finite where W vanishes: for long waves on free plates.
     """
     size = 2 * layer.half_space[0]
     pp, _, pq = layer.half_space
@@ -118,28 +119,30 @@ def compute_reflection(layer: TissueLayer, next_layer: TissueLayer, near_echo: S
 
 
 def _scale_minus_one(size: Array, inverse: Symmetric) -> Symmetric:
+    """Return size times the symmetric matrices ``inverse``, less the identity: r of eq. LY.2."""
     return size * inverse[0] - 1, size * inverse[1] - 1, size * inverse[2]
 
 
 def _compute_rigid_reflection(layer: TissueLayer) -> Symmetric:
-    """Return the reflection r of a rigid floor."""
+    """Return the reflection r of a rigid floor below a layer: eq. LY.2 with C = 0."""
     pp, _, pq = layer.half_space
     return _scale_minus_one(2 * pp, _invert_symmetric((pp, pp, -pq)))
 
 
 def _invert_symmetric(m: Symmetric) -> Symmetric:
+    """Return the inverse of symmetric matrices."""
     determinant = m[0] * m[1] - m[2] * m[2]
     return m[1] / determinant, m[0] / determinant, -m[2] / determinant
 
 
 def invert_matrix(m: Matrix) -> Matrix:
-    """Return the matrices' inverse."""
+    """Return the inverse of 2 x 2 matrices."""
     determinant = m[0] * m[3] - m[1] * m[2]
     return m[3] / determinant, -m[1] / determinant, -m[2] / determinant, m[0] / determinant
 
 
 def multiply_matrices(a: Matrix, b: Matrix) -> Matrix:
-    """Return the matrices' product."""
+    """Return the product a b of 2 x 2 matrices."""
     return (
         a[0] * b[0] + a[1] * b[2],
         a[0] * b[1] + a[1] * b[3],
@@ -160,7 +163,10 @@ def _compute_returned(r: Symmetric, x: Array) -> Symmetric:
 
 
 def compute_compliance_change(layer: TissueLayer, near_echo: Symmetric) -> Symmetric:
-    """Return C - H of eq. LY.2, the surface's w by p, u by q and w by q, times 2 mu k of the layer."""
+    """Return C - H of eq. LY.2: by how much the echo N changes the compliance at a layer's top, times 2 mu k of the layer.
+
+    The three elements are w under p, u under q and w under q.
+    """
     w = 1 + near_echo[0], 1 + near_echo[1]
     mixed = near_echo[2] * near_echo[2]
     scale = -2 * layer.half_space[0] / (w[0] * w[1] - mixed)
@@ -168,14 +174,20 @@ def compute_compliance_change(layer: TissueLayer, near_echo: Symmetric) -> Symme
 
 
 def compute_floor_change(k: Array, layer: TissueLayer) -> Symmetric:
-    """Return by how much a rigid floor below one layer changes the surface's compliance, times 2 mu k; see above."""
+    """Return by how much a rigid floor below one layer changes the surface's compliance, times 2 mu k of the layer.
+
+    The elements are those of ``compute_compliance_change``, for waves k (n, q).
+    """
     near_echo = compute_echo(k, layer, _compute_rigid_reflection(layer)).near_echo
     assert near_echo is not None
     return compute_compliance_change(layer, near_echo)
 
 
 def compute_arriving(echo: Sequence[Echo], place: int) -> Matrix:
-    """Return a of eq. LY.3 at the top of the layer ``place`` by unit loads p and q at the surface, from the layers' echoes."""
+    """Return a of eq. LY.3 at the top of the layer with index ``place``, under unit loads p and q at the surface.
+
+    ``echo`` are the echoes of all layers, as from ``compute_echoes``.
+    """
     a = _compute_surface_transmission(echo[0].near_echo)
     for upper, lower in pairwise(echo[: place + 1]):
         assert upper.far_echo is not None
@@ -188,7 +200,7 @@ def compute_arriving(echo: Sequence[Echo], place: int) -> Matrix:
 
 
 def _compute_surface_transmission(near_echo: Symmetric | None) -> Matrix:
-    """Return (1 + N)^-1: downward waves per load at the near face; N None counts as 0."""
+    """Return (1 + N)^-1, the downward waves per load at a layer's near face; N is None, for 0, in a half-space."""
     if near_echo is None:
         return 1.0, 0.0, 0.0, 1.0
     pp, qq, pq = _invert_symmetric((1 + near_echo[0], 1 + near_echo[1], near_echo[2]))
@@ -196,23 +208,35 @@ def _compute_surface_transmission(near_echo: Symmetric | None) -> Matrix:
 
 
 def compute_fading(x: Array) -> Matrix:
-    """Return e^-x F of eq. LY.1: how downward waves change over x = k h."""
+    """Return e^-x F of eq. LY.1: the factor of downward waves' tractions over a path x = k h."""
     fade = np.exp(-x)
     return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
 
 
 def compute_last_wave(radius: Array, thickness: Array) -> Array:
-    """Return the wave number up to which waves are summed under probes of a radius, above first layers, shapes (n,).
+    """Return the wave number, 1/m, up to which waves are summed under probes of outer ``radius``, shape (n,).
+
+    ``thickness`` is that of the first layer, m, shape (n,).
 
     Waves much shorter than the first layer do not reach the others; loads contain few waves beyond ``PROBE_WAVE_REACH``.
     """
     layer_limit, probe_limit = LAYER_WAVE_REACH / thickness, PROBE_WAVE_REACH / radius
-    return np.where(layer_limit.real < probe_limit.real, layer_limit, probe_limit)
+    return np.where(layer_limit.real < probe_limit.real, layer_limit, probe_limit)  # .real: complex steps have no order
 
 
 @dataclass(frozen=True)
 class ShearEchoes:
-    """In one layer: r and e^-x of eq. LY.2, -R / (1 - R N) of eq. CF.21, and a of eq. LY.3; arrays that fit (n, q)."""
+    """Echoes of shear about the vertical in one layer; arrays that fit (n, q).
+
+    Attributes
+    ----------
+    far, fade
+        r at the far face, and e^-x, of eq. LY.2.
+    returning
+        -R / (1 - R N) of eq. CF.21.
+    arriving
+        a of eq. LY.3 at the layer's top under a unit load at the surface.
+    """
 
     far: Array
     fade: Array
@@ -221,10 +245,15 @@ class ShearEchoes:
 
 
 def compute_shear_echoes(k: Array, layers: Sequence[TissueLayer], place: int, rigid: bool) -> ShearEchoes:
-    """Compute the echoes in the layer with index ``place``; arguments as of ``stack.compute_echoes``."""
+    """Return the echoes, for shear about the vertical, in the layer with index ``place``.
+
+    ``k``, ``layers`` and ``rigid`` are as in ``compute_echoes``.
+    """
     fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
     fades.append(np.exp(-k * layers[-1].thickness[:, None]) if rigid else 0 * k)
+    # from the floor, which reflects 1, or a half-space, which reflects 0, upwards: r in each layer
     far = _chain_reflections(layers[::-1], fades[::-1], 1.0 + 0 * k if rigid else 0 * k)[::-1]
+    # from the free surface, which reflects -1, down to the layer's top: R
     top = _chain_reflections(layers, fades, -1.0 + 0 * k)[place]
     a = 1 / (1 + far[0] * fades[0] ** 2)
     for layer in range(place):
@@ -233,14 +262,27 @@ def compute_shear_echoes(k: Array, layers: Sequence[TissueLayer], place: int, ri
 
 
 def compute_shear_compliance(k: Array, layers: Sequence[TissueLayer]) -> Array:
-    """Return k times the surface's compliance for shear about the vertical on layers above a half-space, shape (n, q)."""
+    """Return k times the surface's compliance for shear about the vertical on layers above a half-space, 1/Pa, shape (n, q).
+
+    ``k`` are wave numbers, 1/m, shape (n, q). On a half-space alone the result is 1 / mu.
+    """
     fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
     near_echo = _chain_reflections(layers[::-1], [0 * k, *fades[::-1]], 0 * k)[-1] * fades[0] ** 2
     return (1 - near_echo) / (1 + near_echo) / layers[0].mu
 
 
 def _chain_reflections(layers: Sequence[TissueLayer], fades: Iterable[Array], first: Array) -> list[Array]:
-    """Return r in each layer, where ``first`` is the reflection beyond the first of them."""
+    """Return the reflection r in each layer from what lies behind it; for shear about the vertical (numbers, not matrices).
+
+    Parameters
+    ----------
+    layers
+        In the order in which the reflections follow from each other.
+    fades
+        e^-x of each layer.
+    first
+        Reflection in the first of the layers.
+    """
     reflections = [first]
     for layer, next_layer, fade in zip(layers, layers[1:], fades, strict=False):
         near_echo = reflections[-1] * fade**2

@@ -28,25 +28,25 @@ MAX_SWING_SHARE = 0.8  # of the frequency of eq. PH.5: up to there the tissue do
 
 
 def compute_inertia_number(scene: Scene, frequency: float) -> float:
-    """Return inertia relative to stiffness, N of eq. PH.4, at a frequency, Hz."""
+    """Return the ratio of inertia to stiffness, N of eq. PH.4, at a frequency, Hz."""
     return (_compute_wave_number(scene, frequency) * scene.probe.tube_radius) ** 2
 
 
 def find_swing_refusal(scene: Scene, frequency: float) -> str | None:
-    """Return the reason for no phase if the tissue as a whole may resonate at a frequency, Hz; None if it cannot."""
+    """Return why no phase is computed if the tissue as a whole may resonate at a frequency, Hz; None if it cannot."""
     if scene.tissue.shape == "half-space":
         return None
-    share = _compute_wave_number(scene, frequency) * scene.tissue.depth / (math.pi / 2)
-    if share <= MAX_SWING_SHARE:
+    resonance_fraction = _compute_wave_number(scene, frequency) * scene.tissue.depth / (math.pi / 2)
+    if resonance_fraction <= MAX_SWING_SHARE:
         return None
-    limit = format_maximum(frequency * MAX_SWING_SHARE / share, 2)
+    limit = format_maximum(frequency * MAX_SWING_SHARE / resonance_fraction, 2)
     return f"at {frequency:.4g} Hz tissue {format_mm(scene.tissue.depth)} deep may swing as a whole; allowed is up to {limit} Hz"
 
 
 def add_inertia_error(error: float | None, scene: Scene, frequency: float) -> float | None:
     """Add the effect of inertia, at most N of eq. PH.4, to a ratio's relative error bound.
 
-    Complex solutions with masses give changes up to 0.6 N.
+    Solutions with complex moduli and masses give changes of up to 0.6 N. ``frequency`` is in Hz; an ``error`` of None is unknown.
     """
     return combine_errors(error, compute_inertia_number(scene, frequency))
 

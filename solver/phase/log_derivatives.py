@@ -49,7 +49,11 @@ Differentiate = Callable[[Scene, Sequence[ValueOfMaterial]], LogDerivatives]
 
 
 def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Differentiate]:
-    """Return the reason why this kind of scene has no derivatives, or None, and a function that differentiates it on one mesh."""
+    """Choose how a scene is differentiated, on a mesh that suits ``accuracy``.
+
+    Returns the reason why this kind of scene has no derivatives, or None, and a function that returns the derivatives of a
+    variant of the scene, by its numbers and along directions, on one mesh.
+    """
     if Axisymmetric().refusal(scene) is None:
         fineness = MESH_LEVELS[3 if accuracy >= COARSE_ACCURACY else 4 if accuracy >= MEDIUM_ACCURACY else 5]
         return None, lambda variant, directions: differentiate_on_axis(variant, directions, fineness)
@@ -63,6 +67,8 @@ def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Diffe
 
 def differentiate_on_axis(scene: Scene, directions: Sequence[ValueOfMaterial], fineness: MeridianFineness) -> LogDerivatives:
     """Return the derivatives for a scene that ``axisymmetric`` takes, on one mesh.
+
+    ``directions`` hold a change of ln E for each material: derivatives are also taken along each of them.
 
     Raises
     ------
@@ -78,7 +84,10 @@ def differentiate_on_axis(scene: Scene, directions: Sequence[ValueOfMaterial], f
 
 
 def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], fineness: MeridianFineness) -> LogDerivatives:
-    """Return the derivatives to first order in spheres anywhere, without reflections; the error of that shows in the ratio.
+    """Return the derivatives to first order in spheres anywhere, without reflections between them.
+
+    The error of this shows in the ratio: it differs from that of the scene's result. ``directions`` are as in
+    ``differentiate_on_axis``.
 
     Raises
     ------
@@ -96,6 +105,7 @@ def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], 
 
 
 def _convert_to_logarithms(scene: Scene, solution: Gradients) -> tuple[float, dict[str, float]]:
+    """Return the ratio and the derivatives of ln(ratio): by ln of moduli, by all other numbers themselves."""
     ratio, numbers = float(solution.values["ratio"][0]), list_values(scene)
     derivatives = dict(zip(solution.variables, (solution.derivatives["ratio"][0] / ratio).tolist(), strict=True))
     return ratio, {
@@ -104,14 +114,16 @@ def _convert_to_logarithms(scene: Scene, solution: Gradients) -> tuple[float, di
 
 
 def _differentiate_along(derivatives: dict[str, float], direction: ValueOfMaterial) -> float:
-    return sum(derivatives.get(f"{owner}{MODULUS_SUFFIX}", 0.0) * turn for owner, turn in direction.items())
+    """Return the derivative of ln(ratio) along a direction, from its derivatives by ln of each modulus."""
+    return sum(derivatives.get(f"{owner}{MODULUS_SUFFIX}", 0.0) * log_change for owner, log_change in direction.items())
 
 
 def _differentiate_by_tumours(solution: FirstOrder, direction: ValueOfMaterial) -> float:
-    """Return the derivative of ln(ratio) as the logarithms of all tumours' moduli move together, by a complex step."""
-    turn = np.array([component for owner, component in direction.items() if owner.startswith("inclusion")])
+    """Return the derivative of ln(ratio) as the logarithms of all tumours' moduli move along a direction, by a complex step."""
+    # the components of the tumours, in their order
+    log_change = np.array([component for owner, component in direction.items() if owner.startswith("inclusion")])
     moved = solution.compute_form(
-        solution.compute_strengths(youngs_modulus=solution.tumours.youngs_modulus * (1 + 1j * COMPLEX_STEP * turn))[0]
+        solution.compute_strengths(youngs_modulus=solution.tumours.youngs_modulus * (1 + 1j * COMPLEX_STEP * log_change))[0]
     )
     totals = (solution.states.forces + moved.real).sum(axis=1)
     change = moved.imag.sum(axis=1) / COMPLEX_STEP / totals

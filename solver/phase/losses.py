@@ -39,7 +39,7 @@ def compute_angle_spread(scene: Scene) -> float:
 
 
 def scale_moduli(scene: Scene, log_changes: ValueOfMaterial, times: float) -> Scene:
-    """Return a scene whose moduli are multiplied by exp(times * log_changes), ``log_changes`` a number for each material."""
+    """Return the scene with each material's Young's modulus E multiplied by exp(times * c), c its value in ``log_changes``."""
     materials = list_materials(scene)
     return scene.replace(
         {
@@ -50,4 +50,5 @@ def scale_moduli(scene: Scene, log_changes: ValueOfMaterial, times: float) -> Sc
 
 
 def _remove_key_suffix(key: str) -> str:
+    """Return the name of the material from the key of its loss factor."""
     return key.removesuffix(".loss_factor")

@@ -107,18 +107,19 @@ def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency
     with threadpool_limits(1, user_api="blas"):
         try:
             middle = differentiate(scene, (deltas, growth))
-            derivatives, third = _differentiate_phase(
+            derivatives, third_order = _differentiate_phase(
                 scene, middle, lambda times: differentiate(scale_moduli(scene, deltas, times), (deltas, growth))
             )
         except SolveError as fault:
             raise PhaseUnknown(f"its derivatives cannot be solved for: {fault}") from fault
+    # the result may come from a finer model than the derivatives: the difference of both ratios counts as an error
     ratio_factor, spread = result.ratio / middle.ratio, compute_angle_spread(scene)
-    error = HIGHER_ORDER_FACTOR * third
+    error = HIGHER_ORDER_FACTOR * third_order
     if spread:
         log_error = abs(math.log(ratio_factor)) + math.log1p(result.error_estimate) if ratio_factor > 0 else math.inf
         inertia_error = INERTIA_ERROR_FACTOR * compute_inertia_number(scene, frequency)
         error += spread * (RATIO_ERROR_FACTOR * log_error + inertia_error)
-    if not error <= MAX_PHASE_ERROR_RAD:
+    if not error <= MAX_PHASE_ERROR_RAD:  # also where it is NaN
         raise PhaseUnknown(f"its error would be {error:.2g} rad, above the allowed {MAX_PHASE_ERROR_RAD:g} rad")
     notes = () if any(deltas.values()) else (LOSSLESS_NOTE,)
     return RatioPhase(float(middle.directional[0]), float(error), derivatives | _differentiate_by_losses(scene, middle), notes)
@@ -134,9 +135,9 @@ def _differentiate_phase(
     scene
         The scene itself.
     middle
-        Its derivatives.
+        Its derivatives, along the directions delta and v of eq. PH.2 in this order.
     differentiate
-        Returns the derivatives after the logarithms of the moduli moved by a multiple of the loss angles.
+        Returns the derivatives after the logarithms of the moduli moved by the given multiple of the loss angles.
     """
     max_delta = max(compute_loss_angles(scene).values())
     if max_delta == 0:
@@ -147,13 +148,17 @@ def _differentiate_phase(
     derivatives = {
         name: derivative / (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, derivative in derivatives.items()
     }
-    stretched = (plus.directional[1] - minus.directional[1]) / (2 * h)
-    cubic = (plus.directional[0] - 2 * middle.directional[0] + minus.directional[0]) / h**2
-    return derivatives, abs(float(stretched)) + abs(float(cubic)) / 6
+    # D2f[delta, v] and D3f[delta, delta, delta] as differences of Df[v] and Df[delta] along delta
+    growth_term = (plus.directional[1] - minus.directional[1]) / (2 * h)
+    cubic_term = (plus.directional[0] - 2 * middle.directional[0] + minus.directional[0]) / h**2
+    return derivatives, abs(float(growth_term)) + abs(float(cubic_term)) / 6
 
 
 def _differentiate_by_losses(scene: Scene, middle: LogDerivatives) -> dict[str, float]:
-    """Return the phase's derivatives by the loss factors t = tan delta: d delta / dt = 1 / (1 + t^2)."""
+    """Return the phase's derivatives by the loss factors t = tan delta, rad.
+
+    The phase's first term Df[delta] has the derivatives of f = ln(ratio) by ln E as factors, and d delta / dt = 1 / (1 + t^2).
+    """
     losses = list_loss_factors(scene)
     derivatives = {key: middle.derivatives.get(key.replace(".loss_factor", MODULUS_SUFFIX)) for key in losses}
     return {key: derivative / (1 + losses[key] ** 2) for key, derivative in derivatives.items() if derivative is not None}

@@ -37,13 +37,14 @@ def check_numbers(formula: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(formula)
     def call_checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the formula; raise ``InputError`` where an argument or the result is out of range."""
         arguments = names.bind(*args, **kwargs).arguments
         for name, value in arguments.items():
             for number in _list_numbers(value):
                 _check_number(name, number)
         try:
             result = formula(*args, **kwargs)
-        except ArithmeticError:
+        except ArithmeticError:  # overflow or division by zero
             result = None
         if result is None or not all(map(math.isfinite, _list_numbers(result))):
             raise InputError(formula.__name__, Words("out of range"), "arguments whose result double precision holds")
@@ -53,10 +54,12 @@ def check_numbers(formula: Callable[P, R]) -> Callable[P, R]:
 
 
 def _list_numbers(value: object) -> Iterable[float]:
+    """Return the numbers of a tuple, or a number alone."""
     return value if isinstance(value, tuple) else (value,)
 
 
 def _check_number(name: str, value: float) -> None:
+    """Raise ``InputError`` where the argument of that name is outside its range, see the module's docstring."""
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(name, value, "a finite number")
     if name.startswith("nu") and not 0 <= value <= 0.5:
@@ -104,13 +107,13 @@ def displacement_total(sigma: float, a: float, d: float, D: float, *, nu: float,
 
 @check_numbers
 def modulus_from_compatibility(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
-    """Return E_eq by eq. (7), Pa: eq. (5) set equal to eq. (6); sigma cancels."""
+    """Return the equivalent modulus E_eq by eq. (7), Pa: eq. (5) set equal to eq. (6); sigma cancels."""
     return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
 
 
 @check_numbers
 def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
-    """Return E_eq as printed, Pa.
+    """Return the equivalent modulus E_eq as printed, Pa.
 
     Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix].
     """
@@ -120,20 +123,26 @@ def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float,
 
 @check_numbers
 def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
-    """Return the shortenings of tissue, tumour and tissue by eq. (9), m; the tumour's with E_1, as printed."""
+    """Return the shortenings of the tissue above, the tumour and the tissue below by eq. (9), m.
+
+    Index 1 is the tissue, 2 the tumour, whose shortening is printed with E_1, too.
+    """
     tissue = 2 * (1 - nu_1**2) * sigma * a / E_1
     return tissue, 2 * (1 - nu_2**2) * sigma * a / E_1, tissue
 
 
 @check_numbers
 def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
-    """Return E_eq from the shortenings, Pa. Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings)."""
+    """Return the equivalent modulus E_eq from shortenings, Pa.
+
+    Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings).
+    """
     return 2 * (1 - nu_1**2) * sigma * a / sum(shortenings)
 
 
 @check_numbers
 def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
-    """Return E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
+    """Return the equivalent modulus E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
     return 1 / (1 / E_1 + 1 / E_2 + 1 / E_3)
 
 
@@ -176,7 +185,7 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
 
 @check_numbers
 def modulus_corrected(a: float, d: float, D: float, *, E_matrix: float, E_object: float) -> float:
-    """Return E_eq with the defects of eqs. (4) and (6) to (8) corrected, by eq. PU.1, Pa.
+    """Return the equivalent modulus E_eq with the defects of eqs. (4) and (6) to (8) corrected, by eq. PU.1, Pa.
 
     Raises
     ------

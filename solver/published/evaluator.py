@@ -38,7 +38,7 @@ class Published:
     summary: str = "the paper's eqs. (1)-(12) as printed; an equivalent modulus, no stresses; for reproducing the paper"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why the paper's equations cannot describe the scene, with the evaluator that can; None if they can."""
+        """Return which evaluator to use instead if the paper's equations cannot describe the scene, and why; else None."""
         if scene.tissue.layer:
             return find_refusal(scene, (*GEOMETRY_KINDS, "crossed sphere", "layers"))
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
@@ -50,6 +50,8 @@ class Published:
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """Return ``equivalent_modulus``; the equations give no film stresses, so the other values are None.
+
+        ``accuracy`` has no effect: the equations have no error estimate.
 
         Raises
         ------
@@ -76,22 +78,22 @@ class Published:
         return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=notes)
 
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
-        """Refuse: no accuracy is within reach of equations that give no stresses.
+        """Refuse: equations that give no stresses reach no accuracy.
 
         Raises
         ------
         Refusal
-            always.
+            Always.
         """
         raise Refusal("accuracy", accuracy, "none for this evaluator: the paper's equations give no film stresses")
 
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
-        """Refuse: there is no ratio to follow.
+        """Refuse: the equations give no ratio, of which a curve could be computed.
 
         Raises
         ------
         Refusal
-            always.
+            Always.
         """
         raise Refusal("evaluator", self.name, "any other for a curve: the paper's equations give no film stresses")
 

@@ -60,7 +60,7 @@ class TumourDraws:
         return np.asarray((faces <= self.depth).sum(axis=0))
 
     def select(self, which: Ints) -> TumourDraws:
-        """Return some of the draws."""
+        """Return the draws with indices ``which``."""
         return TumourDraws(
             self.radius[which],
             self.depth[which],
@@ -87,7 +87,7 @@ class TumourDraws:
 
 
 def build_layers(tissue: Floats, bounded: bool) -> list[TissueLayer]:
-    """Build the layers of n tissues given as an array (layers + 1, 3, n)."""
+    """Build the layers of n tissues given as an array (layers + 1, 3, n), see ``TumourDraws.tissue``."""
     *upper, (depth, modulus, poisson) = tissue
     thicknesses = sum((layer[0] for layer in upper), start=0 * depth)
     return [TissueLayer(*layer) for layer in upper] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]
@@ -95,7 +95,7 @@ def build_layers(tissue: Floats, bounded: bool) -> list[TissueLayer]:
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments about m spheres for P positions of the probe.
+    """Moments of the strain about m spheres, per amplitude of each wave, for P positions of the probe.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Moments:
     pressed, sheared
         Moments under waves of pressure and of shear, k dk / 2 mu in them, shapes (m, P x moments, q).
     form, form_by_log
-        V K of eq. CF.13 on moments and its derivative by ln E of the sphere, shapes (m, moments, moments).
+        V K, the form of eq. CF.13 on moments, m^3 Pa, and its derivative by ln E of the sphere, shapes (m, moments, moments).
     """
 
     k: Floats
@@ -120,9 +120,9 @@ def compute_moments(draws: TumourDraws, positions: Floats, widest: float) -> Mom
     Parameters
     ----------
     draws
-        The spheres.
+        m spheres in their tissues.
     positions
-        x and y of the probe's axis, m, shape (P, 2).
+        x and y of the probe's axis at P positions, m, shape (P, 2).
     widest
         Outer radius of the widest probe, m.
     """
@@ -132,29 +132,38 @@ def compute_moments(draws: TumourDraws, positions: Floats, widest: float) -> Mom
     for layer in np.unique(draws.layers):
         which = np.flatnonzero(draws.layers == layer)
         layer_moments = _compute_layer_moments(draws.select(which), int(layer), k, weight)
+        # a wave about the probe's axis is a sum of waves about the sphere's, eq. CF.17
         for p in range(len(positions)):
-            share = shift_waves(np.broadcast_to(k, (len(which), len(k))), np.maximum(axis_distance[which, p], ON_AXIS))
-            kinds[:, which, p] = layer_moments * share
+            factors = shift_waves(np.broadcast_to(k, (len(which), len(k))), np.maximum(axis_distance[which, p], ON_AXIS))
+            kinds[:, which, p] = layer_moments * factors
     pressed, sheared = kinds.reshape(2, len(draws.radius), -1, len(k))
     modulus, poisson = draws.hosts
     volume = (4 * np.pi / 3 * draws.radius**3)[:, None, None]
-    whole, by_log = compute_strengths(modulus, poisson, draws.youngs_modulus, draws.poisson_ratio)
+    strengths, strengths_by_log = compute_strengths(modulus, poisson, draws.youngs_modulus, draws.poisson_ratio)
     return Moments(
-        k, pressed, sheared, volume * build_moment_form(*whole, ALL_MOMENTS), volume * build_moment_form(*by_log, ALL_MOMENTS)
+        k,
+        pressed,
+        sheared,
+        volume * build_moment_form(*strengths, ALL_MOMENTS),
+        volume * build_moment_form(*strengths_by_log, ALL_MOMENTS),
     )
 
 
 def _choose_wave_numbers(draws: TumourDraws, across: float) -> tuple[Floats, Floats]:
-    """Choose wave numbers, 1/m, and weights k dk for the shallowest sphere, within what the nodes resolve."""
-    way = np.maximum(draws.depth - 0.8 * draws.radius, MIN_PATH_RADII * draws.radius)
-    reach = min(INTEGRAL_REACH / float(way.min()), (MAX_WAVE_NUMBERS - 8) / (NODES_PER_WAVE * across))
-    share, weight = build_wave_rule(min(MAX_WAVE_NUMBERS, 2 * int(np.ceil((8 + NODES_PER_WAVE * reach * across) / 2))))
-    k = reach * share
+    """Choose wave numbers, 1/m, and weights k dk for the shallowest sphere, within what the nodes resolve; shapes (q,).
+
+    ``across`` is the largest distance of a load from a sphere's axis, m: shorter waves oscillate too fast over it.
+    """
+    shortest_path = np.maximum(draws.depth - 0.8 * draws.radius, MIN_PATH_RADII * draws.radius)
+    reach = min(INTEGRAL_REACH / float(shortest_path.min()), (MAX_WAVE_NUMBERS - 8) / (NODES_PER_WAVE * across))
+    factors, weight = build_wave_rule(min(MAX_WAVE_NUMBERS, 2 * int(np.ceil((8 + NODES_PER_WAVE * reach * across) / 2))))
+    k = reach * factors
     return k, k * reach * weight
 
 
 def _compute_layer_moments(draws: TumourDraws, layer: int, k: Floats, weight: Floats) -> Floats:
     """Compute moments about the axes of the spheres in one layer, times k dk / 2 mu, shape (2, m, moments, q)."""
+    # the third argument, the offset, is not used here: moments about the sphere's own axis do not depend on it
     sphere = SphereArray(
         draws.radius, draws.depth, draws.depth, draws.youngs_modulus, draws.poisson_ratio, on_axis=False, layer=layer
     )

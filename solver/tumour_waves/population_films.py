@@ -78,7 +78,19 @@ class ManyTumours:
     def from_draws(
         cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
     ) -> ManyTumours:
-        """Compute everything that does not depend on the probe."""
+        """Compute everything that does not depend on the probe.
+
+        Parameters
+        ----------
+        draws
+            The tumours.
+        positions
+            x and y of the probe's axis, m, shape (P, 2).
+        widest
+            Outer radius of the widest probe, m.
+        bonded, side, layer_nodes
+            See the class.
+        """
         return cls(draws, compute_moments(draws, positions, widest), bonded, side, layer_nodes)
 
     def compute_films(self, probes: Array) -> Films:
@@ -94,23 +106,27 @@ class ManyTumours:
 
     @property
     def _chunk(self) -> int:
+        """How many probes are solved at once."""
         return max(1, MOST_PAIRS // int(self.draws.tissues[0].shape[2]))
 
     def _compute_chunk(self, probes: Array) -> Films:
+        """Compute the film forces of a few probes, shape (9, n), on all tissues, in one evaluation on arrays."""
         tissues, tissue_of_draw = self.draws.tissues
         n, u = probes.shape[1], tissues.shape[2]
-        base = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n))
+        bare = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n))
         blocks = build_blocks(probes)
         k = np.repeat(self.moments.k[None], n, axis=0)
         kinds = transform_long_waves(blocks, k, self.bonded)
-        tractions = base.tractions.reshape(n, u, -1, 2)
+        tractions = bare.tractions.reshape(n, u, -1, 2)
         pressures = kinds[0].shape[2]
-        sent = [wave[:, None] @ part for wave, part in zip(kinds, np.split(tractions, [pressures], axis=2), strict=True)]
-        together = self._compute_moments(*sent)  # (m, P, moments, n, 2)
-        total = together.sum(axis=-1, keepdims=True)
+        # amplitudes of the waves that the tractions under each block's displacement send into each tissue, (n, u, q, 2)
+        amplitudes = [wave[:, None] @ part for wave, part in zip(kinds, np.split(tractions, [pressures], axis=2), strict=True)]
+        block_moments = self._compute_moments(*amplitudes)  # (m, P, moments, n, 2)
+        # M(t) of both blocks moved together; ``block_moments`` holds the M(t_i)
+        summed_moments = block_moments.sum(axis=-1, keepdims=True)
         forms = (self.moments.form, self.moments.form_by_log)
-        change, by_log = (np.moveaxis((_apply_forms(form, total) * together).sum(axis=2), 2, 0) for form in forms)
-        baseline = base.forces.sum(axis=2).reshape(n, u, 2)[:, tissue_of_draw]
+        change, by_log = (np.moveaxis((_apply_forms(form, summed_moments) * block_moments).sum(axis=2), 2, 0) for form in forms)
+        baseline = bare.forces.sum(axis=2).reshape(n, u, 2)[:, tissue_of_draw]
         return Films(baseline, change, by_log)
 
     def _solve_without_tumours(self, probes: Array, tissues: Floats) -> ContactSolution:
@@ -127,20 +143,26 @@ class ManyTumours:
         n = len(pressed)
         m, rows, _ = self.moments.pressed.shape
         moments: Any = 0.0
-        for kernel, sent in ((self.moments.pressed, pressed), (self.moments.sheared, sheared)):
-            columns = np.ascontiguousarray(np.moveaxis(sent, 0, 2)).reshape(sent.shape[1], sent.shape[2], -1)  # (u, q, 2 n)
+        for kernel, amplitudes in ((self.moments.pressed, pressed), (self.moments.sheared, sheared)):
+            columns = np.ascontiguousarray(np.moveaxis(amplitudes, 0, 2)).reshape(
+                amplitudes.shape[1], amplitudes.shape[2], -1
+            )  # (u, q, 2 n)
             moments = moments + _multiply_real(kernel, columns, self.draws.tissues[1])
         return moments.reshape(m, -1, self.moments.form.shape[1], n, 2) if rows else moments
 
 
 def _apply_forms(form: Floats, vectors: Array) -> Array:
-    """Multiply matrices (m, i, j) by vectors (m, P, j, n, 1)."""
+    """Multiply matrices (m, i, j) by vectors (m, P, j, n, 1), moments of m tumours, P positions and n probes."""
     m, P, size, n, _ = vectors.shape
     return _multiply_real(form[:, None], vectors.reshape(m, P, size, n), None).reshape(m, P, size, n, 1)
 
 
 def _multiply_real(real: Floats, columns: Array, which: Ints | None) -> Array:
-    """Multiply real matrices by columns, perhaps complex, as one real product; ``which`` selects the columns of each matrix."""
+    """Multiply real matrices (m, ..., i, j) by columns (u, ..., j, l), real or complex, as one real product.
+
+    ``which``, shape (m,), gives for each matrix the index of its columns among the u; None where each matrix has its own. A
+    complex number counts as two real columns, and a single set of columns (u = 1) allows one product for all matrices.
+    """
     parts = columns.view(float) if np.iscomplexobj(columns) else columns
     if which is not None and len(parts) == 1:
         product = (real.reshape(-1, real.shape[-1]) @ parts[0]).reshape(*real.shape[:-1], -1)
