@@ -56,7 +56,7 @@ class Stack:
         return sums
 
     def apply_transpose(self, sums: Floats) -> Floats:
-        """Apply the transpose of ``compute_sums``; shape (modes, k)."""
+        """Apply the transpose of ``compute_sums`` to sums of its shape; return shape (modes, k)."""
         return np.asarray(self._transposed @ sums.reshape(self.matrix.shape[0], -1))
 
     @cached_property
@@ -65,7 +65,10 @@ class Stack:
         return self.matrix.T.tocsr()
 
     def list_rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
-        """Return the rows (a, j, k) with harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
+        """Return which rows (a, j, k) have harmonics of the cosines' family, and which of the sines'; flat indices of these rows.
+
+        Rows are all combinations of components a, factors j and ``k`` fields. ``flat`` merges p = z into p = 1.
+        """
         if (flat, k) not in self._rows:
             filled = np.diff(self.matrix.indptr).reshape(self.components, FACTOR_COUNT, 2, -1).any(axis=-1)
             if flat:
@@ -98,7 +101,7 @@ class Table:
     points: Floats
 
     def evaluate(self, part: slice) -> Floats:
-        """Return the values at some of the points, shape (2 count, points)."""
+        """Return the values of all harmonics at some of the points, shape (2 count, points)."""
         if 2 * self.harmonics.count * len(self.points) > MAX_CACHED_VALUES:
             return self.harmonics.evaluate(self.points[part], self.side)
         return self._all_values[:, part]
@@ -172,7 +175,7 @@ class Sampler:
 
     @property
     def count(self) -> int:
-        """Number of its points."""
+        """Number n of the points of ``part``."""
         return int(self.part.stop - self.part.start)
 
     def _list_families(self, k: int) -> list[tuple[Any, slice]]:
@@ -183,7 +186,7 @@ class Sampler:
 
     @property
     def _blocks(self) -> Iterator[tuple[slice, Floats]]:
-        """Blocks of the part's points, and their harmonics."""
+        """Slices of the part's points, ``POINTS_PER_BLOCK`` at a time, with the values of the harmonics there."""
         for low in range(0, self.count, POINTS_PER_BLOCK):
             high = min(low + POINTS_PER_BLOCK, self.count)
             yield slice(low, high), self.table.evaluate(slice(self.part.start + low, self.part.start + high))

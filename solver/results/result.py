@@ -19,7 +19,10 @@ MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
 
 
 def combine_errors(error: float | None, change: float) -> float | None:
-    """Return a relative error with a further relative change on top; None where either is not known."""
+    """Return the relative error after a further relative change: (1 + error) (1 + change) - 1.
+
+    It is None where the error is None or the change infinite, that is unknown.
+    """
     return None if error is None or math.isinf(change) else math.expm1(math.log1p(error) + math.log1p(change))
 
 
@@ -63,7 +66,7 @@ class Decision:
 
     @classmethod
     def from_effect(cls, feature: str, modelled: bool, effect: Effect, tolerance: float, reason: str) -> Decision:
-        """Return the line for an effect; effects above ``MAX_EFFECT`` are cut to it."""
+        """Return the line of the plan for an effect; effects above ``MAX_EFFECT`` are cut to it."""
         ratio, stresses, stiffness = (min(change, MAX_EFFECT) for change in (effect.ratio, effect.stresses, effect.stiffness))
         return cls(feature, modelled, ratio, tolerance, reason, stresses, stiffness)
 
