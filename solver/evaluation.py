@@ -103,7 +103,7 @@ def evaluate(
 
 
 def find_doubts(scene: Scene) -> tuple[Note, ...]:
-    """Return a warning for each number of a scene that is probably a slip."""
+    """Return a warning for each number of a scene that is probably a mistake, such as a wrong unit."""
     return tuple(Note("doubt", text) for text in list_doubts(scene))
 
 
@@ -119,11 +119,11 @@ def _evaluate_by_name(scene: Scene, name: str, accuracy: float, tell: ProgressCa
     )
 
 
-P = TypeVar("P", "Result", "Plan", "LoadCurve")
+P = TypeVar("P", "Result", "Plan", "LoadCurve")  # what has load limits
 
 
 def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
-    """Return a result, plan or curve with the load limits computed by ``contact``, or with a warning why they are not."""
+    """Return a result, plan or load curve with load limits computed by ``contact``, or with a warning that says why not."""
     from solver.contact.evaluator import ContactEvaluator
     from solver.contact.load_curve import LoadEnds, find_load_ends
 
@@ -168,7 +168,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     Parameters
     ----------
     scene
-        Any, or the name of a scene file.
+        A scene of any kind, or the name of a scene file.
     accuracy
         Relative, on ratio, stresses and stiffness; above 0, below 1.
     solid

@@ -77,7 +77,7 @@ class FirstOrder:
         return form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain)
 
     def solve_adjoint(self, strengths: Strengths) -> Floats:
-        """Solve K l = G u for l of eq. EI.4, with G of given strengths; return its values in all n elements, shape (n, 2 s, 2)."""
+        """Solve K l = G u for l of eq. EI.4, with G of given strengths; return its values in n elements, (n, 2 s, 2)."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.compute_forms(self._corners)
         strain, dilation = self._evaluate_at_points(strain_form, dilation_form)
