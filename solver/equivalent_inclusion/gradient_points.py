@@ -31,19 +31,19 @@ class QuadraturePoints:
     Attributes
     ----------
     states
-        Whose elements they lie in.
+        Base states, in whose elements the points lie.
     tumour
         The number of each point's tumour, shape (q,).
     weight
-        Parts of the tumours' volumes, m^3, shape (q,).
+        Each point's part of its tumour's volume, m^3, shape (q,).
     element
-        In which they lie, shape (q,).
+        Number of the element in which each point lies, shape (q,).
     place
-        In its unit square, shape (q, 2).
+        Coordinates of each point in its element's unit square, shape (q, 2).
     r
-        Their radii, shape (q,).
+        Distances of the points from the axis, m, shape (q,).
     by_depth, by_log_diameter
-        How they move, (q, 2) each, along r and z.
+        Derivatives of r and z of the points with respect to the depth and to ln of the diameter, m, (q, 2) each.
     """
 
     states: BaseStates

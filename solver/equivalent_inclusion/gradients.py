@@ -45,11 +45,11 @@ class FirstOrder:
     states
         Base states without tumours.
     points
-        Of the tumours' quadratures.
+        Points of the tumours' quadratures.
     tumours
-        Shape (t,).
+        The tumours, arrays of shape (t,).
     target
-        The number of one, or None.
+        The number of the target among them, or None.
     strata
         The tissue's materials by depth.
     """

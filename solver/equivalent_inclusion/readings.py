@@ -40,20 +40,20 @@ class Readings:
     forces
         F_ij, force on film i per unit displacement of base j, N/m, shape (n, 2, 2).
     bound
-        On the error of each film's total, N/m, shape (n, 2).
+        Bound on the error of each film's total, N/m, shape (n, 2).
     log_ratio_bound
-        On the error of ln(ratio), shape (n,); inf where a total is below its own error.
+        Bound on the error of ln(ratio), shape (n,); inf where a total is below its own error.
     slope_bound
-        On the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
+        Bound on the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
     reflected
         Whether reflections were computed, shape (n,).
     first_share
         Bound on the error of ln(ratio) without reflections, shape (n,).
     first_totals
-        Of the forces to first order, N/m, shape (n, 2).
+        Totals of the film forces to first order, N/m, shape (n, 2).
     derivatives
-        Of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and depth, by
-        poisson_ratio, per m by offset from the probe's axis; all but the first only where requested.
+        Derivatives of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and
+        depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where requested.
     """
 
     areas: Floats

@@ -37,7 +37,7 @@ class Stack:
     matrix
         Coefficients of the harmonics per mode, sparse (a FACTORS 2 count, modes).
     harmonics, side
-        Of which they are sums.
+        The solid harmonics of which these are sums, regular or outgoing ones.
     """
 
     matrix: Any
@@ -91,9 +91,9 @@ class Table:
     Attributes
     ----------
     harmonics, side
-        which.
+        The harmonics, regular or outgoing ones.
     points
-        In units of the sphere's radius from its centre, shape (n, 3).
+        Points in units of the sphere's radius from its centre, shape (n, 3).
     """
 
     harmonics: SolidHarmonics
@@ -119,13 +119,13 @@ class Sampler:
     Attributes
     ----------
     stack
-        Of the components.
+        The sums of eq. IN.11 for the sampled components.
     table
-        With n points and more.
+        Harmonics at points, among them the n of this sampler.
     part
-        Which of them.
+        Slice of these n points in the table.
     flat
-        Whether they all have one z.
+        Whether the n points all have one z.
     """
 
     stack: Stack

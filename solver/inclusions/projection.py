@@ -79,7 +79,8 @@ def build_quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
 def _count_points(modes: Modes, oversample: int) -> tuple[int, int]:
     """Return the numbers of latitudes and longitudes that integrate products of a mode and a field exactly.
 
-    The field has degrees up to ``oversample`` above the modes'. On n points of the circle cos m phi sums to 0 unless n divides m.
+    The field has degrees up to ``oversample`` above the modes'. On n points of the circle cos m phi sums to 0 unless n divides m;
+    n longitudes of the half sphere count as 2 n, with their mirror images.
     """
     high = modes.degree + oversample
     longitudes = modes.order + high + 1 if modes.parity == "both" else (modes.order + high) // 2 + 1 if modes.order else 1

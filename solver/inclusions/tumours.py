@@ -24,15 +24,15 @@ class Tumours:
     Attributes
     ----------
     x, y
-        Of the centres from the probe's axis, m.
+        Coordinates of the centres from the probe's axis, m.
     depth
-        Of the centres under the surface, m.
+        Depths of the centres under the surface, m.
     diameter
-        m.
+        Diameters, m.
     youngs_modulus
-        Pa.
+        Young's moduli, Pa.
     poisson_ratio
-        Below 1/2.
+        Poisson's ratios, below 1/2.
     """
 
     x: Any
@@ -128,7 +128,7 @@ class Strata:
     interfaces
         Depths of the k interfaces, m, rising.
     materials
-        Of the k layers, and the tissue's own below them.
+        Materials of the k layers, and last that of the tissue below them.
     """
 
     interfaces: tuple[float, ...]

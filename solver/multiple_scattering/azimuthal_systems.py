@@ -144,7 +144,7 @@ class AzimuthalSystems:
 
     @property
     def bytes_per_order(self) -> float:
-        """Bytes for one order: the cached element matrices of three orders, and the size of one of them for its system."""
+        """Bytes for one order: the cached element matrices of three orders, and those of one more."""
         return 4.0 * 8 * len(self.model.mesh.body) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def assemble_order(self, m: int) -> Harmonic:

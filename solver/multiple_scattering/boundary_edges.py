@@ -57,11 +57,11 @@ class Boundary:
     Attributes
     ----------
     surface, side, floor
-        The tissue's own.
+        Edges of the layer's elements on the tissue's surface, side and floor.
     ends
-        The blocks', of the uppermost layer.
+        Edges of the blocks' elements on their ends, for the uppermost layer.
     above, below
-        Interfaces with the layers above and below it.
+        Edges of the layer's elements on the interfaces with the layers above and below it.
     """
 
     surface: Edges
@@ -106,7 +106,7 @@ def find_tissue_body(section: Section, layer: int) -> Body:
 def _find_edges(model: MeridianModel, axis: int, line: float, which: Bools) -> Edges:
     """Find the edges of the elements ``which`` on a line of constant label: of r for axis 0, of z for axis 1.
 
-    Labels are the integer coordinates of the mesh's lines; ``which`` is true for the elements considered, shape (elements,).
+    Labels are dimensionless coordinates of corners, equal along a line of the mesh; ``which`` is true for the elements considered, shape (elements,).
     """
     label, order = compute_labels(model.mesh), model.shapes.order
     x, weight = _compute_lobatto_rule(order + EXTRA_POINTS)
@@ -114,7 +114,7 @@ def _find_edges(model: MeridianModel, axis: int, line: float, which: Bools) -> E
     for number, (a, b) in enumerate(ELEMENT_SIDES):
         matching = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
         elements.append(matching)
-        # an element's functions: four of its corners, then p - 1 for each side in turn
+        # an element's functions are first those of its four corners, then p - 1 for each side in turn
         local = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])
         locals_.append(np.broadcast_to(local, (len(matching), order + 1)))
         starts.append(np.broadcast_to([a, b], (len(matching), 2)))

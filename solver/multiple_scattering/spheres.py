@@ -31,15 +31,15 @@ class ScatteringSphere:
     Attributes
     ----------
     centre
-        x, y and z, m, shape (3,).
+        Coordinates x, y and z of the centre, m, shape (3,).
     radius
-        m.
+        Radius, m.
     modes, projection
-        Modes, and the projection of displacements on its surface on them.
+        Modes, and the projection on them of displacements on the sphere's surface.
     matrix
-        The material about it.
+        The material about the sphere.
     layer
-        The number of the tissue's layer in which it lies.
+        The number of the tissue's layer in which it lies, from the surface downwards.
     """
 
     centre: Floats
@@ -148,7 +148,7 @@ def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres
     Images are the parts of the sphere's field that surface, floor and interfaces (walls) reflect back to it. For a sphere of
     radius R at a gap d from a wall the fraction is at most (1 + 2 d / R)^(-2 l). If they almost touch, that is close to 1 for any
     l, and another bound is lower. The field is reflected between sphere and wall again and again: after the k-th time a fraction
-    q^k of it is left, of which (k / (k + 1))^l has degrees above l. Works are squares of fields, so that the bound is
+    q^k of it is left, of which the part in degree l is (k / (k + 1))^l. Works are squares of fields, so that the bound is
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 

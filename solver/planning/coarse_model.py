@@ -182,9 +182,9 @@ class GapProfile:
     Attributes
     ----------
     heights
-        At the gap, m, rising; each row is one polynomial's, shape (k, PLACES).
+        Heights along the gap, m, rising; each row belongs to one polynomial, shape (k, places).
     nearing
-        By how much the walls near each other there per unit indentation, likewise.
+        By how much the walls approach each other at these heights per unit indentation, of the same shape.
     """
 
     heights: Floats

@@ -46,21 +46,21 @@ class Plan(LoadedRecord):
     Attributes
     ----------
     evaluator
-        With which ``auto`` begins; None where no evaluator takes the scene.
+        Name of the evaluator with which ``auto`` begins; None where no evaluator takes the scene.
     dimension
-        Of the model, in words.
+        Dimension of the evaluator's model, in words.
     scene
         The scene for that evaluator: without negligible inclusions.
     accuracy
-        Requested of that evaluator.
+        The accuracy requested of that evaluator.
     allowed
-        Its largest allowed error: what load and left-out inclusions leave of the accuracy; at least ``accuracy``.
+        Its largest allowed error: what load and left-out inclusions leave of the scene's accuracy; at least ``accuracy``.
     left_out
         Bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
     decisions
         One for each feature that could be left out.
     rule
-        For loads, see ``CoarseModel.build_rule``.
+        The rule for loads, see ``CoarseModel.build_rule``.
     load_limits
         Up to which load linear elasticity holds, by the rule or, where loads are requested, by ``contact``.
     warnings

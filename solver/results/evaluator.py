@@ -90,15 +90,15 @@ class FilmSolution:
     films
         Film forces with their errors, one for each modulus.
     residual
-        Relative, the largest of the linear systems solved; None where none is solved.
+        Largest relative residual of the linear systems solved; None where none is solved.
     plan
         Features that were modelled or left out.
     notes
         The evaluator's own warnings.
     stiffness
-        N/m, where it is not the sum of the film forces.
+        Force on the base per indentation, N/m, where it is not the sum of the film forces; else None.
     error_kind
-        Of the errors of ``films``.
+        Kind of the errors of ``films``: bounds or quantiles.
     """
 
     films: tuple[FilmForces, ...]

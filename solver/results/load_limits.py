@@ -23,17 +23,17 @@ class LargestLoad:
     Attributes
     ----------
     force
-        N.
+        Force, N.
     indentation
-        m, at that force.
+        Indentation at that force, m.
     by
-        Its cause: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain limit" or
-        "gap closure", above which nothing is known.
+        What limits the load: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it;
+        "strain limit" or "gap closure", above which nothing is known.
     question
         The statement, in words.
     known
-        "bound", by a conservative rule that is never above the true limit; "formulas", by that rule without a mesh; or "contact",
-        computed with finite strain and contact.
+        The method by which the load was determined: "bound", by a conservative rule that is never above the true limit;
+        "formulas", by that rule without a mesh; or "contact", computed with finite strain and contact.
     """
 
     force: float
