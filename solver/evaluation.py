@@ -55,7 +55,7 @@ def evaluate(
     scene
         Probe, tissue, tumours and load, or the name of a scene file.
     evaluator
-        Its name, or ``auto``: the cheapest evaluator that takes the scene and reaches the accuracy, one of ``axisymmetric``,
+        Name of an evaluator, or ``auto``: the cheapest that takes the scene and reaches the accuracy, one of ``axisymmetric``,
         ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
     accuracy
         Relative, on ratio, stresses and stiffness; above 0, below 1.
@@ -69,7 +69,7 @@ def evaluate(
     frequency
         Of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
     limits
-        Of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` sets others.
+        Limits of memory and time, by default those that ``geometry.common.resources.use_limits`` sets, or else 2 GB and 120 s.
 
     Raises
     ------
@@ -279,9 +279,9 @@ def curve(
     Parameters
     ----------
     scene
-        With one inclusion or a target among several, or the name of a scene file.
+        A scene with one inclusion or a target among several, or the name of a scene file.
     moduli
-        Shape (k,).
+        Young's moduli of the target, Pa, shape (k,).
     accuracy
         Relative, on every ratio; above 0, below 1.
     tell

@@ -20,7 +20,7 @@ def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Worksp
     Parameters
     ----------
     name
-        Its name.
+        The evaluator's name.
     tell
         Called with a line of text before each long piece of work; evaluators without any ignore it.
     workspace

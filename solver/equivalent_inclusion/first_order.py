@@ -51,8 +51,8 @@ class Effects:
     forces
         Eq. EI.1, shape (n, 2, 2).
     derivatives
-        Of ``forces`` with respect to quantities of the sphere, of the same shape: the logarithm of its youngs_modulus, and where
-        requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's axis, per m.
+        Derivatives of ``forces`` with respect to quantities of each sphere, shape (n, 2, 2): the logarithm of its youngs_modulus,
+        and where requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's axis, per m.
     """
 
     forces: Floats

@@ -243,7 +243,7 @@ def _build_outputs(
     Parameters
     ----------
     scene
-        For its load and the blocks' end areas.
+        The scene, of which load and end areas of the blocks are used.
     solution
         Film forces to first order.
     names

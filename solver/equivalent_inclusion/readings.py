@@ -150,7 +150,7 @@ def compute_readings(
     tumours
         Spheres, relative to the probe's axis.
     target
-        Which of the t tumours the derivatives refer to.
+        Number of the tumour among the t to which the derivatives refer.
     places
         Whether to compute the derivatives by depth, offset, diameter and Poisson's ratio too.
     progress

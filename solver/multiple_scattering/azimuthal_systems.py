@@ -131,9 +131,9 @@ class AzimuthalSystems:
     Attributes
     ----------
     model
-        The base states'.
+        The base states' model.
     interface
-        Between blocks and tissue.
+        How blocks and tissue are tied to each other: bonded or frictionless.
     boundary
         Elements with an edge on the tissue's boundary, shape (e,).
     """

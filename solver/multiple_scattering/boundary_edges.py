@@ -106,7 +106,8 @@ def find_tissue_body(section: Section, layer: int) -> Body:
 def _find_edges(model: MeridianModel, axis: int, line: float, which: Bools) -> Edges:
     """Find the edges of the elements ``which`` on a line of constant label: of r for axis 0, of z for axis 1.
 
-    Labels are dimensionless coordinates of corners, equal along a line of the mesh; ``which`` is true for the elements considered, shape (elements,).
+    Labels are dimensionless coordinates of corners, equal along a line of the mesh. ``which`` is true for elements that count,
+    shape (elements,).
     """
     label, order = compute_labels(model.mesh), model.shapes.order
     x, weight = _compute_lobatto_rule(order + EXTRA_POINTS)

@@ -51,7 +51,7 @@ class CloseExchange:
     field
         Locates points in the mesh.
     interface
-        Between blocks and tissue.
+        How blocks and tissue are tied to each other: bonded or frictionless.
     spheres
         The spheres.
     rounds

@@ -43,7 +43,7 @@ class Reflector:
     states
         Base states without a sphere.
     interface
-        Between blocks and tissue.
+        How blocks and tissue are tied to each other: bonded or frictionless.
     close
         Whether spheres may lie too close to the boundary for eq. MS.6, see ``close_exchange.py``.
     """

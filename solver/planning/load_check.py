@@ -43,7 +43,7 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     accuracy
         See ``find_largest_load``.
     promise
-        Likewise.
+        Whether the log-sensitivity has to be accurate too, see ``find_largest_load``.
     """
     limit = find_largest_load(rule, accuracy, promise)
     if _is_within(rule.compute_force(scene), limit):
@@ -61,9 +61,9 @@ def check_known_load(scene: Scene, rule: LoadRule) -> None:
     Parameters
     ----------
     scene
-        For its load.
+        The scene, for its load.
     rule
-        Of the scene.
+        The rule for loads on the scene.
     """
     if rule.is_known(rule.compute_force(scene)):
         return
@@ -94,15 +94,15 @@ def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: floa
     Parameters
     ----------
     result
-        Of the scene.
+        The linear result for the scene.
     scene
-        For its load.
+        The scene, for its load.
     rule
-        Of the scene.
+        The rule for loads on the scene.
     accuracy
         See ``find_largest_load``.
     promise
-        Likewise.
+        Whether the log-sensitivity has to be accurate too, see ``find_largest_load``.
     """
     result = result.add_error(rule.bound_ratio_change(rule.compute_force(scene)))
     result = replace(result, load_limits=build_limits(rule, accuracy, promise))
@@ -133,13 +133,13 @@ def add_load_warning(
     Parameters
     ----------
     result
-        Of the evaluator.
+        The evaluator's result.
     scene
-        Of the result.
+        The result's scene.
     accuracy
         See ``find_largest_load``.
     rule
-        Of the scene, where it is known.
+        The rule for loads on the scene, where it is known; else it is built.
     known
         How the rule's numbers were determined, see ``LargestLoad``.
     """

@@ -58,7 +58,7 @@ def compute_load_limits(scene: Scene, accuracy: float) -> LoadLimits:
     Parameters
     ----------
     scene
-        Its own load does not matter.
+        The scene; its own load does not matter.
     accuracy
         Relative, on ratio, stresses and stiffness; the log-sensitivity of a target has five times that.
 
@@ -76,7 +76,7 @@ def build_limits(rule: LoadRule, accuracy: float, promise: bool, known: Basis = 
     Parameters
     ----------
     rule
-        Of the scene.
+        The rule for loads on the scene.
     accuracy
         See ``compute_load_limits``.
     promise
@@ -126,10 +126,10 @@ def find_largest_load(rule: LoadRule, accuracy: float, promise: bool) -> Largest
     Parameters
     ----------
     rule
-        Of the scene.
+        The rule for loads on the scene.
     accuracy
         Relative, on ratio, stresses and stiffness.
     promise
-        Whether the log-sensitivity is promised too, to five times that.
+        Whether the log-sensitivity has to be accurate too, to five times that.
     """
     return rule.find_largest_load(LOAD_SHARE * accuracy, promise)

@@ -97,7 +97,7 @@ def bound_closure_force(scene: Scene, totals: Floats) -> float:
     Parameters
     ----------
     scene
-        Its load does not matter.
+        The scene; its load does not matter.
     totals
         Force on each film, inner and outer, per indentation, N/m, shape (2,).
     """
@@ -150,13 +150,13 @@ class LoadRule:
     Attributes
     ----------
     strain
-        x per indentation, 1/m: ``compute_tissue_strain`` and what the blocks' own strain adds.
+        x per indentation, 1/m: from ``compute_tissue_strain``, and what the blocks' own strain adds.
     stiffness
         Linear, force per indentation, N/m.
     closure
         Force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
     tilted
-        By how much a tilt lowers one side of the probe, m, which counts as indentation.
+        Distance by which a tilt lowers one side of the probe, m, which counts as indentation.
     covered
         Factor on the change of ratio, stresses and stiffness: eqs. PL.7 and PL.11, times eq. PL.10.
     films
@@ -181,7 +181,7 @@ class LoadRule:
         Parameters
         ----------
         scene
-            Its load does not matter.
+            The scene; its load does not matter.
         totals
             Force on each film, inner and outer, per indentation, N/m, shape (2,).
         closure

@@ -25,11 +25,11 @@ class Reduced:
     Attributes
     ----------
     scene
-        With a marked target, if the whole had one.
+        The reduced scene, with a marked target if the whole scene had one.
     decisions
-        One for each inclusion of the whole.
+        One decision for each inclusion of the whole scene.
     left_out
-        Bound on what those left out change together, relative.
+        Bound on the relative change by all inclusions left out together.
     """
 
     scene: Scene

@@ -62,11 +62,11 @@ class Plan(LoadedRecord):
     rule
         The rule for loads, see ``CoarseModel.build_rule``.
     load_limits
-        Up to which load linear elasticity holds, by the rule or, where loads are requested, by ``contact``.
+        Loads up to which linear elasticity holds, by the rule or, where loads are requested, by ``contact``.
     warnings
-        One line each.
+        Warnings, one line each.
     refusal
-        Why ``auto`` refuses the scene; None where an evaluator is named.
+        Error with which ``auto`` refuses the scene; None where an evaluator is named.
     """
 
     INTERNAL = ("scene", "accuracy", "allowed", "left_out", "rule", "refusal")

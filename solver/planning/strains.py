@@ -67,15 +67,15 @@ def compute_both_strains(
     tube_radius
         Outer radius of the probe, m; a float, an array or casadi.
     tissue
-        Of any shape.
+        The tissue, of any shape.
     interface
-        Of the blocks and the tissue.
+        Interface of the blocks and the tissue.
     added
-        By the blocks, eq. PL.3, 1/m; it counts k times.
+        What the blocks add to x per indentation, eq. PL.3, 1/m; for the ratio it counts k times.
     covered
-        k.
+        Factor k of eq. PL.7.
     law
-        s of eq. PL.12, which multiplies both.
+        Factor s of eq. PL.12, which multiplies both results.
     """
     deep, soft, plate = _compute_strains(tube_radius, tissue)
     bending = 1 + BENDING_COEFFICIENT * ((1 + PLATE_COEFFICIENT * plate) ** 0.5 - 1)
@@ -117,9 +117,9 @@ def compute_tissue_strain(tube_radius: Numeric, tissue: Tissue, interface: Inter
     tube_radius
         Outer radius of the probe, m; a float, an array or casadi.
     tissue
-        Of any shape.
+        The tissue, of any shape.
     interface
-        Of the blocks and the tissue.
+        Interface of the blocks and the tissue.
     """
     deep, soft, _ = _compute_strains(tube_radius, tissue)
     return _get_sliding_factor(interface) * (deep**2 + soft**2) ** 0.5
@@ -211,7 +211,7 @@ def compute_cancelling_factor(totals: Floats, areas: tuple[float, float]) -> flo
     totals
         Force on each film per indentation, N/m, shape (2,).
     areas
-        Of the films, m^2.
+        Areas of the films, m^2.
     """
     stresses = [abs(float(total)) / area for total, area in zip(totals, areas, strict=True)]
     mean, min_stress = abs(float(sum(totals))) / sum(areas), min(stresses)
@@ -260,13 +260,13 @@ def bound_nearing(
     Parameters
     ----------
     tissue
-        Of any shape.
+        The tissue, of any shape.
     radii
-        Of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
+        Radii of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
     strains
-        e of both blocks, 1/m.
+        Mean strains e of both blocks per indentation, 1/m.
     modulus
-        E_o of the tube, Pa.
+        Young's modulus E_o of the tube, Pa.
     """
     inner_radius, hole, tube_radius = radii
     wall = tube_radius - hole

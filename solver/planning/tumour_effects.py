@@ -26,7 +26,7 @@ def compute_tumour_effects(scene: Scene, base: Undisturbed) -> tuple[Tumours, Ef
     Parameters
     ----------
     scene
-        With tumours of any shape, each taken as a ball.
+        The scene, with tumours of any shape, each taken as a ball.
     base
         Base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model is moved into it.
 

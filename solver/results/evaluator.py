@@ -31,7 +31,7 @@ class Evaluator(Protocol):
     Attributes
     ----------
     name
-        As on the command line.
+        The name on the command line.
     summary
         One line for ``--help``: what it models, its usual error and cost.
     """
@@ -218,11 +218,11 @@ class OutOfReach(Refusal):
     name
         Name of the evaluator.
     scene, accuracy
-        Its arguments.
+        The arguments of its evaluation.
     reached
         The largest of its error bounds. At that accuracy the evaluator may refine less, and so miss it.
     stopped
-        Which limit of memory or time prevented a better result; empty where none did.
+        Text on the limit of memory or time that prevented a better result; empty where none did.
     allowed
         Text of the accuracy that would be accepted; by default made from ``reached``.
     """

@@ -33,11 +33,11 @@ class Bound:
     Attributes
     ----------
     totals
-        On each film's total force, N/m, >= 0, shape (2,).
+        Bound on the error of each film's total force, N/m, >= 0, shape (2,).
     log_ratio
-        On ln(ratio); equal relative errors of both films cancel in it.
+        Bound on the error of ln(ratio), in which equal relative errors of both films cancel.
     sum
-        On the force of both films together, N/m, where it is known better than as the sum of ``totals``.
+        Bound for the force of both films together, N/m, where it is below the sum of ``totals``; else None.
     """
 
     totals: Floats
@@ -68,7 +68,7 @@ class FilmForces:
     forces
         N/m, symmetric, shape (2, 2).
     bound
-        On the errors of the forces.
+        Bounds on the errors of the forces.
     modulus_derivative
         d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
     sensitivity_error
