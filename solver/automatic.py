@@ -76,9 +76,9 @@ def choose_evaluator(
     Parameters
     ----------
     scene
-        Any.
+        A scene of any kind.
     accuracy
-        As in ``evaluate``.
+        As in ``solver.evaluation.evaluate``.
     linear
         Likewise.
     tell
@@ -113,9 +113,9 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, coarse: Coar
     Parameters
     ----------
     scene
-        Any.
+        A scene of any kind.
     accuracy
-        As in ``evaluate``.
+        As in ``solver.evaluation.evaluate``.
     linear
         Likewise; the load is not checked then.
     coarse
@@ -138,7 +138,7 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, coarse: Coar
 
 
 def get_evaluator(name: str | None, tell: ProgressCallback | None) -> Evaluator:
-    """Return the evaluator that a plan names."""
+    """Return the evaluator of the name that a plan gives; None does not occur, as such plans are refused before."""
     assert name is not None  # build_allowed_plan has refused it
     return evaluator(name, tell)
 
@@ -146,7 +146,10 @@ def get_evaluator(name: str | None, tell: ProgressCallback | None) -> Evaluator:
 def _try_evaluators(
     scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None, *, coarse: CoarseModel | None, skip_sure: bool
 ) -> AutoChoice | list[FailedAttempt]:
-    """Return the first evaluator that reaches the accuracy, or the failed attempts of all."""
+    """Run evaluators in turn; return the choice of the first that reaches the accuracy, or the failed attempts of all.
+
+    Parameters: see ``choose_evaluator``.
+    """
     from solver.planning.plan import build_plan, find_next_evaluator
 
     planned, failures = build_allowed_plan(scene, accuracy, linear, coarse), list[FailedAttempt]()
@@ -167,7 +170,10 @@ def _try_evaluators(
 
 
 def _add_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
-    """Return the refusal of a load by ``contact``, with advice how to evaluate the scene linearly."""
+    """Return the refusal of a load; one by ``contact`` is completed with advice how to evaluate the scene linearly.
+
+    There is no such advice where only ``contact`` takes the scene, or where the refusal already contains it.
+    """
     from solver.planning.load_check import LINEAR_REMEDY
 
     if planned.evaluator != CONTACT or find_refusal(scene, ("contact",)) is not None or LINEAR_REMEDY in fault.allowed:
@@ -182,6 +188,7 @@ def _build_refusal(
     reached = best.compute_error(accuracy)
     reachable, name = _find_reachable_accuracy(scene, reached, linear, tell), fault.name
     advice = f"--evaluator {name} returns its result with its own error"
+    # the load's part of the error, at least: the accuracy that the evaluator's allowed error leaves
     load = 0.0 if linear else (1 + accuracy) / (1 + best.plan.allowed) - 1
     smaller_load, load_text = (
         (", or a smaller load", f", {load:.2g} of it by the load") if load > MIN_LOAD_SHARE_OF_ERROR * reached else ("", "")
@@ -193,15 +200,18 @@ def _build_refusal(
 
 
 def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, tell: ProgressCallback | None) -> str | None:
-    """Return an accuracy that some evaluator reaches, by trying: the effort of evaluators depends on the requested accuracy."""
+    """Return the text of an accuracy that some evaluator reaches, None if none below 1 is.
+
+    It is found by trying larger and larger ones, from ``reached`` on, as an evaluator's effort depends on the accuracy requested.
+    """
     for _ in range(MAX_ACCURACY_ATTEMPTS):
-        if not reached < 1:
+        if not reached < 1:  # NaN too
             return None
         text = format_minimum(reached, 2)
         try:
             outcome = _try_evaluators(scene, float(text), linear, tell, coarse=None, skip_sure=False)
         except LimitReached:
-            return text
+            return text  # out of time: the first suggestion has to do
         if isinstance(outcome, AutoChoice):
             return text
         reached = max(min(attempt.compute_error(float(text)) for attempt in outcome), MIN_ACCURACY_GROWTH * float(text))

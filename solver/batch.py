@@ -89,7 +89,7 @@ def evaluate_many(
         def complete(scene: Scene) -> ResultOrError:
             """Return the result of a scene with its provenance, or its error."""
             result = next(joint_results)
-            if result is None:
+            if result is None:  # it could not be computed together with others
                 return _catch_error(lambda: evaluate(scene, evaluator, accuracy, tell, linear=linear))
             if isinstance(result, ProbeError):
                 return result
@@ -104,7 +104,9 @@ def evaluate_together(
     """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
     request = _Request(evaluator, accuracy, tell, linear)
     if evaluator == CLOSED_FORM or (evaluator == AXISYMMETRIC and len(scenes) > 1):
-        return _evaluate_by_name(scenes, request)  # a single scene by formulas, too: its load limits are those of many
+        return _evaluate_by_name(
+            scenes, request
+        )  # closed-form also for a single scene, so that load limits are the same for many
     return _evaluate_shared_designs(scenes, request) if evaluator == evaluators.AUTO else [None] * len(scenes)
 
 
@@ -116,7 +118,7 @@ def _read_and_check(scene: Scene | Path | str) -> Scene:
 
 
 def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError | None]:
-    """Evaluate scenes with a batch evaluator, with warnings of loads beyond linear elasticity."""
+    """Evaluate scenes with the named evaluator, all at once, and warn of loads beyond linear elasticity."""
     from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
     film_evaluator, formulas = evaluators.evaluator(request.evaluator, request.tell), request.evaluator == CLOSED_FORM
@@ -137,7 +139,10 @@ def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[Result
 
 
 def _evaluate_shared_designs(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError | None]:
-    """Evaluate the scenes that share a design and for which the plan names ``axisymmetric``; None for the others."""
+    """Evaluate the scenes that share a design and for which the plan names ``axisymmetric``; None for the others.
+
+    Scenes of one design differ only in the target's modulus and the load.
+    """
     from solver.axisymmetric.shared_designs import get_design
 
     groups: dict[Scene, list[int]] = defaultdict(list)
@@ -159,7 +164,7 @@ def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator
     with use_limits(replace(get_limits(), seconds=len(scenes) * get_limits().seconds)), start_clock():
         coarse = _catch_error(lambda: CoarseModel.from_scene(scenes[0]))
         if isinstance(coarse, ProbeError):
-            return (None for _ in scenes)
+            return (None for _ in scenes)  # each alone raises the error
         plans = [_catch_error(partial(build_allowed_plan, scene, request.accuracy, request.linear, coarse)) for scene in scenes]
     shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
     film_evaluator = evaluators.evaluator(AXISYMMETRIC, request.tell)
@@ -180,13 +185,13 @@ def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator
                 solution.build_result(AXISYMMETRIC, plan.scene, seconds_each), scenes[k], request.accuracy, request.linear
             )
         )
-        return result if isinstance(result, Result) else None  # alone, another evaluator may answer
+        return result if isinstance(result, Result) else None  # evaluated alone, another evaluator may reach the accuracy
 
     return (complete(k) for k in range(len(scenes)))
 
 
 def _catch_error(make: Callable[[], T]) -> T | ProbeError:
-    """Return what a function makes, or the error that the toolkit raises on purpose."""
+    """Return what a function returns, or the ``ProbeError`` that it raises; other errors are raised further."""
     try:
         return make()
     except ProbeError as fault:

@@ -55,7 +55,7 @@ def evaluate(
     scene
         Probe, tissue, tumours and load, or the name of a scene file.
     evaluator
-        Its name, or ``auto``: the cheapest evaluator that takes the scene and reaches the accuracy, one of ``axisymmetric``,
+        Name of an evaluator, or ``auto``: the cheapest that takes the scene and reaches the accuracy, one of ``axisymmetric``,
         ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
     accuracy
         Relative, on ratio, stresses and stiffness; above 0, below 1.
@@ -69,7 +69,7 @@ def evaluate(
     frequency
         Of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
     limits
-        Of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` sets others.
+        Limits of memory and time, by default those that ``geometry.common.resources.use_limits`` sets, or else 2 GB and 120 s.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def evaluate(
 
 
 def find_doubts(scene: Scene) -> tuple[Note, ...]:
-    """Return a warning for each number of a scene that is probably a slip."""
+    """Return a warning for each number of a scene that is probably a mistake, such as a wrong unit."""
     return tuple(Note("doubt", text) for text in list_doubts(scene))
 
 
@@ -119,11 +119,11 @@ def _evaluate_by_name(scene: Scene, name: str, accuracy: float, tell: ProgressCa
     )
 
 
-P = TypeVar("P", "Result", "Plan", "LoadCurve")
+P = TypeVar("P", "Result", "Plan", "LoadCurve")  # what has load limits
 
 
 def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
-    """Return a result, plan or curve with the load limits computed by ``contact``, or with a warning why they are not."""
+    """Return a result, plan or load curve with load limits computed by ``contact``, or with a warning that says why not."""
     from solver.contact.evaluator import ContactEvaluator
     from solver.contact.load_curve import LoadEnds, find_load_ends
 
@@ -168,7 +168,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     Parameters
     ----------
     scene
-        Any, or the name of a scene file.
+        A scene of any kind, or the name of a scene file.
     accuracy
         Relative, on ratio, stresses and stiffness; above 0, below 1.
     solid
@@ -279,9 +279,9 @@ def curve(
     Parameters
     ----------
     scene
-        With one inclusion or a target among several, or the name of a scene file.
+        A scene with one inclusion or a target among several, or the name of a scene file.
     moduli
-        Shape (k,).
+        Young's moduli of the target, Pa, shape (k,).
     accuracy
         Relative, on every ratio; above 0, below 1.
     tell

@@ -15,14 +15,14 @@ EVALUATOR_NAMES = ("published", "closed-form", "equivalent-inclusion", "axisymme
 
 
 def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Workspace | None = None) -> Evaluator:
-    """Return the evaluator of that name; importing it only now keeps the start-up short.
+    """Return the evaluator of a given name; its module is imported only now, which keeps the start-up short.
 
     Parameters
     ----------
     name
-        Its name.
+        The evaluator's name.
     tell
-        Called with a line before each long piece of work, by those that have any.
+        Called with a line of text before each long piece of work; evaluators without any ignore it.
     workspace
         Where it keeps meshes and factors; by default the current one, usually the process's.
 

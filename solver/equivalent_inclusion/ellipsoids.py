@@ -33,13 +33,13 @@ class ShapeCorrection:
     Attributes
     ----------
     forces
-        Change of the film forces by the ellipsoid less that by the sphere.
+        Change of the film forces by the ellipsoid minus the change by the sphere.
     derivative
         Derivative of that with respect to ln E of the body.
     sphere_slope
         Derivative of the sphere's change with respect to ln E.
     relative_size
-        Of ``forces``, to the sphere's change.
+        Size of ``forces`` relative to the sphere's change of the film forces.
     ellipsoid_forces
         First-order change of the film forces by the ellipsoid.
     """
@@ -77,9 +77,9 @@ def check_ellipsoids(scene: Scene) -> None:
 
 
 def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) -> Readings:
-    """Correct one set's readings, computed with spheres of equal volumes, for a scene's ellipsoids.
+    """Correct one set's readings, computed with spheres of equal volumes, for a scene's ellipsoids; the error bounds grow.
 
-    To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
+    To first order the difference is the integral of eq. IN.1 over the ellipsoid minus eq. EI.1. Reflections stay the spheres'.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) 
             derivatives["youngs_modulus"] = derivatives["youngs_modulus"] + change.derivative
             target_slopes = np.abs(derivatives["youngs_modulus"][0].sum(axis=1))
             slope_bound[0] += margin * reflected_slopes + SATURATION_SHARE * target_slopes + reflection_change
-    only_tumours = bound - base.films.bound.totals
+    only_tumours = bound - base.films.bound.totals  # add_baseline_bounds adds them again, with the new forces
     corrected = replace(readings, forces=forces, bound=only_tumours, derivatives=derivatives, slope_bound=slope_bound)
     return corrected.add_baseline_bounds(base)
 
@@ -156,12 +156,12 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
 
 
 def _compute_cartesian_strain(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
-    """Return strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points, shape (q, 6, 2)."""
+    """Return strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points x, y, z, m, shape (q, 6, 2)."""
     r = np.hypot(x, y)
     strains = base.field.evaluate(r, z)
     cos, sin = (np.divide(part, r, out=np.full_like(r, limit), where=r > 0)[:, None] for part, limit in ((x, 1.0), (y, 0.0)))
     rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)
-    excess = (strains.dilation - rr - zz - hoop) / 3
+    excess = (strains.dilation - rr - zz - hoop) / 3  # the dilation is more accurate than the trace: it replaces that
     xx, yy = cos**2 * rr + sin**2 * hoop, sin**2 * rr + cos**2 * hoop
     normal = [part + excess for part in (xx, yy, zz)]
     return np.stack([*normal, 2 * sin * rz, 2 * cos * rz, 2 * cos * sin * (rr - hoop)], axis=1)

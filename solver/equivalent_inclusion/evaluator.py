@@ -51,7 +51,7 @@ class EquivalentInclusion(FilmEvaluator):
                 raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
             read = compute_readings(base, tumours.with_moduli(moduli, target), target, sensitive=True)
         films = tuple(build_film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
-        worst = int(np.argmax(read.max_error))
+        worst = int(np.argmax(read.max_error))  # the modulus with the largest error
         reached = films[0].compute_max_error(scene) if moduli is None else float(read.max_error[worst])
         notes = (*base.notes, *find_shortfalls(films[worst], reached, accuracy, base.stopped))
         return FilmSolution(films, base.residual, (*base.plan, *_decide_reflections(base, read, worst)), notes)
@@ -89,7 +89,7 @@ class EquivalentInclusion(FilmEvaluator):
 
 
 def build_film_forces(read: Readings, k: int, target: bool) -> FilmForces:
-    """Build one set's film forces with their error bounds."""
+    """Build the film forces of set k with their error bounds; ``target`` says whether there is a log-sensitivity."""
     bound = Bound(read.bound[k], float(read.log_ratio_bound[k]))
     if not target:
         return FilmForces(read.forces[k], bound)
@@ -97,10 +97,10 @@ def build_film_forces(read: Readings, k: int, target: bool) -> FilmForces:
 
 
 def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decision]:
-    """Return the decision on reflections of the tumours' fields."""
+    """Return the decision on reflections of the tumours' fields in set k; none without tumours."""
     if not read.derivatives:
         return []
-    effect = float(min(read.first_share[k], 1e9))
+    effect = float(min(read.first_share[k], 1e9))  # may be infinite
     size = f"changes the ratio by at most about {effect:.2g}"
     modelled = bool(read.reflected[k])
     reason = f"modelled: {size}" if modelled else f"left out: {size}, counted in error_estimate"

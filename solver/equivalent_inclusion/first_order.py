@@ -51,8 +51,8 @@ class Effects:
     forces
         Eq. EI.1, shape (n, 2, 2).
     derivatives
-        Of ``forces`` with respect to quantities of the sphere, of the same shape: the logarithm of its youngs_modulus, and where
-        requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's axis, per m.
+        Derivatives of ``forces`` with respect to quantities of each sphere, shape (n, 2, 2): the logarithm of its youngs_modulus,
+        and where requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's axis, per m.
     """
 
     forces: Floats
@@ -60,16 +60,16 @@ class Effects:
 
 
 def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tumours, places: bool = False) -> Effects:
-    """Compute the first-order effect of each of n spheres (arrays of shape (n,)).
+    """Compute the first-order effect of each of n spheres on the film forces, with its derivatives.
 
     Parameters
     ----------
     energies
-        Of the base states.
+        Strain products of the base states.
     hosts
-        The material about them, one for all or each its own.
+        The tissue's material about the spheres: one for all, or each sphere's own in arrays (n,).
     tumours
-        The spheres.
+        The spheres, arrays of shape (n,).
     places
         Whether to compute all derivatives and not only that with respect to Young's modulus.
 
@@ -99,12 +99,18 @@ def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tu
 
 
 def _combine_products(products: Floats, volume: Floats, shear: Floats) -> Floats:
-    """Return k_v times the first three plus k_d times the last three of six products (n, 6) as symmetric matrices (n, 2, 2)."""
+    """Combine strain products as in eq. EI.1 to symmetric matrices, shape (n, 2, 2).
+
+    Of the six ``products``, (n, 6), the three of traces are times ``volume``, k_v, the three of deviators times ``shear``, k_d.
+    """
     return np.asarray((volume[:, None] * products[:, :3] + shear[:, None] * products[:, 3:])[:, PAIR_INDEX])
 
 
 def _integrate_products(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
-    """Sum the six strain products over points (q, 3) of the unit ball with columns of weights (q, w); returns w arrays (n, 6)."""
+    """Sum the six strain products over the points of n spheres with weights; return one array (n, 6) for each column of these.
+
+    ``points``, (q, 3), lie in the unit ball; ``weights`` have w columns, (q, w).
+    """
     n = len(tumours.x)
     integrals = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
@@ -124,9 +130,9 @@ def _integrate_products(energies: Energies, tumours: Tumours, points: Floats, we
 
 @lru_cache(maxsize=8)
 def build_half_ball(radial_points: int, height: int, around: int) -> tuple[Floats, Floats]:
-    """Build points in the half y > 0 of the unit ball, x away from the axis, z up, with weights that add up to 1, (q, 1)."""
+    """Build points (q, 3) in the half y > 0 of the unit ball, x away from the axis, z up, and weights (q, 1) that add up to 1."""
     surface, surface_weights = _build_half_sphere(height, around)
-    radius, weight = roots_jacobi(radial_points, 0, 2)
+    radius, weight = roots_jacobi(radial_points, 0, 2)  # with the weight r^2 of the volume
     radius, weight = (1 + radius) / 2, weight / weight.sum()
     return (radius[:, None, None] * surface).reshape(-1, 3), np.outer(weight, surface_weights[:, 0]).reshape(-1, 1)
 
@@ -139,7 +145,10 @@ def build_whole_ball(radial_points: int, height: int, around: int) -> tuple[Floa
 
 @lru_cache(maxsize=8)
 def _build_half_sphere(height: int, around: int) -> tuple[Floats, Floats]:
-    """Build points on the half y > 0 of the unit sphere, with weights for the means of a function, of z and x times it."""
+    """Build points (q, 3) on the half y > 0 of the unit sphere, with weights (q, 3) for three means over it.
+
+    The means are those of a function f, of z f and of x f.
+    """
     heights, weights = leggauss(height)
     points = place_on_sphere(heights, (np.arange(around) + 0.5) * np.pi / around)
     point_weights = np.repeat(weights / 2, around) / around
@@ -175,10 +184,11 @@ def estimate_reflection(base: Undisturbed, tumours: Tumours) -> Floats:
     alpha = (1 + nu) / (3 * (1 - nu))
     relative_strength = (
         np.abs(sphere_strength.shear) / (hosts.two_mu * REFERENCE_STRENGTH) + np.abs(sphere_strength.volume) * (1 - alpha) / bulk
-    )  # of a hole: 0.85 + 1
+    )  # shear and volume; of a hole 0.85 + 1
     radius = tumours.diameter / 2
     section = base.field.states.model.section
     floor_distance, side_distance = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
+    # a field falls off with the cube of the distance
     proximity = sum((radius / np.maximum(distance, radius)) ** 3 for distance in (tumours.depth, floor_distance, side_distance))
     return np.asarray(
         SURFACE_REFLECTION_FACTOR
@@ -188,14 +198,20 @@ def estimate_reflection(base: Undisturbed, tumours: Tumours) -> Floats:
 
 
 def _sum_interface_reflections(strata: Strata, tumours: Tumours, radius: Floats) -> Floats:
-    """Sum the reflections of interfaces between layers: each is that of a surface times the contrast of both sides."""
+    """Sum the reflections of each tumour's field by interfaces between layers, (n, t), in the unit of ``proximity``.
+
+    Each is the reflection by a surface at that depth, times the contrast of the materials on both sides.
+    """
     pairs = zip(strata.interfaces, strata.contrasts, strict=True)
     reflections = [contrast * (radius / np.maximum(np.abs(tumours.depth - depth), radius)) ** 3 for depth, contrast in pairs]
     return np.asarray(sum(reflections, np.zeros(tumours.shape)))
 
 
 def _sum_neighbour_reflections(tumours: Tumours, radius: Floats) -> Floats:
-    """Sum the reflections of other tumours, one tumour against all at a time to limit memory."""
+    """Sum the reflections of each tumour's field by the other tumours of its set, (n, t), in the unit of ``proximity``.
+
+    One tumour at a time is compared with all, to limit memory.
+    """
     places, n, t = np.stack([tumours.x, tumours.y, tumours.depth]), *tumours.shape
     reflections = np.zeros((n, t))
     for i in range(t if t > 1 else 0):

@@ -31,19 +31,19 @@ class QuadraturePoints:
     Attributes
     ----------
     states
-        Whose elements they lie in.
+        Base states, in whose elements the points lie.
     tumour
         The number of each point's tumour, shape (q,).
     weight
-        Parts of the tumours' volumes, m^3, shape (q,).
+        Each point's part of its tumour's volume, m^3, shape (q,).
     element
-        In which they lie, shape (q,).
+        Number of the element in which each point lies, shape (q,).
     place
-        In its unit square, shape (q, 2).
+        Coordinates of each point in its element's unit square, shape (q, 2).
     r
-        Their radii, shape (q,).
+        Distances of the points from the axis, m, shape (q,).
     by_depth, by_log_diameter
-        How they move, (q, 2) each, along r and z.
+        Derivatives of r and z of the points with respect to the depth and to ln of the diameter, m, (q, 2) each.
     """
 
     states: BaseStates
@@ -62,6 +62,7 @@ class QuadraturePoints:
         radius = tumours.diameter[:, None] / 2
         x, y, height = (radius * ball[:, k] for k in range(3))
         r, z = np.hypot(tumours.offset[:, None] + x, y), height - tumours.depth[:, None]
+        # d (r, z) / d ln diameter
         growth = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, height], axis=-1)
         element, place, _ = TissueField(states).locate(np.stack([r.ravel(), z.ravel()], axis=1))
         weight = (4 / 3 * np.pi * radius**3 * ball_weights[:, 0]).ravel()
@@ -85,7 +86,7 @@ class QuadraturePoints:
 
     @property
     def row(self) -> Ints:
-        """Place of each point's element among ``elements``."""
+        """Index of each point's element in ``elements``, shape (q,)."""
         return np.searchsorted(self.elements, self.element)
 
     def compute_corners(self, section: Any) -> Any:
@@ -93,16 +94,19 @@ class QuadraturePoints:
         return compute_nodes(section, self.states.model.mesh, UNIT_SQUARE, self.elements)
 
     def compute_forms(self, corners: Any, moved: Any = 0.0) -> tuple[Any, Any]:
-        """Return strains rr, zz, hoop and rz, (q, 4, 2, s), and dilation, (q, 2, s), per own value of each point's element.
+        """Return the matrices from an element's own values to the strains rr, zz, hoop and rz and to the dilation at each point.
+
+        Their shapes are (q, 4, 2, s) and (q, 2, s): 2 components, r and z, with s functions each.
 
         Parameters
         ----------
         corners
-            Of ``elements``, (e, 4, 2).
+            Corners of ``elements``, (e, 4, 2), perhaps with imaginary parts; the points stay where they are in space.
         moved
             By how much the points moved, (q, 2), small and imaginary in derivatives.
         """
         model, point_corners = self.states.model, corners[self.row]
+        # one Newton step finds the place in the moved element: exact to first order, as complex steps need
         real_corners = np.real(point_corners)
         offset = (
             np.real(compute_bilinear_shares(self.place)[:, None] @ real_corners)[:, 0]
@@ -112,10 +116,10 @@ class QuadraturePoints:
         place = self.place + np.linalg.solve(compute_jacobian(real_corners, self.place), offset[..., None])[..., 0]
         r = self.r + np.broadcast_to(moved, (len(self.r), 2))[:, 0]
         value, derivative = evaluate_functions(place, model.shapes.degrees)
-        by_r, by_z = np.einsum("kqs,qkj->jqs", derivative, np.linalg.inv(compute_jacobian(point_corners, place)))
+        d_r, d_z = np.einsum("kqs,qkj->jqs", derivative, np.linalg.inv(compute_jacobian(point_corners, place)))
         strain = np.zeros((len(r), 4, 2, value.shape[1]), dtype=value.dtype)
-        strain[:, 0, 0], strain[:, 1, 1], strain[:, 2, 0] = by_r, by_z, value / r[:, None]
-        strain[:, 3, 0], strain[:, 3, 1] = by_z / 2, by_r / 2
+        strain[:, 0, 0], strain[:, 1, 1], strain[:, 2, 0] = d_r, d_z, value / r[:, None]
+        strain[:, 3, 0], strain[:, 3, 1] = d_z / 2, d_r / 2
         table = compute_dilations(_build_geometry(model.shapes, corners), model.shapes)[:, :, ::2]
         return strain, np.einsum("qk,qkcs->qcs", evaluate_pressures(place, model.shapes.order), table[self.row])
 

@@ -45,11 +45,11 @@ class FirstOrder:
     states
         Base states without tumours.
     points
-        Of the tumours' quadratures.
+        Points of the tumours' quadratures.
     tumours
-        Shape (t,).
+        The tumours, arrays of shape (t,).
     target
-        The number of one, or None.
+        The number of the target among them, or None.
     strata
         The tissue's materials by depth.
     """
@@ -61,7 +61,7 @@ class FirstOrder:
     strata: Strata
 
     def compute_share(self, body: Body) -> Any:
-        """Return 1 for the tumours that lie in a body of the tissue, 0 for the others, shape (t,)."""
+        """Return 1.0 for the tumours that lie in a body of the tissue (a layer, or what is below all), else 0.0, shape (t,)."""
         layers = len(self.strata.interfaces)
         number = layers if body == Body.TISSUE else LAYERS.index(body) if body in LAYERS[:layers] else -1
         return 1.0 * (self.strata.find_layer(self.tumours.depth) == number)
@@ -77,7 +77,7 @@ class FirstOrder:
         return form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain)
 
     def solve_adjoint(self, strengths: Strengths) -> Floats:
-        """Solve for l of eq. EI.4; return its values in all elements, shape (n, 2 s, 2)."""
+        """Solve K l = G u for l of eq. EI.4, with G of given strengths; return its values in n elements, (n, 2 s, 2)."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.compute_forms(self._corners)
         strain, dilation = self._evaluate_at_points(strain_form, dilation_form)
@@ -124,7 +124,11 @@ class FirstOrder:
 
 
 def _solve_loads(model: MeridianModel, elements: Any, loads: Floats) -> Floats:
-    """Solve for displacements under loads (e, 2, s, k) on some elements, supported as the base states are; (n, 2 s, k)."""
+    """Solve for displacements under loads on e elements, with the base states' supports.
+
+    ``loads`` are on 2 components of s functions, (e, 2, s, k). Returns the values in all n elements, (n, 2 s, k). Loads inside
+    elements are condensed to their edges first; what these loads alone move inside is added at the end.
+    """
     count, _, s, k = loads.shape
     edge = model.shapes.skeleton
     inside = loads[:, :, edge:].reshape(count, -1, k)
@@ -183,7 +187,10 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
 
 
 def _differentiate_by_section(solution: FirstOrder) -> Floats:
-    """Return derivatives of the films' totals and of their derivatives by the section's variables, eq. EI.4, shape (v, 2, 2)."""
+    """Return derivatives with respect to the section's v variables by eq. EI.4, shape (v, 2, 2).
+
+    The second index is 0 for the films' totals and 1 for their derivatives with respect to ln E of the target, the last the film.
+    """
     model, element_values = solution.states.model, solution.states.values
     basis = np.concatenate([element_values, *(solution.solve_adjoint(k) for k in solution.compute_strengths())], axis=-1)
     unit_states = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
@@ -195,7 +202,7 @@ def _differentiate_by_section(solution: FirstOrder) -> Floats:
 
 
 def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
-    """Return u^T dG u and u^T dG' u by one of the section's variables with the states' own values fixed, shape (2, 2, 2)."""
+    """Return the derivatives of u^T G u and u^T G' u with respect to a variable of the section at fixed u, shape (2, 2, 2)."""
     section, hosts = solution.states.model.section, solution.strata.find_hosts(solution.tumours.depth)
     for body in TISSUES:
         step = 1j * COMPLEX_STEP * solution.compute_share(body)
@@ -210,7 +217,7 @@ def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
 
 
 def _differentiate_by_tumour(solution: FirstOrder, quantity: str) -> Floats:
-    """Return derivatives of u^T G u and u^T G' u by a quantity of the only tumour, shape (2, 2, 2)."""
+    """Return the derivatives of u^T G u and u^T G' u with respect to a quantity of the only tumour, shape (2, 2, 2)."""
     points, tumours, step = solution.points, solution.tumours, 1j * COMPLEX_STEP
     if quantity == "youngs_modulus":
         by_log_modulus = _extract_derivative(solution.compute_forms(youngs_modulus=tumours.youngs_modulus * (1 + step)))
@@ -224,18 +231,35 @@ def _differentiate_by_tumour(solution: FirstOrder, quantity: str) -> Floats:
 
 
 def _extract_derivative(values: Any) -> Floats:
-    """Return the derivative from values at a complex step."""
+    """Return the derivative of a function from its ``values`` at a step of i times ``COMPLEX_STEP``."""
     return np.asarray(np.imag(values) / COMPLEX_STEP)
 
 
 def _build_outputs(
     scene: Scene, solution: FirstOrder, names: tuple[str, ...], *, now: Floats, changes: Floats, chain: Floats
 ) -> Gradients:
-    """Convert forces and derivatives (2, 2, 2) and their totals' derivatives (n, 2, 2) to the outputs and their derivatives."""
+    """Convert film forces and their derivatives to the outputs and the outputs' derivatives with respect to n variables.
+
+    Parameters
+    ----------
+    scene
+        The scene, of which load and end areas of the blocks are used.
+    solution
+        Film forces to first order.
+    names
+        Names of the variables.
+    now
+        Film forces, and their derivatives with respect to ln E of the target, shape (2, 2, 2).
+    changes
+        Derivatives of the totals of ``now`` with respect to the variables, shape (n, 2, 2).
+    chain
+        Derivatives of the section's variables with respect to these, shape (n, v).
+    """
     totals, derivatives = now.sum(axis=2)
+    # logarithmic derivatives of the totals and of the stiffness
     logs, stiffness = changes[:, 0] / totals, changes[:, 0].sum(axis=1) / totals.sum()
     stress = logs - chain @ differentiate_areas(scene, solution.states.model)
-    if scene.load.indentation is None:
+    if scene.load.indentation is None:  # at a given force a stiffer scene is indented less
         stress = stress - stiffness[:, None]
     sensitivity = derivatives / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs

@@ -95,12 +95,14 @@ class ProbeAlone:
         )
 
     def compute_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
-        """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
+        """Return bounds on the errors of each film's total, N/m, (n, 2), and of ln(ratio), (n,), for n sets of tumours.
 
-        The latter is inf where a total is below its own error.
+        ``bound``, (n, 2), bounds the errors of the totals' changes by tumours, ``forces``, (n, 2, 2), are the film forces with
+        tumours. The bound on ln(ratio) is inf where a total is below its own error.
         """
         films, totals = self.films, np.abs(forces.sum(axis=2))
         total_bounds = bound + films.bound.totals
+        # sets with a total below its error; their fractions would have no logarithm
         buried = np.any(total_bounds >= totals, axis=1)
         tumour_share = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
         log_ratio = films.bound.log_ratio - np.log1p(-tumour_share).sum(axis=1)
@@ -116,7 +118,7 @@ class Undisturbed(ProbeAlone):
     energies
         Strain products of the base states, on another mesh than film forces.
     nearest_error
-        Relative error of the effects of near tumours that follow from them.
+        Relative error, by the mesh of the strains, of the effect of a tumour close to the probe.
     """
 
     energies: Energies
@@ -139,19 +141,19 @@ class Undisturbed(ProbeAlone):
         return self.energies.field
 
     def bound_field_error(self, tumours: Tumours) -> Floats:
-        """Bound the relative error of each tumour's effect by the mesh; cells grow with the distance from the probe."""
+        """Bound the relative error of each tumour's effect due to the mesh, whose cells grow with the distance from the probe."""
         far = (tumours.offset**2 + tumours.depth**2) / self.field.states.model.section.tube_radius**2
         return np.asarray(self.nearest_error * (1 + far))
 
     def bound_reflection_error(self, tumours: Tumours) -> Floats:
-        """Bound the error of each tumour's reflection by the mesh, as a fraction of its effect: the mesh is not refined at it."""
+        """Bound the error of each tumour's reflection due to the mesh, not refined at the tumour, relative to its effect."""
         depth = tumours.depth / self.field.states.model.section.tube_radius
         error = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
         mesh_error = np.minimum(0.1, error) * (tumours.diameter / 2 / tumours.depth) ** 3
         return np.asarray(mesh_error + REFLECTION_ERROR * self._is_ordinary(tumours))
 
     def choose_reflector(self, tumours: Tumours) -> Reflector:
-        """Return the model that reflects fields scattered by one set of tumours; coarse where no tumour is near to a boundary."""
+        """Return the boundary that reflects the fields of one set of tumours: a coarse model where no tumour is near it."""
         return self._coarse_reflector if self._is_ordinary(tumours) else self._fine_reflector
 
     def _is_ordinary(self, tumours: Tumours) -> bool:
@@ -172,12 +174,14 @@ class Undisturbed(ProbeAlone):
     @cached_property
     def _coarse_reflector(self) -> Reflector:
         """Reflecting boundary on a coarse mesh, for ordinary tumours."""
-        fine, interface = self.field.states.model, get_tied_interface(self.scene)
+        fine, interface = self.field.states.model, get_tied_interface(self.scene)  # the model on the mesh of the strains
         fineness = _refine_in_layers(REFLECTION_FINENESS, fine.section)
         return Reflector(solve_base_states(build_model(fine.section, fine.materials, interface, fineness)), interface)
 
     def move_inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
-        """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
+        """Move tumours that extend beyond the modelled cylinder of tissue to its side or floor.
+
+        Returns all tumours, and for each whether it was moved.
 
         Tissue in a block, or not centred under the probe, is a cylinder of the same area, and a half-space ends somewhere: a
         tumour may lie beyond it. At the new position its effect is larger, as strains decay with distance.
@@ -188,6 +192,7 @@ class Undisturbed(ProbeAlone):
             A sphere larger than the modelled tissue.
         """
         section, radius = self.field.states.model.section, tumours.diameter / 2
+        # offset and depth of a centre up to which its sphere is inside, less a rounding margin
         widest, deepest = ((size - radius) * (1 - 1e-6) for size in (section.tissue_radius, section.tissue_depth))
         if np.any(widest <= 0) or np.any(deepest <= radius):
             largest = min(section.tissue_radius, section.tissue_depth / 2 * (1 - 1e-6))
@@ -199,7 +204,7 @@ class Undisturbed(ProbeAlone):
 
 
 def solve_undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
-    """Solve the base states of a scene's probe on its tissue; the latest are cached, see ``solver.linalg.workspace``.
+    """Solve the base states of a scene's probe on its tissue without tumours; the latest are cached in the workspace.
 
     The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
 
@@ -246,9 +251,9 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     Parameters
     ----------
     base
-        Of the same probe on the tissue before.
+        Solution of the same probe on the previous tissue.
     scene
-        With the other tissue, of the same number of layers.
+        The scene with the other tissue, which has the same number of layers.
 
     Raises
     ------
@@ -267,13 +272,13 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
 
 @keep_within_limits
 def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
-    """Solve base states of a scene without tumours; the finer mesh is used where a tumour will be shallow."""
+    """Solve the base states of a scene without tumours; ``shallow`` says that one will be shallow, which needs the finer mesh."""
     fine, films = int(accuracy < FINE_MESH_ACCURACY or shallow), _solve_alone(scene, accuracy)
     with _refuse_unsolvable():
         section = _truncate_half_space(scene, films.section)
         fineness = _refine_in_layers(FIELD_FINENESSES[fine], section)
         states = solve_base_states(build_model(section, films.materials, get_tied_interface(scene), fineness))
-    get_workspace().begin()  # what it took to get here may go
+    get_workspace().begin()  # what was needed only on the way may be dropped
     return Undisturbed.from_states(films, states, FIELD_ERRORS[fine])
 
 
@@ -286,7 +291,7 @@ def _solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
 
 @contextmanager
 def _refuse_unsolvable() -> Iterator[None]:
-    """Run with one thread, and turn a ``SolveError`` into a ``Refusal``."""
+    """Run the block of a ``with`` statement in one thread, and convert a ``SolveError`` to a ``Refusal``."""
     with threadpool_limits(1, user_api="blas"):
         try:
             yield
@@ -301,7 +306,7 @@ def _refine_in_layers(fineness: MeridianFineness, section: Section) -> MeridianF
 
 
 def _truncate_half_space(scene: Scene, section: Section) -> Section:
-    """Return the section for strains: a half-space is truncated where its end shifts the tissue but strains it little."""
+    """Return the section for the mesh of the strains: a half-space ends so far away that this hardly changes the strains."""
     if scene.tissue.shape != "half-space":
         return section
     far = max(HALF_SPACE_END_OUTER_RADII * section.tube_radius, 2 * max(section.interfaces, default=0.0))

@@ -40,20 +40,20 @@ class Readings:
     forces
         F_ij, force on film i per unit displacement of base j, N/m, shape (n, 2, 2).
     bound
-        On the error of each film's total, N/m, shape (n, 2).
+        Bound on the error of each film's total, N/m, shape (n, 2).
     log_ratio_bound
-        On the error of ln(ratio), shape (n,); inf where a total is below its own error.
+        Bound on the error of ln(ratio), shape (n,); inf where a total is below its own error.
     slope_bound
-        On the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
+        Bound on the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
     reflected
         Whether reflections were computed, shape (n,).
     first_share
         Bound on the error of ln(ratio) without reflections, shape (n,).
     first_totals
-        Of the forces to first order, N/m, shape (n, 2).
+        Totals of the film forces to first order, N/m, shape (n, 2).
     derivatives
-        Of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and depth, by
-        poisson_ratio, per m by offset from the probe's axis; all but the first only where requested.
+        Derivatives of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and
+        depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where requested.
     """
 
     areas: Floats
@@ -67,7 +67,7 @@ class Readings:
     derivatives: dict[str, Floats] = field(default_factory=dict)
 
     def add_baseline_bounds(self, base: Undisturbed) -> Readings:
-        """Add the error bounds without tumours to those of the tumours' effects."""
+        """Return the readings with the error bounds of the film forces without tumours added to those of the tumours' effects."""
         bound, log_ratio = base.compute_bounds(self.bound, self.forces)
         return replace(self, bound=bound, log_ratio_bound=log_ratio)
 
@@ -96,12 +96,12 @@ class Readings:
     @property
     def error_estimate(self) -> Floats:
         """Bound on the relative error of ``ratio``, shape (n,)."""
-        return np.asarray(np.expm1(np.minimum(self.log_ratio_bound, 700.0)))
+        return np.asarray(np.expm1(np.minimum(self.log_ratio_bound, 700.0)))  # exp(710) would overflow
 
     @property
     def max_error(self) -> Floats:
         """Largest bound on the relative error of the ratio and of both stresses, shape (n,)."""
-        stresses = (self.bound / np.maximum(np.abs(self.totals), 1e-300)).max(axis=1)
+        stresses = (self.bound / np.maximum(np.abs(self.totals), 1e-300)).max(axis=1)  # 1e-300 avoids a division by zero
         return np.asarray(np.maximum(self.error_estimate, stresses))
 
     def compute_log_ratio_derivative(self, key: str) -> Floats:
@@ -122,7 +122,7 @@ class Readings:
     @property
     def sensitivity_error(self) -> Floats:
         """Bound on the absolute error of ``log_sensitivity``, shape (n,); 0 where ``resolved`` is false."""
-        totals = np.where(self.resolved[:, None], np.abs(self.totals), 1.0)
+        totals = np.where(self.resolved[:, None], np.abs(self.totals), 1.0)  # 1 where not used, to avoid divisions by zero
         derivatives = np.abs(self.derivatives["youngs_modulus"].sum(axis=2))
         errors = (self.slope_bound + derivatives * self.bound / totals) / totals
         return np.asarray(np.where(self.resolved, errors.sum(axis=1), 0.0))
@@ -150,15 +150,15 @@ def compute_readings(
     tumours
         Spheres, relative to the probe's axis.
     target
-        Which of the t tumours the derivatives refer to.
+        Number of the tumour among the t to which the derivatives refer.
     places
         Whether to compute the derivatives by depth, offset, diameter and Poisson's ratio too.
     progress
-        Called with how many sets are done with reflections, and of how many.
+        Called with the number of sets whose reflections are computed, and with the number of sets that need them.
     reflect
-        Whether to use reflections for all sets (True) or none (False).
+        Whether to use reflections for all sets (True) or none (False); None for those sets that need them.
     sensitive
-        Whether to use them also where the log-sensitivity's error is above 5 times the accuracy and above 1e-5.
+        Whether to use reflections also where the log-sensitivity's error is above 5 times the accuracy and above 1e-5.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def compute_readings(
 
 
 def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
-    """Refuse spheres that an interface of the tissue's layers crosses, unless they are left out."""
+    """Raise ``Refusal`` if an interface of the tissue's layers crosses a sphere that is ``counted``, that is not left out."""
     across = np.flatnonzero(counted & (base.strata.compute_gap(tumours) < 0))
     if len(across):
         depth, diameter = (format_mm(float(values.flat[across[0]])) for values in (tumours.depth, tumours.diameter))
@@ -198,7 +198,11 @@ def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
 
 
 def _compute_first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
-    """Compute first-order readings; ``bound`` is for tumours alone: those left out count twice in it, not in the forces."""
+    """Compute the first-order readings of n sets of t tumours.
+
+    ``bound`` holds the errors of the tumours' effects alone. Tumours that are ``left_out``, (n, t), change no force; twice their
+    effect is added to the bound instead.
+    """
     n, t = tumours.shape
     effects = compute_effects(base.energies, base.strata.find_hosts(tumours.flatten().depth), tumours.flatten(), places)
     changes = effects.forces.reshape(n, t, 2, 2)
@@ -243,7 +247,10 @@ def _add_reflections(
     sensitive: bool,
     often: bool,
 ) -> None:
-    """Replace the first-order readings of the sets with some numbers by those with reflections."""
+    """Replace in place the first-order readings of the sets with some numbers by those with reflections.
+
+    ``often`` as in ``BoundaryResponse.apply``; the other parameters are those of ``compute_readings``.
+    """
     included = [np.flatnonzero(~left_out[number]) for number in numbers]
     tumour_sets = [tumours.select(number).select(chosen) for number, chosen in zip(numbers, included, strict=True)]
     tolerance, places = REFLECTION_TOLERANCE_RELATIVE * base.accuracy, "depth" in readings.derivatives
@@ -265,14 +272,17 @@ def _add_reflections(
         sets = f"set {numbers[0]}" if len(numbers) == 1 else f"one of the sets {numbers[0]} to {numbers[-1]}"
         raise Refusal("inclusion", sets, f"tumours whose reflections can be computed ({fault})") from fault
     for number, chosen, tumour_set, scattered in zip(numbers, included, tumour_sets, solutions, strict=True):
-        k = int(np.searchsorted(chosen, target)) if target in chosen else None
+        k = int(np.searchsorted(chosen, target)) if target in chosen else None  # the target's number among those not left out
         _store_reflected(base, tumour_set, scattered, readings, number=number, target=k)
 
 
 def _store_reflected(
     base: Undisturbed, tumours: Tumours, scattered: Scattered, readings: Readings, *, number: int, target: int | None
 ) -> None:
-    """Store the readings with reflections of the set with a number; ``target`` is None where the target was left out."""
+    """Store the readings with reflections of one set, by its number, in place.
+
+    ``target`` is the number of the target in ``tumours``, None where the target was left out.
+    """
     min_error, safety = MIN_REFLECTED_ERROR, SERIES_SAFETY_FACTOR
     if base.strata.interfaces:
         min_error, safety = MIN_LAYERED_ERROR, SERIES_SAFETY_FACTOR * LAYERED_SAFETY_FACTOR

@@ -31,7 +31,10 @@ class Energies:
     field: TissueField
 
     def evaluate(self, r: Floats, z: Floats) -> Floats:
-        """Return tr tr and e:e of the pairs inner-inner, inner-outer, outer-outer, 1/m^2, shape (6, m), at points (m,).
+        """Return the strain products of the base states at m points, 1/m^2, shape (6, m).
+
+        The first three rows are tr(eps_i) tr(eps_j), the others e_i:e_j, each for the pairs of ``STATE_PAIRS``. ``r`` and
+        ``z``, in m, have shape (m,).
 
         Raises
         ------
@@ -41,6 +44,7 @@ class Energies:
         strains = self.field.evaluate(r, z)
         rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)
         sums, trace = rr + zz + hoop, strains.dilation
+        # eps_i:eps_j, from which the deviators' products follow
         product = [
             rr[:, i] * rr[:, j] + zz[:, i] * zz[:, j] + hoop[:, i] * hoop[:, j] + 2 * rz[:, i] * rz[:, j] for i, j in STATE_PAIRS
         ]
@@ -54,14 +58,17 @@ class Energies:
 
         scale, _, depth, _ = self._range
         coordinates = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / TABLE_STEP
-        coordinates[1] += SPARE_TABLE_LINES
+        coordinates[1] += SPARE_TABLE_LINES  # the table begins so many lines above the minimum depth
         out = np.empty((6, len(r)))
         for values, row in zip(self._table, out, strict=True):
             map_coordinates(values, coordinates, output=row, order=SPLINE_ORDER, prefilter=False, mode="mirror")
         return out
 
     def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
-        """Return whether the table covers radii up to ``reach`` and z from highest to lowest; never in layers: strains jump."""
+        """Return whether the table covers radii up to ``reach`` and z from ``lowest`` to ``highest``, m.
+
+        It covers nothing in layered tissue, as strains jump at interfaces.
+        """
         if self.field.states.model.section.interfaces:
             return np.zeros(np.shape(reach), dtype=bool)
         _, widest, low, high = self._range

@@ -57,22 +57,23 @@ def compute_strength(matrix: Material | Isotropic, youngs_modulus: Floats, poiss
     """
     E, n = np.asarray(youngs_modulus, dtype=float), np.asarray(poisson_ratio, dtype=float)
     strengths, by_modulus = compute_strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
-    by_poisson = by_modulus[0] * 2 / (1 - 2 * n), -by_modulus[1] / (1 + n)  # d ln of both moduli / d nu
+    # both moduli are proportional to E: the factors are d ln(bulk modulus) / d nu and d ln(shear modulus) / d nu
+    by_poisson = by_modulus[0] * 2 / (1 - 2 * n), -by_modulus[1] / (1 + n)
     return Strength(*strengths, by_modulus, by_poisson)
 
 
 def compute_strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-    """Return k_v and k_d of spheres and their derivatives by ln of the spheres' modulus; all arguments may be complex.
+    """Return k_v and k_d of spheres, eq. IN.2, and their derivatives with respect to ln of the spheres' Young's modulus, Pa.
 
-    The matrix's modulus (Pa) and Poisson's ratio come before the spheres'.
+    ``modulus`` (Pa) and ``nu`` are the matrix's, ``youngs_modulus`` (Pa) and ``poisson_ratio`` the spheres'; all may be complex.
     """
     matrix, body = Isotropic(modulus, nu), Isotropic(youngs_modulus, poisson_ratio)
     bulk, mu, object_bulk, object_mu = matrix.bulk_modulus, matrix.shear_modulus, body.bulk_modulus, body.shear_modulus
     alpha, beta = (1 + nu) / (3 * (1 - nu)), 2 * (4 - 5 * nu) / (15 * (1 - nu))
-    # in this form neither overflows where a difference of moduli is huge
-    volume_share, shear_share = (1 - alpha) * bulk + alpha * object_bulk, (1 - beta) * mu + beta * object_mu
-    strengths = (object_bulk - bulk) * bulk / volume_share, 2 * (object_mu - mu) * mu / shear_share
-    return strengths, ((bulk / volume_share) ** 2 * object_bulk, 2 * (mu / shear_share) ** 2 * object_mu)
+    # the denominators of IN.2 times K and mu: in this form neither overflows where a difference of moduli is huge
+    volume_denominator, shear_denominator = (1 - alpha) * bulk + alpha * object_bulk, (1 - beta) * mu + beta * object_mu
+    strengths = (object_bulk - bulk) * bulk / volume_denominator, 2 * (object_mu - mu) * mu / shear_denominator
+    return strengths, ((bulk / volume_denominator) ** 2 * object_bulk, 2 * (mu / shear_denominator) ** 2 * object_mu)
 
 
 def compute_polarisation(matrix: Isotropic, body: LinearLaw, axes: Floats) -> tuple[Floats, Floats]:
@@ -116,7 +117,7 @@ def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
     aspect = float(lengths[0] / lengths[-1])
     if aspect > MAX_ASPECT_RATIO:
         raise Refusal("diameters", f"{aspect:.3g} times as long as wide", f"at most {MAX_ASPECT_RATIO:g} times")
-    points, weights = _build_sphere_points(24 + int(12 * aspect))
+    points, weights = _build_sphere_points(24 + int(12 * aspect))  # long ellipsoids need more points
     n = np.linalg.solve(axes.T, points.T).T
     n /= np.linalg.norm(n, axis=1)[:, None]
     mu, lam = matrix.shear_modulus, matrix.dilation_modulus
@@ -132,7 +133,7 @@ def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
 
 
 def _build_sphere_points(order: int) -> tuple[Floats, Floats]:
-    """Build points on the unit sphere, (q, 3), with weights that add up to 1."""
+    """Build q = 2 order^2 points on the unit sphere, (q, 3), with weights that add up to 1: Gauss in z, uniform about z."""
     heights, weights = leggauss(order)
     angles = (np.arange(2 * order) + 0.5) * np.pi / order
     return place_on_sphere(heights, angles), np.repeat(weights, 2 * order) / (4 * order)

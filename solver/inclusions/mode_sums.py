@@ -37,7 +37,7 @@ class Stack:
     matrix
         Coefficients of the harmonics per mode, sparse (a FACTORS 2 count, modes).
     harmonics, side
-        Of which they are sums.
+        The solid harmonics of which these are sums, regular or outgoing ones.
     """
 
     matrix: Any
@@ -56,7 +56,7 @@ class Stack:
         return sums
 
     def apply_transpose(self, sums: Floats) -> Floats:
-        """Apply the transpose of ``compute_sums``; shape (modes, k)."""
+        """Apply the transpose of ``compute_sums`` to sums of its shape; return shape (modes, k)."""
         return np.asarray(self._transposed @ sums.reshape(self.matrix.shape[0], -1))
 
     @cached_property
@@ -65,7 +65,10 @@ class Stack:
         return self.matrix.T.tocsr()
 
     def list_rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
-        """Return the rows (a, j, k) with harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
+        """Return which rows (a, j, k) have harmonics of the cosines' family, and which of the sines'; flat indices of these rows.
+
+        Rows are all combinations of components a, factors j and ``k`` fields. ``flat`` merges p = z into p = 1.
+        """
         if (flat, k) not in self._rows:
             filled = np.diff(self.matrix.indptr).reshape(self.components, FACTOR_COUNT, 2, -1).any(axis=-1)
             if flat:
@@ -88,9 +91,9 @@ class Table:
     Attributes
     ----------
     harmonics, side
-        which.
+        The harmonics, regular or outgoing ones.
     points
-        In units of the sphere's radius from its centre, shape (n, 3).
+        Points in units of the sphere's radius from its centre, shape (n, 3).
     """
 
     harmonics: SolidHarmonics
@@ -98,7 +101,7 @@ class Table:
     points: Floats
 
     def evaluate(self, part: slice) -> Floats:
-        """Return the values at some of the points, shape (2 count, points)."""
+        """Return the values of all harmonics at some of the points, shape (2 count, points)."""
         if 2 * self.harmonics.count * len(self.points) > MAX_CACHED_VALUES:
             return self.harmonics.evaluate(self.points[part], self.side)
         return self._all_values[:, part]
@@ -116,13 +119,13 @@ class Sampler:
     Attributes
     ----------
     stack
-        Of the components.
+        The sums of eq. IN.11 for the sampled components.
     table
-        With n points and more.
+        Harmonics at points, among them the n of this sampler.
     part
-        Which of them.
+        Slice of these n points in the table.
     flat
-        Whether they all have one z.
+        Whether the n points all have one z.
     """
 
     stack: Stack
@@ -172,7 +175,7 @@ class Sampler:
 
     @property
     def count(self) -> int:
-        """Number of its points."""
+        """Number n of the points of ``part``."""
         return int(self.part.stop - self.part.start)
 
     def _list_families(self, k: int) -> list[tuple[Any, slice]]:
@@ -183,7 +186,7 @@ class Sampler:
 
     @property
     def _blocks(self) -> Iterator[tuple[slice, Floats]]:
-        """Blocks of the part's points, and their harmonics."""
+        """Slices of the part's points, ``POINTS_PER_BLOCK`` at a time, with the values of the harmonics there."""
         for low in range(0, self.count, POINTS_PER_BLOCK):
             high = min(low + POINTS_PER_BLOCK, self.count)
             yield slice(low, high), self.table.evaluate(slice(self.part.start + low, self.part.start + high))

@@ -63,25 +63,32 @@ def count_projection_bytes(modes: Modes) -> int:
 
 
 def build_quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
-    """Return points (q, 3) and weights (q,) on the unit sphere: Gauss in cos theta, uniform in phi, half where fields mirror."""
+    """Return points (q, 3) and weights (q,) on the unit sphere: Gauss in cos theta, uniform in phi.
+
+    They are those of the whole sphere, of its half y > 0 or of one meridian, see ``Projection.points``.
+    """
     latitudes, longitudes = _count_points(modes, oversample)
     x, w = np.polynomial.legendre.leggauss(latitudes)
     if modes.parity == "both":
         phi = 2 * np.pi * np.arange(longitudes) / longitudes
     else:
-        phi = np.pi * (np.arange(longitudes) + 0.5) / longitudes * (modes.order > 0)
+        phi = np.pi * (np.arange(longitudes) + 0.5) / longitudes * (modes.order > 0)  # axisymmetric modes: phi = 0 alone
     return place_on_sphere(x, phi), np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
 
 
 def _count_points(modes: Modes, oversample: int) -> tuple[int, int]:
-    """Return the numbers of latitudes and longitudes; cos m phi sums to 0 on 2 n points of the circle unless 2 n divides m."""
+    """Return the numbers of latitudes and longitudes that integrate products of a mode and a field exactly.
+
+    The field has degrees up to ``oversample`` above the modes'. On n points of the circle cos m phi sums to 0 unless n divides m;
+    n longitudes of the half sphere count as 2 n, with their mirror images.
+    """
     high = modes.degree + oversample
     longitudes = modes.order + high + 1 if modes.parity == "both" else (modes.order + high) // 2 + 1 if modes.order else 1
     return (modes.degree + high) // 2 + 1, longitudes
 
 
 def _evaluate_orthonormal(modes: Modes, points: Floats) -> Values:
-    """Evaluate orthonormal vector harmonics at the points, shape (q, 3, modes).
+    """Evaluate vector harmonics, orthonormal on the unit sphere, at its points, shape (q, 3, modes).
 
     Gradients of regular and of irregular solid harmonics of one l and m are orthogonal on the unit sphere: with (a, b) =
     (l, 1) and (-l-1, 1) the integral a a' + l(l+1) b b' is zero. Modes of kind 0 are the former, outgoing ones of
@@ -100,7 +107,7 @@ def _convert_to_regular(modes: Modes, fields: Values) -> Values:
     """
     kind, nu = modes.kind, modes.nu
     out = fields * np.where(kind == 2, np.sqrt(modes.ell + 0.5), np.ones(len(modes), np.result_type(nu, float)))
-    (ones,) = np.nonzero((kind == 1) & (modes.ell > 0))
+    (ones,) = np.nonzero((kind == 1) & (modes.ell > 0))  # modes of kind 1; the only one without a partner has l = 0
     ell = modes.ell[ones]
     out[..., ones] *= (2 * ell + 3) * (2 * ell + 1) * (1 - nu) / (3 * ell + 1 - 2 * nu * (2 * ell + 1))
     out[..., modes.partner[ones]] -= np.sqrt(ell * (ell + 1)) / (2 * (2 * ell + 1) * (1 - nu)) * out[..., ones]

@@ -61,6 +61,8 @@ class SolidHarmonics:
     def _evaluate_products(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
         """Return products of Pi_l^m(z, rho^2) and the real and imaginary parts of (x + i y)^m, times a factor.
 
+        The shape is (2 count, n); ``square`` is rho^2. Rows of the cosines' family (real parts) come first.
+
         DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
         a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2) (IN.4).
         """
@@ -117,6 +119,7 @@ def build_derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, 
         for m in range(min(ell, harmonics.order) + 1):
             for axis, sine, order, factor in _list_terms(m, step):
                 if 0 <= order <= min(ell + step, harmonics.order) and ell + step <= harmonics.degree:
+                    # d_y (axis 1) leads from cosines to sines and back
                     row = (sine if axis != 1 else not sine) * harmonics.count + harmonics.find_row(ell + step, order)
                     scale = factor * _compute_scale(ell, m, side) / _compute_scale(ell + step, order, side)
                     entries[axis].append((row, sine * harmonics.count + harmonics.find_row(ell, m), scale))
@@ -125,7 +128,11 @@ def build_derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, 
 
 
 def _list_terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
-    """Return the terms of eq. IN.5 in real form: axis, family (sine?), order of the derivative, its factor."""
+    """Return the terms of eq. IN.5 in real form for order m and sign e.
+
+    Each is the axis of the derivative, whether the harmonic itself is of the sines' family, the order of its derivative, and the
+    factor. d_x and d_z keep the family, d_y changes it.
+    """
     if m == 0:
         return [(2, False, 0, 1), (0, False, 1, e), (1, False, 1, e)]
     out: list[tuple[int, bool, int, float]] = []
@@ -140,7 +147,7 @@ def _list_terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
 
 
 def _compute_scale(ell: int, m: int, side: Side) -> float:
-    """Return the orthonormal harmonic per J_l^m or R_l^m."""
+    """Return the orthonormal harmonic divided by J_l^m (outgoing) or R_l^m (regular) of eq. IN.5."""
     norm = (2 * ell + 1) * (1 if m == 0 else 2) / (4 * np.pi)
     factorials = factorial(ell - m) * factorial(ell + m)
     return (-1) ** ell * sqrt(norm / factorials) if side == "outgoing" else sqrt(norm * factorials)

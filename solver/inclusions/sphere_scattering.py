@@ -71,7 +71,11 @@ def compute_scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: c
 
 @keep_table
 def _match_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
-    """Return S, T, inside, dS and dT, with T in units of 2 mu R, so that spheres of one material share them."""
+    """Return S, T, inside, dS and dT, with T in units of 2 mu R, so that spheres of one material share them.
+
+    dS and dT, here and below, are derivatives with respect to the logarithm of the sphere's Young's modulus, that is of
+    ``ratio``, the shear modulus of the sphere over that of the matrix.
+    """
     pairs, singles = _match_spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _match_toroidal(modes.degree, ratio)
     S, inside, derivative = (_assemble_sparse(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
     work = sp.diags_array(-modes.work)
@@ -79,7 +83,10 @@ def _match_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any,
 
 
 def _assemble_sparse(modes: Modes, pair: Values, single: Values) -> Any:
-    """Assemble a sparse matrix from blocks by degree: spheroidal (degree + 1, 2, 2) and toroidal (degree + 1,)."""
+    """Assemble a sparse (modes, modes) matrix from its blocks by degree l.
+
+    ``pair`` couples the two spheroidal kinds 0 and 1, (degree + 1, 2, 2); ``single`` is for toroidal kind 2, (degree + 1,).
+    """
     kind, ell, index = modes.kind, modes.ell, np.arange(len(modes))
     diagonal = np.where(kind == 2, single[ell], pair[ell, kind % 2, kind % 2])
     (two,) = np.nonzero(modes.partner != index)
@@ -114,9 +121,9 @@ def _match_toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values
 def compute_surface_values(ell: Ints, nu: complex, side: Side) -> Values:
     """Return displacement and traction of modes l > 0 at rho = 1, shape (l, 4, 2), columns kinds 0 and 1.
 
-    Rows are a, b, tau_r and tau_t / (2 mu).
-
-    u = a Y e_r + b grad_s Y and traction likewise, with n = l for regular and -l - 1 for outgoing modes
+    The displacement is u = a Y e_r + b grad_s Y, the traction 2 mu (tau_r Y e_r + tau_t grad_s Y); rows are a, b, tau_r, tau_t.
+    For the gradient of a solid harmonic f and for the other spheroidal field they are, with n = l for regular and -l - 1 for
+    outgoing modes
 
         grad f:       n, 1;                             n (n-1), n - 1
         other field:  (n+1) (n-2+4 nu), n + 5 - 4 nu;   (n+1) (n^2-n-2-2 nu), n^2 + 2n - 1 + 2 nu      (IN.12)
@@ -132,38 +139,41 @@ def compute_surface_values(ell: Ints, nu: complex, side: Side) -> Values:
 
 
 def _match_pairs(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
-    """Return S, inside and dS of pairs of kinds, from their surface values.
+    """Return S, inside and dS of the pairs of spheroidal modes, from their surface values (l, 4, 2) on each side.
 
     With U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
     (D U_in - ratio t_in) inside = D U_reg - t_reg (IN.13). Both terms on the left have one sign as forms: no contrast makes
-    them cancel. Then U_out S = U_in inside - U_reg, and the derivatives follow from these two.
+    them cancel. Then U_out S = U_in inside - U_reg, and dS, the derivative of S with respect to ln ratio, follows from these two.
+    ``ratio`` is the shear modulus of the sphere over that of the matrix. Indices in, reg and out are for the sphere's own modes
+    (``inner``), the incident regular ones and the outgoing ones.
     """
-    (U, t), (V, s), (W, r) = ((values[:, :2], values[:, 2:]) for values in (regular, outgoing, inner))
-    D = s @ np.linalg.inv(V)
-    matrix, stress = D @ W - ratio * r, ratio * r
-    inside = np.linalg.solve(matrix, D @ U - t)
-    change = np.linalg.solve(matrix, stress @ inside)
-    return np.linalg.solve(V, W @ inside - U), inside, np.linalg.solve(V, W @ change)
+    (U_reg, t_reg), (U_out, t_out), (U_in, t_in) = ((values[:, :2], values[:, 2:]) for values in (regular, outgoing, inner))
+    D = t_out @ np.linalg.inv(U_out)
+    left, ratio_t_in = D @ U_in - ratio * t_in, ratio * t_in
+    inside = np.linalg.solve(left, D @ U_reg - t_reg)
+    d_inside = np.linalg.solve(left, ratio_t_in @ inside)
+    return np.linalg.solve(U_out, U_in @ inside - U_reg), inside, np.linalg.solve(U_out, U_in @ d_inside)
 
 
 def _match_single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
-    """Solve eq. IN.13 for one mode on each side, each given by displacement and traction / (2 mu)."""
-    (U, t), (V, s), (W, r) = regular, outgoing, inner
-    denominator = s * W - ratio * r * V
-    inside = (s * U - t * V) / denominator
-    return (ratio * r * U - t * W) / denominator, inside, ratio * r * W * inside / denominator
+    """Solve eq. IN.13 for one mode on each side, each given by displacement and traction / (2 mu); see ``_match_pairs``."""
+    (U_reg, t_reg), (U_out, t_out), (U_in, t_in) = regular, outgoing, inner
+    denominator = t_out * U_in - ratio * t_in * U_out
+    inside = (t_out * U_reg - t_reg * U_out) / denominator
+    return (ratio * t_in * U_reg - t_reg * U_in) / denominator, inside, ratio * t_in * U_in * inside / denominator
 
 
 def _compute_dilation(nu: complex) -> tuple[complex, complex]:
-    """Return radial displacement and traction / (2 mu) of u = x."""
+    """Return radial displacement and traction / (2 mu) at rho = 1 of u = x, the regular mode of degree 0."""
     return 1, (1 + nu) / (1 - 2 * nu)
 
 
 def _match_first_degree(nu: complex, inner_nu: complex, ratio: complex) -> Values:
     """Return S, inside and dS for l = 1, shape (3, 2, 2).
 
-    A translation goes through unchanged, and no net force acts on the sphere: there is no outgoing kind 0. Left are kind 1
-    on both sides and a translation inside: displacement is matched but for it (a - b), traction by tau_t = -tau_r / 2.
+    A translation (kind 0) goes through unchanged, and no net force acts on the sphere: there is no outgoing kind 0. Left are kind
+    1 on both sides and a translation inside. A translation has a = b, so that matching a - b leaves it out; of the traction
+    tau_t alone is matched, as tau_r = -2 tau_t on both sides. The translation then follows from b.
     """
     ell = np.ones(1, np.int64)
     sides = (

@@ -24,15 +24,15 @@ class Tumours:
     Attributes
     ----------
     x, y
-        Of the centres from the probe's axis, m.
+        Coordinates of the centres from the probe's axis, m.
     depth
-        Of the centres under the surface, m.
+        Depths of the centres under the surface, m.
     diameter
-        m.
+        Diameters, m.
     youngs_modulus
-        Pa.
+        Young's moduli, Pa.
     poisson_ratio
-        Below 1/2.
+        Poisson's ratios, below 1/2.
     """
 
     x: Any
@@ -78,7 +78,7 @@ class Tumours:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of all the arrays."""
+        """Shape of all the arrays."""
         shape: tuple[int, ...] = self.x.shape
         return shape
 
@@ -93,7 +93,7 @@ class Tumours:
         return np.asarray(self.depth - self.diameter / 2)
 
     def with_moduli(self, moduli: Floats, target: int) -> Self:
-        """Return one set (1, t) once for each Young's modulus (k,) of one of its tumours, shape (k, t)."""
+        """Return k copies of a single set (1, t), with Young's moduli (k,), Pa, for its tumour ``target``; shape (k, t)."""
         all_moduli = np.repeat(self.youngs_modulus, len(moduli), axis=0)
         all_moduli[:, target] = moduli
         return replace(self, youngs_modulus=all_moduli)
@@ -107,7 +107,7 @@ class Tumours:
         return self._map_arrays(lambda values: values[chosen])
 
     def _map_arrays(self, change: Callable[[Any], Any]) -> Self:
-        """Apply a function to all arrays without checking values: only shapes change."""
+        """Apply a function to all arrays; values are not checked again, as only shapes and selections change."""
         out = object.__new__(type(self))
         for name, values in vars(self).items():
             object.__setattr__(out, name, np.asarray(change(values)))
@@ -128,7 +128,7 @@ class Strata:
     interfaces
         Depths of the k interfaces, m, rising.
     materials
-        Of the k layers, and the tissue's own below them.
+        Materials of the k layers, and last that of the tissue below them.
     """
 
     interfaces: tuple[float, ...]
@@ -144,7 +144,7 @@ class Strata:
         return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
 
     def find_hosts(self, depth: Floats) -> Isotropic:
-        """Return the laws at depths, m, of any shape."""
+        """Return the elastic laws of the tissue at depths, m, of any shape."""
         return Isotropic.from_materials(self.materials).select(self.find_layer(depth))
 
     def compute_gap(self, tumours: Tumours) -> Floats:

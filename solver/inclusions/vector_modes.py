@@ -84,7 +84,11 @@ class Modes:
         return np.array(modes).T
 
     def _list_kinds(self, ell: int, m: int, sine: int) -> list[int]:
-        """Return the kinds of modes of a scalar harmonic; x cross grad turns even functions into odd fields and the reverse."""
+        """Return the kinds of modes of a scalar harmonic: 0 and 1 are spheroidal, 2 is toroidal, see eqs. IN.6 to IN.8.
+
+        Fields even about y = 0 are spheroidal ones of cosines and toroidal ones of sines, as x cross grad turns even functions
+        into odd fields and the reverse. There is no sin 0, and l = 0 has the dilation, kind 1, alone.
+        """
         allowed = range(3) if self.parity == "both" else [2] if sine else [0, 1]
         return [kind for kind in allowed if (m > 0 or not sine) and (ell > 0 or kind == 1)]
 
@@ -114,7 +118,10 @@ class Modes:
 
     @property
     def work(self) -> Values:
-        """Minus Betti's work of each outgoing mode on its regular mode, in 2 mu R: 1, but 3 (1-nu) / (1-2nu) for l = 0."""
+        """Minus Betti's work of each outgoing mode on its regular mode over 2 mu R, shape (modes,).
+
+        It is 1, but 3 (1-nu) / (1-2nu) for l = 0.
+        """
         return np.where(self.ell > 0, 1, 3 * (1 - self.nu) / (1 - 2 * self.nu))
 
     def __len__(self) -> int:
@@ -143,7 +150,7 @@ class Modes:
         return self._compute_fields(points, coefficients, "outgoing")
 
     def _compute_fields(self, points: Floats, coefficients: Values, side: Side) -> tuple[Values, Values]:
-        """Return displacement and stress of sums of modes."""
+        """Return displacement (n, 3, k) and stress (n, 6, k) of sums of regular or outgoing modes."""
         out = self._evaluate(points, coefficients, side, ALL_COMPONENTS)
         return np.ascontiguousarray(out[:, :3]), np.ascontiguousarray(out[:, 3:])
 
@@ -210,7 +217,7 @@ def _build_sums(modes: Modes, side: Side) -> list[list[Any]]:
 
 
 def _add_cross(row: list[Any], D: Sequence[Any], scalar: Any, i: int) -> None:
-    """Add component i of x cross grad of a scalar."""
+    """Add component i of x cross grad of a scalar to the sums over j of eq. IN.11, ``row``; ``D`` are the derivatives."""
     _, j, k = CYCLIC_AXES[i]
     row[POSITION_FACTORS[j]] = row[POSITION_FACTORS[j]] + D[k] @ scalar
     row[POSITION_FACTORS[k]] = row[POSITION_FACTORS[k]] - D[j] @ scalar
@@ -224,11 +231,14 @@ def _spread_modes(modes: Modes, factors: Values) -> Any:
 
 
 def _compute_potentials(modes: Modes, side: Side) -> Values:
-    """Return factors of each mode in P, V, W, Z of eq. IN.9 and in H = nu / (1-2nu) div u, shape (5, modes)."""
+    """Return factors of each mode's harmonic in P, V, W, Z of eq. IN.9 and in H = nu / (1-2nu) div u, shape (5, modes).
+
+    Of the two spheroidal kinds one is grad f, the other its companion: for regular modes kinds 0 and 1, for outgoing the reverse.
+    """
     (kind, ell, _, _), nu = modes.labels, modes.nu
     rows: Values = np.zeros((5, len(modes)), np.result_type(nu, float))
-    lone, pair, curl = (np.where(kind == k, compute_scales(ell, nu, side)[k], 0) for k in range(3))
-    n, gradient, companion = (ell, lone, pair) if side == "regular" else (-ell - 1, pair, lone)
+    kind_0, kind_1, curl = (np.where(kind == k, compute_scales(ell, nu, side)[k], 0) for k in range(3))
+    n, gradient, companion = (ell, kind_0, kind_1) if side == "regular" else (-ell - 1, kind_1, kind_0)
     rows[0], rows[3] = gradient, curl
     rows[1], rows[2] = (n + 5 - 4 * nu) * companion, -(2 * n + (4 * n + 2) * (1 - 2 * nu)) * companion
     rows[4] = -2 * nu * (n + 1) * (2 * n + 3) * companion  # div u has the factor 1 - 2 nu
@@ -237,11 +247,13 @@ def _compute_potentials(modes: Modes, side: Side) -> Values:
 
 
 def compute_scales(ell: Ints, nu: complex, side: Side) -> tuple[Values, Values, Values]:
-    """Return factors of the fields of eqs. IN.6, IN.7 and IN.8 in the modes of degrees l > 0 (meaningless for l = 0).
+    """Return the factors that scale the fields of eqs. IN.6, IN.7 and IN.8 (kinds 0, 1 and 2) to modes of degrees l > 0.
+
+    For l = 0 they have no meaning.
 
     Gradients have unit mean square times 4 pi at rho = 1; the other factors then make ``work`` 1.
     """
-    ell = np.maximum(ell, 1)
+    ell = np.maximum(ell, 1)  # l = 0 would divide by zero
     inner, outer = np.sqrt(ell * (2 * ell + 1)), np.sqrt((ell + 1) * (2 * ell + 1))
     curl = np.sqrt(2 / (ell * (ell + 1) * (2 * ell + 1)))
     if side == "regular":

@@ -75,7 +75,7 @@ class Harmonic:
         return COMPONENT_MATRICES[min(self.m, 1)]
 
     def solve(self, forces: Floats) -> Floats:
-        """Solve for the unknowns under forces, shape (unknowns, k) both.
+        """Solve for the unknowns under k columns of forces, shape (unknowns, k) both, and check the residual.
 
         Raises
         ------
@@ -83,6 +83,7 @@ class Harmonic:
             The residual is too large.
         """
         v = self.factor.solve(forces)
+        # weights of the k columns: each is scaled to norm 1 (1e-300 guards a zero column); cosines keep them from cancelling
         mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
         combination, force = v @ mix, forces @ mix  # check one combination: a single column is five times faster than two
         imbalance = np.linalg.norm(force - self.matrix.T @ combination)  # the matrix is symmetric; its transpose is read faster
@@ -98,19 +99,22 @@ class Harmonic:
         return np.asarray(self.matrix.diagonal())
 
     def take_gather_rows(self, elements: Ints) -> Any:
-        """Return the rows of ``numbering.gather`` for some elements, sparse (4 c p elements, unknowns)."""
+        """Return the rows of ``numbering.gather``, which maps unknowns to elements' values, for some elements.
+
+        The result is sparse, (4 c p elements, unknowns): elements have c components of 4 p functions on corners and edges.
+        """
         size = self.stiffness.shape[1]
         return self.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
 
     def compute_values(self, edge: Floats, recovery: Floats) -> Floats:
-        """Return all values U, V, W of some elements, (e, 3, s, k).
+        """Return all values U, V, W of e elements for k solutions, shape (e, 3, s, k), with s functions per element.
 
         Parameters
         ----------
         edge
             The components on corners and edges, shape (e, 4 c p, k).
         recovery
-            Recovery of the elements, see ``AzimuthalSystems.compute_recovery``.
+            Matrix from these to the values inside the elements, see ``AzimuthalSystems.compute_recovery``.
         """
         e, k, c = len(edge), edge.shape[-1], self.amplitudes.shape[1]
         inside = recovery @ edge
@@ -127,9 +131,9 @@ class AzimuthalSystems:
     Attributes
     ----------
     model
-        The base states'.
+        The base states' model.
     interface
-        Between blocks and tissue.
+        How blocks and tissue are tied to each other: bonded or frictionless.
     boundary
         Elements with an edge on the tissue's boundary, shape (e,).
     """
@@ -140,7 +144,7 @@ class AzimuthalSystems:
 
     @property
     def bytes_per_order(self) -> float:
-        """Bytes for one order: the cached element matrices of three orders, and as much again as one of them."""
+        """Bytes for one order: the cached element matrices of three orders, and those of one more."""
         return 4.0 * 8 * len(self.model.mesh.body) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def assemble_order(self, m: int) -> Harmonic:
@@ -167,7 +171,10 @@ class AzimuthalSystems:
         return Blocks.from_matrices(self._combine_orders(m, elements), self.model.shapes.skeleton).condense().compute_recovery()
 
     def _combine_orders(self, m: int, part: slice | Ints) -> Floats:
-        """Combine the element matrices of order m from those of orders 1, 2 and 3 (eq. MS.2)."""
+        """Combine the element matrices of order m from those of orders 1, 2 and 3 (eq. MS.2), for some elements.
+
+        The weights are those of the parabola through m = 1, 2 and 3.
+        """
         first, second, third = (sample[part] for sample in self._samples)
         weights = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
         return np.asarray(weights[0] * first + weights[1] * second + weights[2] * third)
@@ -186,37 +193,40 @@ class AzimuthalSystems:
 
 
 def _compute_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic, m: int) -> Floats:
-    """Compute element matrices of order m > 0, shape (n, 3, s, 3, s); the mean of cos^2 and sin^2 about the axis is 1/2."""
+    """Compute the stiffness matrices of n elements for order m > 0, shape (n, 3, s, 3, s): 3 components, s functions."""
     n = len(geometry.radius)
     strain, dilation = _compute_strains(geometry, shapes, m)
-    weight = geometry.weight / 2
+    weight = geometry.weight / 2  # the mean of cos^2 m theta and of sin^2 m theta about the axis is 1/2
     size = strain.shape[-1]
     flat = (strain * np.sqrt(weight)[:, :, None, None]).reshape(n, -1, size)
     shear = flat.transpose(0, 2, 1) @ flat
     weighted = weight[..., None] * shapes.pressure
     moments = weighted.transpose(0, 2, 1) @ dilation
-    mass = weighted.transpose(0, 2, 1) @ shapes.pressure
+    mass = weighted.transpose(0, 2, 1) @ shapes.pressure  # the volumetric strain is projected on the pressure functions
     volume = moments.transpose(0, 2, 1) @ np.linalg.solve(mass, moments)
     stiffness = law.two_mu[:, None, None] * shear + law.dilation_modulus[:, None, None] * volume
     return np.asarray(stiffness.reshape(n, 3, -1, 3, size // 3))
 
 
 def _compute_strains(geometry: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
-    """Compute strains (n, q, 6, 3 s) and dilation (n, q, 3 s); shears times sqrt(1/2), so that squares add up to eps:eps.
+    """Compute strains (n, q, 6, 3 s) and dilation (n, q, 3 s) at q points of n elements, per value of 3 s functions.
+
+    The rows are those of MS.3, where ,r and ,z are derivatives; shears are times sqrt(1/2), so that squares add up to eps:eps.
 
     rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (MS.3)
     """
+    # derivatives of the unit square's coordinates x, y with respect to r and z
     (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
-    by_r, by_z = xr * shapes.derivative[0] + yr * shapes.derivative[1], xz * shapes.derivative[0] + yz * shapes.derivative[1]
+    d_r, d_z = xr * shapes.derivative[0] + yr * shapes.derivative[1], xz * shapes.derivative[0] + yz * shapes.derivative[1]
     value_over_radius = shapes.value / geometry.radius[..., None]
-    n, q, s = by_r.shape
+    n, q, s = d_r.shape
     strain = np.zeros((n, q, 6, 3, s))
-    half = np.sqrt(0.5)
-    strain[:, :, 0, 0], strain[:, :, 1, 2] = by_r, by_z
+    shear_factor = np.sqrt(0.5)
+    strain[:, :, 0, 0], strain[:, :, 1, 2] = d_r, d_z
     strain[:, :, 2, 0], strain[:, :, 2, 1] = value_over_radius, m * value_over_radius
-    strain[:, :, 3, 0], strain[:, :, 3, 2] = half * by_z, half * by_r
-    strain[:, :, 4, 0], strain[:, :, 4, 1] = -half * m * value_over_radius, half * (by_r - value_over_radius)
-    strain[:, :, 5, 1], strain[:, :, 5, 2] = half * by_z, -half * m * value_over_radius
+    strain[:, :, 3, 0], strain[:, :, 3, 2] = shear_factor * d_z, shear_factor * d_r
+    strain[:, :, 4, 0], strain[:, :, 4, 1] = -shear_factor * m * value_over_radius, shear_factor * (d_r - value_over_radius)
+    strain[:, :, 5, 1], strain[:, :, 5, 2] = shear_factor * d_z, -shear_factor * m * value_over_radius
     # the components are U + V and U - V in place of U and V
     plus, minus = (strain[:, :, :, 0] + strain[:, :, :, 1]) / 2, (strain[:, :, :, 0] - strain[:, :, :, 1]) / 2
     strain[:, :, :, 0], strain[:, :, :, 1] = plus, minus

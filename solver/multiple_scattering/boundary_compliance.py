@@ -75,15 +75,19 @@ class BoundaryData:
         cls, model: MeridianModel, boundary: Boundary, elements: Ints, panels: Panels, *, interface: Interface, m: int
     ) -> BoundaryData:
         """Build the data matrices of one layer, for order 0 or for all orders above; ``elements`` are those of all boundaries."""
-        amplitudes = COMPONENT_MATRICES[min(m, 1)]
+        amplitudes = COMPONENT_MATRICES[min(m, 1)]  # from components to r, theta and z
         azimuthal_integral = 2 * np.pi if m == 0 else np.pi  # of cos^2 m theta
         to_components = np.linalg.pinv(amplitudes)
+        # displacements of the blocks' ends that are tied to the tissue: a frictionless end transmits only z
         tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
         entries = _EntryPlaces(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
         def build_matrices(edges: Edges, places: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
-            """Build the matrices of forces by tractions and of values by displacements on a line's edges."""
+            """Build the matrices from tractions to forces and from displacements to values, on one line's edges.
+
+            ``places`` are the positions of the edges' points along the line, m; ``part`` is the slice of the line's data points.
+            """
             interpolation = line.build_interpolation(places)
             loads = np.einsum("eq,qs,eqn->esn", azimuthal_integral * edges.weight, edges.values, interpolation)
             forces = entries.build_sparse(edges, loads, amplitudes.T, 0, part.start)
@@ -114,7 +118,17 @@ class BoundaryData:
 
 @dataclass(frozen=True)
 class _EntryPlaces:
-    """Numbering of the rows (values of the boundary's elements) and columns (data at the panels' points)."""
+    """Numbering of the rows (values of the boundary's elements) and columns (data at the panels' points).
+
+    Attributes
+    ----------
+    elements
+        Elements with an edge on the boundary, rising.
+    functions, components
+        Numbers of functions on corners and edges of an element, and of components, 2 or 3.
+    points
+        Number of the panels' points.
+    """
 
     elements: Ints
     functions: int
@@ -124,7 +138,7 @@ class _EntryPlaces:
     def build_sparse(self, edges: Edges, table: Floats, transformation: Floats, first: int, start: int) -> Any:
         """Build a sparse matrix from points of a line to functions of its edges.
 
-        ``table``, (e, s, n), maps points to functions; ``transformation``, (c, 3), maps r, theta, z to components.
+        ``table``, (e, s, n), maps n points to s functions of e edges; ``transformation``, (c, 3), maps r, theta, z to components.
         ``first`` is 0 for tractions and 3 for displacements, ``start`` the index of the line's first point.
         """
         row = np.searchsorted(self.elements, edges.element)[:, None] * self.components
@@ -159,7 +173,9 @@ class BoundaryResponse:
     complements: SchurComplements
 
     def apply(self, data: Floats, often: bool) -> Floats:
-        """Return the matrix times data, shape (6 n, k) both; without PARDISO the matrix is formed only with ``often``.
+        """Return the matrix times data, shape (6 n, k) both.
+
+        ``often`` says that many calls will follow. Without PARDISO the matrix is formed only then, else the system is solved.
 
         Raises
         ------
@@ -174,7 +190,7 @@ class BoundaryResponse:
 
     @cached_property
     def _system(self) -> _System:
-        """The order's system; ``_matrix`` frees it."""
+        """The order's system; ``_matrix`` deletes it from the cache once it has been used."""
         return _System.from_boundary(self.assemble(), self.boundary)
 
     @cached_property
@@ -187,7 +203,7 @@ class BoundaryResponse:
     def _matrix(self) -> Floats:
         """Matrix of eq. MS.6 without ``boundary.direct``, for the active data; the system, ten times as large, is freed."""
         matrix = self._system.compute_matrix(self._active_data, self.complements)
-        vars(self).pop("_system")
+        vars(self).pop("_system")  # where cached_property keeps it
         return matrix
 
 
@@ -219,7 +235,7 @@ class _System:
         return cls(harmonic, pressed.tocsr(), (half + half.T).tocsr())
 
     def compute_work(self, data: Floats) -> Floats:
-        """Return eq. MS.6 without ``BoundaryData.direct``, times data.
+        """Return the matrix of eq. MS.6 without ``BoundaryData.direct``, times data (6 n, k), by one solve.
 
         Raises
         ------
@@ -229,7 +245,7 @@ class _System:
         return np.asarray(self.lifting @ data - self._transposed_forces @ self._factor.solve(self.force_matrix @ data))
 
     def compute_matrix(self, active_data: Ints, complements: SchurComplements) -> Floats:
-        """Return eq. MS.6 without ``BoundaryData.direct``, as a matrix between some data.
+        """Return the matrix of eq. MS.6 without ``BoundaryData.direct``, its rows and columns those of ``active_data``.
 
         Raises
         ------
@@ -237,7 +253,7 @@ class _System:
             See ``Harmonic.solve``.
         """
         pressed, lifting = self.force_matrix[:, active_data], self.lifting[active_data][:, active_data].toarray()
-        works = complements.compute_product(self.harmonic.matrix, pressed)
+        works = complements.compute_product(self.harmonic.matrix, pressed)  # F^T K^-1 F, None without PARDISO
         if works is not None:
             return np.asarray(lifting - works)
         forces, rows = pressed.toarray(), np.flatnonzero(np.diff(pressed.indptr))
@@ -253,13 +269,14 @@ class _System:
     def _factor(self) -> Factor:
         """Factor of the order's matrix, after a check of its residual with a load that contains all data."""
         size = np.sqrt((self.force_matrix**2).sum(axis=0))
+        # all data are scaled to the same force; cosines keep them from cancelling
         mix = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
         self.harmonic.solve(np.asarray(self.force_matrix @ mix[:, None]))
         return self.harmonic.factor
 
 
 def _multiply_symmetric(matrix: Floats, columns: Floats) -> Floats:
-    """Multiply a symmetric matrix with columns; one or two are twice as fast if only half of the matrix is read."""
+    """Multiply a symmetric matrix with columns (n, k); ``dsymv`` reads half of it, which is faster for one or two columns."""
     if columns.shape[1] > 2:
         return matrix @ columns
     return np.stack([dsymv(1.0, matrix.T, column) for column in columns.T], axis=1)

@@ -43,7 +43,7 @@ class Edges:
 
     @property
     def coefficients(self) -> Floats:
-        """Matrix from values at the points to function coefficients: exact at the ends, least squares between; (p + 1, q)."""
+        """Matrix from values at the points to coefficients of functions, (p + 1, q): exact at the ends, least squares between."""
         ends, bubbles = self.values[:, :2], self.values[:, 2:]
         corner = np.zeros((2, len(self.values)))
         corner[0, 0] = corner[1, -1] = 1.0
@@ -57,11 +57,11 @@ class Boundary:
     Attributes
     ----------
     surface, side, floor
-        The tissue's own.
+        Edges of the layer's elements on the tissue's surface, side and floor.
     ends
-        The blocks', of the uppermost layer.
+        Edges of the blocks' elements on their ends, for the uppermost layer.
     above, below
-        Interfaces with the layers above and below it.
+        Edges of the layer's elements on the interfaces with the layers above and below it.
     """
 
     surface: Edges
@@ -73,14 +73,14 @@ class Boundary:
 
     @classmethod
     def from_model(cls, model: MeridianModel, layer: int = 0) -> Boundary:
-        """Find the edges of a layer, by its number from the surface downwards, or of the tissue below all layers."""
+        """Find the edges of a layer by its number from the surface downwards; the tissue below all layers has the last number."""
         layout, body = model.mesh.layout, model.mesh.body
         surface, faces = label_line(layout.row["surface"]), [label_line(row) for row in layout.interfaces]
         is_first, is_last = layer == 0, layer == len(faces)
         in_layer, in_probe = body == find_tissue_body(model.section, layer), (body == Body.INNER) | (body == Body.OUTER)
 
         def find_edges(axis: int, line: float, which: Bools, exists: bool = True) -> Edges:
-            """Find the edges of some elements on a line; none where the layer does not have that line."""
+            """Find the edges of the elements ``which`` on a line; none unless the line ``exists`` in the layer."""
             return _find_edges(model, axis, line, which if exists else np.zeros_like(which))
 
         return cls(
@@ -104,13 +104,18 @@ def find_tissue_body(section: Section, layer: int) -> Body:
 
 
 def _find_edges(model: MeridianModel, axis: int, line: float, which: Bools) -> Edges:
-    """Find the edges of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
+    """Find the edges of the elements ``which`` on a line of constant label: of r for axis 0, of z for axis 1.
+
+    Labels are dimensionless coordinates of corners, equal along a line of the mesh. ``which`` is true for elements that count,
+    shape (elements,).
+    """
     label, order = compute_labels(model.mesh), model.shapes.order
     x, weight = _compute_lobatto_rule(order + EXTRA_POINTS)
     elements, locals_, starts = [], [], []
     for number, (a, b) in enumerate(ELEMENT_SIDES):
         matching = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
         elements.append(matching)
+        # an element's functions are first those of its four corners, then p - 1 for each side in turn
         local = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])
         locals_.append(np.broadcast_to(local, (len(matching), order + 1)))
         starts.append(np.broadcast_to([a, b], (len(matching), 2)))

@@ -43,7 +43,9 @@ class ModeSamples:
         check_memory(f"reflections of {len(self.spheres)} tumours (fewer take less)", cached_bytes)
 
     def compute_amplitudes(self, scattered: Sequence[Floats]) -> Floats:
-        """Compute amplitudes of tractions (outward normal) and displacements, shape (orders, 6 n, families k).
+        """Compute the amplitudes of all azimuthal orders of tractions (outward normal) and displacements on the boundary.
+
+        Their shape is (orders, 6 n, families k): three tractions and three displacements at n points, for each family of waves.
 
         Parameters
         ----------
@@ -65,7 +67,7 @@ class ModeSamples:
         return amplitudes.reshape(orders, 6 * len(self.panels.r), -1)
 
     def compute_works(self, weights: Floats) -> list[Floats]:
-        """Apply the transpose of ``compute_amplitudes``: products of every outgoing mode of each sphere with weights, (modes, k).
+        """Apply the transpose of ``compute_amplitudes``: products of each sphere's outgoing modes with weights, (modes, k).
 
         Parameters
         ----------
@@ -87,18 +89,21 @@ class ModeSamples:
         ]
 
     def _sample_values(self, number: int, j: int, sums: Floats) -> Floats:
-        """Sample tractions and displacements of sphere j along r, theta and z on rings of a number, shape (angles, 6, k, n)."""
+        """Sample tractions and displacements along r, theta and z of sphere j on rings, shape (angles, 6, k, n).
+
+        ``number`` is that of the rings in ``_rings``; ``sums`` are those of ``Stack.compute_sums``.
+        """
         ring, k = self._rings[number], sums.shape[-1]
         sampled = self._samplers[j][number].evaluate_sums(sums)
         values = np.empty((ring.rounds.count, 6, k, sampled.shape[2] // ring.rounds.count))
         for columns, rotation in ring.turn_matrices:
             rotated = sampled.reshape(*sampled.shape[:2], ring.rounds.count, -1)[..., columns].transpose(2, 0, 1, 3)
             values[..., columns] = (rotation @ rotated.reshape(len(rotation), len(sampled), -1)).reshape(len(rotation), 6, k, -1)
-        values[:, :3] *= self.spheres[j].two_mu / self.spheres[j].radius
+        values[:, :3] *= self.spheres[j].two_mu / self.spheres[j].radius  # modes give stress in units of 2 mu / R
         return values
 
     def _apply_transpose(self, number: int, j: int, values: Floats) -> Floats:
-        """Apply the transpose of ``_sample_values``."""
+        """Apply the transpose of ``_sample_values`` to values (angles, 6, k, n); return the shape of ``Stack.compute_sums``."""
         ring, (angles, _, k, n) = self._rings[number], values.shape
         scaled = values * np.repeat([self.spheres[j].two_mu / self.spheres[j].radius, 1.0], 3)[:, None, None]
         sampler = self._samplers[j][number]

@@ -51,7 +51,7 @@ class CloseExchange:
     field
         Locates points in the mesh.
     interface
-        Between blocks and tissue.
+        How blocks and tissue are tied to each other: bonded or frictionless.
     spheres
         The spheres.
     rounds
@@ -65,7 +65,7 @@ class CloseExchange:
     rounds: AzimuthalGrid
 
     def reflect(self, scattered: Sequence[Floats], min_work: float, max_orders: int) -> tuple[list[Floats], int]:
-        """Reflect fields; return regular coefficients and the number of orders, as ``Exchange.iterate_reflection`` does."""
+        """Reflect fields; parameters and what is returned are those of ``Exchange.iterate_reflection``."""
         samples, negligible_orders = [self._sample_edges(layer, scattered) for layer in self._layers], 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(max_orders, self.rounds.orders)):
@@ -82,7 +82,7 @@ class CloseExchange:
                 total[k] += returned
                 work += (c * (sphere.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ returned
             negligible_orders = negligible_orders + 1 if np.abs(work).max() < min_work else 0
-            if negligible_orders == 2:
+            if negligible_orders == 2:  # two in a row, as a single order may be small by chance
                 break
         return total, m + 1
 
@@ -92,9 +92,9 @@ class CloseExchange:
         return sorted({sphere.layer for sphere in self.spheres})
 
     def _sample_edges(self, layer: int, scattered: Sequence[Floats]) -> dict[tuple[str, str], Floats]:
-        """Sample the fields of a layer's spheres on the layer's edges, (angles, 3, k, points) each.
+        """Sample the fields of a layer's spheres on the layer's edges, (angles, 3, k, points) each, by edges' name and kind.
 
-        Tractions on surface, side and interfaces, displacements of ends, floor and interfaces.
+        These are tractions on surface, side and interfaces, and displacements of ends, floor and interfaces: see ``EdgeData``.
         """
         surface, side, floor = build_turn_matrices(self.rounds)
         kinds = {(name, "lifted"): (DISPLACEMENT_COMPONENTS, surface[:, 3:]) for name in LIFTED_EDGES}
@@ -122,11 +122,11 @@ class CloseExchange:
                 total = total + unit * rotated.reshape(self.rounds.count, 3, c.shape[1], -1)
             samples[name, kind] = total
         if self.interface == "frictionless" and ("ends", "lifted") in samples:
-            samples["ends", "lifted"][:, :2] = 0.0
+            samples["ends", "lifted"][:, :2] = 0.0  # the tissue slides along the ends: only z strains the blocks
         return samples
 
     def _compute_amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> EdgeData:
-        """Compute the amplitudes of one order from the samples."""
+        """Compute the amplitudes of order m on a layer's edges from the samples of ``_sample_edges``."""
         families = self.rounds.families
         waves, boundary = self.rounds.waves[:, m * families : (m + 1) * families], self.interior(0, layer).boundary
         amplitudes = {}
@@ -137,7 +137,7 @@ class CloseExchange:
 
     @cached_property
     def _places(self) -> list[_SpherePlace]:
-        """Places of all spheres' points in the mesh."""
+        """For each sphere, the places of its points in the mesh."""
         places_of_spheres, shapes = [], self.field.states.model.shapes
         for sphere in self.spheres:
             x, y, z = sphere.points.T
@@ -156,7 +156,8 @@ class CloseExchange:
     ) -> tuple[Floats, Floats | None]:
         """Evaluate the reflected displacement of one order, (e, 3, s, families k), at a sphere's points.
 
-        In nearly incompressible tissue its dilation is returned too, else None.
+        The displacement is along x, y, z, shape (q, 3, k). In nearly incompressible tissue its dilation, (q, k), is returned too,
+        else None.
         """
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
         waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: self.rounds.families])
@@ -166,7 +167,7 @@ class CloseExchange:
             len(row), 3, len(waves), -1
         )
         u = (waves.transpose(2, 1, 0)[:, :, None] @ local)[:, :, 0]
-        cos, sin = np.cos(place.angle)[:, None], np.sin(place.angle)[:, None]
+        cos, sin = np.cos(place.angle)[:, None], np.sin(place.angle)[:, None]  # from r and theta to x and y
         cartesian = np.stack([cos * u[:, 0] - sin * u[:, 1], sin * u[:, 0] + cos * u[:, 1], u[:, 2]], axis=1)
         if sphere.matrix.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO:
             return cartesian, None

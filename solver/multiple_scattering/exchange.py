@@ -43,7 +43,7 @@ class Reflector:
     states
         Base states without a sphere.
     interface
-        Between blocks and tissue.
+        How blocks and tissue are tied to each other: bonded or frictionless.
     close
         Whether spheres may lie too close to the boundary for eq. MS.6, see ``close_exchange.py``.
     """
@@ -76,7 +76,7 @@ class Reflector:
         layer
             The layer's number.
         beside
-            Bytes that the spheres use.
+            Bytes that the spheres use besides the system.
 
         Raises
         ------
@@ -92,7 +92,10 @@ class Reflector:
         return self._interiors[m, layer]
 
     def _reserve_memory(self, other_bytes: float) -> None:
-        """Reserve memory for one order; if memory is short the last cached order is dropped, as all are used in turn."""
+        """Reserve memory for one more order; if memory is short, drop the last cached order.
+
+        All orders are used in turn, so that dropping the oldest would drop the one that is needed next.
+        """
         needed = self._harmonics.bytes_per_order
         get_workspace().make_room(needed)
         total_bytes = get_workspace().bytes_held + other_bytes + needed
@@ -122,7 +125,7 @@ class Reflector:
         return AzimuthalSystems(self.states.model, self.interface, elements)
 
     def _find_boundary_data(self, layer: int, m: int) -> BoundaryData:
-        """Return the data matrices of a layer, for order 0 or for all others."""
+        """Return the data matrices of a layer, for order 0 (m = 0) or for all others (m = 1); they are cached."""
         if (layer, m) not in self._data:
             model, elements = self.states.model, self._harmonics.boundary
             boundary, panels = self._boundaries[layer], self._panels[layer]
@@ -179,14 +182,16 @@ class Exchange:
     def iterate_reflection(
         self, scattered: Sequence[Floats], min_work: float, max_orders: int
     ) -> Steps[tuple[list[Floats], int]]:
-        """Reflect fields order by order; return each sphere's regular coefficients, m, and the number of orders.
+        """Reflect fields order by order; return each sphere's regular coefficients, in m, and the number of orders.
+
+        These are steps for ``lockstep``: each yields the response of one order with its data, and receives their product.
 
         Parameters
         ----------
         scattered
-            Outgoing coefficients about each, (modes, k), m.
+            Outgoing coefficients about each sphere, (modes, k), m.
         min_work
-            Work, J; two successive orders with less end the sum.
+            Work, J; two successive orders with less work end the sum.
         max_orders
             Maximum number of orders.
 

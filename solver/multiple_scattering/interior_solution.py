@@ -53,11 +53,14 @@ class Interior:
 
     @cached_property
     def _tables(self) -> dict[tuple[str, str], tuple[Ints, Ints, Floats]]:
-        """Tables for each set of edges: indices of its elements and functions, and the matrix from data to their values."""
-        round_axis, amplitudes, b = 2 * np.pi if self.harmonic.m == 0 else np.pi, self.harmonic.amplitudes, self.boundary
+        """Tables for each set of edges and kind of data: indices of elements and functions, and the matrix from data to them.
+
+        The indices and letters: e edges, q points of each, s functions of each, c components, a = r, theta, z.
+        """
+        azimuthal_integral, amplitudes, b = 2 * np.pi if self.harmonic.m == 0 else np.pi, self.harmonic.amplitudes, self.boundary
         edges_of = {name: edges for name, edges in vars(b).items() if len(edges.element)}
         tables = {
-            (name, "forces"): np.einsum("eq,qs,ac->ecsqa", round_axis * edges.weight, edges.values, amplitudes)
+            (name, "forces"): np.einsum("eq,qs,ac->ecsqa", azimuthal_integral * edges.weight, edges.values, amplitudes)
             for name, edges in edges_of.items()
             if name in FORCE_EDGES
         }
@@ -71,7 +74,7 @@ class Interior:
         return {key: self._build_table(edges_of[key[0]], table) for key, table in tables.items()}
 
     def _build_table(self, edges: Edges, table: Floats) -> tuple[Ints, Ints, Floats]:
-        """Return indices of elements and functions, and the flattened table, of a set of edges."""
+        """Return the indices of elements (e, 1) and functions (e, c s), and the table (e, c, s, ...) as (e, c s, data)."""
         e, c, s = table.shape[:3]
         functions = np.arange(c)[:, None] * 4 * self.harmonic.model.shapes.order + edges.local[:, None]  # (e, c, p + 1)
         return (
@@ -81,7 +84,7 @@ class Interior:
         )
 
     def _place_data(self, data: EdgeData) -> Floats:
-        """Add data to values of the boundary's elements, (elements, 4 c p, k)."""
+        """Convert data on the edges to values or forces of the boundary's elements, and add them up, (elements, 4 c p, k)."""
         k = next((values.shape[-1] for values in data.values()), 1)
         element_values = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], k))
         for key, values in data.items():
@@ -90,7 +93,10 @@ class Interior:
         return element_values
 
     def compute_loads(self, data: EdgeData) -> tuple[Floats, Floats]:
-        """Compute imposed values of the boundary's elements, (elements, 4 c p, k), and forces (unknowns, k), of some data."""
+        """Compute imposed values of the boundary's elements, (elements, 4 c p, k), and forces -F, (unknowns, k), from data.
+
+        Imposed values are -u_s on floor and interfaces; F = t_s + K Y u_s is that of eq. MS.5, where Y also lifts the ends.
+        """
         tractions = {key: values for key, values in data.items() if key[1] == "forces"}
         ends = {key: values for key, values in data.items() if key == ("ends", "lifted")}
         lifted = {key: values for key, values in data.items() if key not in tractions and key not in ends}

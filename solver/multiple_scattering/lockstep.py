@@ -31,12 +31,15 @@ def run_steps(steps: Steps[T], often: bool) -> T:
 
 
 def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
-    """Run the steps of all sets and return their results; the next order is the one for which most sets wait."""
+    """Run the steps of all sets together and return their results, in order.
+
+    Each turn solves the order for which most sets wait, for all of these at once.
+    """
     results: dict[int, T] = {}
     waiting: dict[int, OrderRequest] = {}
 
     def advance(k: int, solution: Floats | None) -> None:
-        """Send a set its response; store its next request, or its result at the end."""
+        """Send set k its solution (None to begin); store its next request, or its result at the end."""
         try:
             waiting[k] = next(all_steps[k]) if solution is None else all_steps[k].send(solution)
         except StopIteration as end:
@@ -51,7 +54,7 @@ def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
         largest_group = max(groups.values(), key=len)
         requests = [waiting.pop(k) for k in largest_group]
         ends = np.cumsum([data.shape[1] for _, data in requests])[:-1]
-        solutions = requests[0][0].apply(np.concatenate([data for _, data in requests], axis=1), False)
+        solutions = requests[0][0].apply(np.concatenate([data for _, data in requests], axis=1), False)  # one solve
         for k, solution in zip(largest_group, np.split(solutions, ends, axis=1), strict=True):
             advance(k, solution)
     return [results[k] for k in range(len(all_steps))]

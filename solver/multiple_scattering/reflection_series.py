@@ -35,12 +35,12 @@ class Reflections:
         return cls((field,), (work,), (_symmetrise(field.T @ work),))
 
     def append(self, field: Floats, work: Floats) -> Reflections:
-        """Return the series with one more reflection."""
+        """Return the series with one more reflection: its ``field`` and ``work``, T times the field."""
         new = _symmetrise(self.works[-1].T @ field), _symmetrise(field.T @ work)
         return Reflections((*self.fields, field), (*self.works, work), (*self.moments, *new))
 
     def sum_fields(self, weights: Floats) -> Floats:
-        """Return the sum of the fields with weights (n + 1, 2, k), shape (modes, k)."""
+        """Return the sum over the reflections of c_i times its weights, which are (n + 1, 2, k); shape (modes, k)."""
         return sum((c @ a for c, a in zip(self.fields, weights, strict=True)), np.zeros(()))
 
     @property
@@ -53,6 +53,7 @@ class Reflections:
         """Weights a of c_0 .. c_n (the last 0) in eq. MS.8, shape (n + 1, 2, 2)."""
         n, mu = self.count, np.array(self.moments)
         A = _build_hankel(mu[:-1] - mu[1:], n)
+        # least squares, as successive fields become nearly parallel and A nearly singular
         a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
         return np.concatenate([a, np.zeros((1, 2, 2))])
 
@@ -76,7 +77,10 @@ class Reflections:
 
     @cached_property
     def rho(self) -> float:
-        """Fraction rho of a field that is reflected back, eq. MS.9, estimated by ratios of successive moments; at most 0.9."""
+        """Fraction rho of a field that is reflected back, eq. MS.9: the largest of three ratios of moments, at most 0.9.
+
+        The ratios are of the first two, of the last two, and per reflection of the last and the last but two.
+        """
         size = [max(float(np.linalg.norm(moment)), 1e-300) for moment in self.moments]
         return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
 

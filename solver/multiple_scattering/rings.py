@@ -61,7 +61,10 @@ class PanelLine:
         return (middle[:, None] + half[:, None] * self._nodes).ravel()
 
     def build_interpolation(self, places: Floats) -> Floats:
-        """Return the matrix that interpolates values at the points to other places, shape (*places, points)."""
+        """Return the matrix that interpolates from values at the points to other places along the line, shape (*places, points).
+
+        In each panel it is the Lagrange polynomial through the panel's points.
+        """
         panel = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.ends) - 2)
         low, high = self.ends[panel], self.ends[panel + 1]
         x, nodes = (2 * places - low - high) / (high - low), self._nodes
@@ -103,7 +106,7 @@ class Panels:
 
     @classmethod
     def from_section(cls, section: Section, order: int, layer: int = 0) -> Panels:
-        """Build panels for elements of an order, on a layer by its number or on the tissue below all layers."""
+        """Build panels for elements of an order on a layer by its number; the tissue below all layers has the last number."""
         top, bottom = [0.0, *section.interfaces, section.tissue_depth][layer : layer + 2]
         step, points = MIN_PANEL_RELATIVE / order * section.tube_radius, order + EXTRA_POINTS
         floor_step = max(step, MIN_FLOOR_PANEL_RELATIVE * section.tissue_depth) if layer == len(section.interfaces) else step
@@ -116,7 +119,7 @@ class Panels:
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice]:
-        """Slices of the points of surface, side and floor."""
+        """Slices of surface, side and floor among the n points."""
         a, b, c = (len(line.places) for line in (self.surface, self.side, self.floor))
         return slice(0, a), slice(a, a + b), slice(a + b, a + b + c)
 
@@ -170,7 +173,7 @@ class AzimuthalGrid:
 
     @property
     def waves(self) -> Floats:
-        """Matrix from values at the angles to amplitudes: (3, orders families, count), components along r, theta and z.
+        """Matrix from values at the angles to amplitudes of waves, (3, orders families, count), for components r, theta and z.
 
         Waves are (cos, sin, cos) of m theta and, unless mirrored, (sin, -cos, sin).
         """
@@ -259,9 +262,9 @@ def build_rings(panels: Panels, spheres: Sequence[ScatteringSphere], rounds: Azi
 def _count_angles(sphere: ScatteringSphere, r: Floats, z: Floats) -> Floats:
     """Return the number of angles in a half plane that resolve a sphere's field on rings.
 
-    A field from a ring of radius d decays on another ring, of radius r and at a distance s, as exp(-m x) with order m, where
-    sinh(x / 2) = s / (2 sqrt(r d)); 3 / x orders are resolved, plus six. A sphere's outgoing modes are as sharp as those of a
-    source 0.8 radii from its centre.
+    A field from a ring of radius d (``offset``) decays on another ring, of radius r and at a distance s (``distance``), as
+    exp(-m x) with order m, where sinh(x / 2) = s / (2 sqrt(r d)); 3 / x orders are resolved, plus six. A sphere's outgoing modes
+    vary as sharply as the field of a source 0.8 radii from its centre, so that s is counted from there.
     """
     offset = float(np.hypot(*sphere.centre[:2]))
     distance = np.hypot(r - offset, z - sphere.centre[2]) - 0.8 * sphere.radius
@@ -269,7 +272,7 @@ def _count_angles(sphere: ScatteringSphere, r: Floats, z: Floats) -> Floats:
 
 
 def _split_runs(needed: Floats) -> list[slice]:
-    """Split the points into those that need more than half of the maximum number of angles, and those before and after."""
+    """Split a line's points into up to three runs: the middle one contains all that need over half of the maximum of angles."""
     dense = np.flatnonzero(needed > needed.max() / 2)
     ends = [0, int(dense[0]), int(dense[-1]) + 1, len(needed)]
     return [slice(low, high) for low, high in pairwise(ends) if high > low]

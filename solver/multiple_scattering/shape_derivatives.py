@@ -29,7 +29,18 @@ COMPLEX_STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
 def compute_shape_derivatives(
     sphere: ScatteringSphere, scattering: Scattering, matrix: Material, material: Material, incident: Floats
 ) -> dict[str, Floats]:
-    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field, (modes, 2).
+    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field of both base states.
+
+    Parameters
+    ----------
+    sphere
+        The sphere.
+    scattering
+        Its scattering matrices.
+    matrix, material
+        The material about it and its own.
+    incident
+        Regular coefficients of the field, m, shape (modes, 2).
 
     Returns
     -------
@@ -56,15 +67,15 @@ def compute_shape_derivatives(
     nu = material.poisson_ratio + COMPLEX_STEP * 1j
     shifted = compute_scattering(modes, matrix.youngs_modulus, material.youngs_modulus, nu, radius)
     return {
-        "depth": integrate(-points[:, 2]) * -z,
+        "depth": integrate(-points[:, 2]) * -z,  # the sphere moves along -z; times the depth -z for the logarithm
         "offset": integrate(points @ outward),
-        "diameter": integrate(np.full(len(points), radius)),
+        "diameter": integrate(np.full(len(points), radius)),  # V_n = R per unit of ln R
         "poisson_ratio": incident.T @ (shifted.T.imag @ incident) / COMPLEX_STEP,
     }
 
 
 def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:
-    """Return stress, Pa, and strain from stress times R / (2 mu), (q, 6, 2), with radius R and shear modulus mu."""
+    """Return stress, Pa, and strain, (q, 6, 2), from ``scaled``: stress times R / (2 mu), with radius R and shear modulus mu."""
     nu = material.poisson_ratio
     trace = scaled[:, :3].sum(axis=1, keepdims=True)
     strain = scaled.copy()

@@ -138,6 +138,7 @@ def iterate_scattering(
         series = series.append(c, sphere_set.compute_work(c))
         change = series.rho / (1 - series.rho) * series.correction
         energy = float(np.linalg.norm(series.correction))
+        # all further changes of the derivatives, in terms of the last one
         decay, previous_energy = _estimate_decay(previous_energy, energy, series.rho), energy
         total = series.sum_fields(series.galerkin_weights + series.remainder_weights)
         last, derivatives = derivatives, sphere_set.compute_slopes(total)
@@ -168,7 +169,10 @@ def iterate_scattering(
 
 
 def _estimate_decay(previous_energy: float, energy: float, rho: float) -> float:
-    """Estimate the sum of all further changes of the derivatives as a multiple of the last change.
+    """Estimate the sum of all further changes of the derivatives, as a multiple of the last change.
+
+    ``energy`` and ``previous_energy`` are the sizes of the correction by reflections after this and the previous one (infinite
+    before the first, where rho takes the place of their ratio).
 
     Derivatives converge like fields: with the square root of the energy.
     """
@@ -179,7 +183,7 @@ def _estimate_decay(previous_energy: float, energy: float, rho: float) -> float:
 def _list_shape_derivatives(
     tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats
 ) -> Iterator[dict[str, Floats]]:
-    """Yield the shape derivatives of each sphere in the whole field."""
+    """Yield the shape derivatives of each sphere in the whole incident field ``total``, (modes of all spheres, 2)."""
     for k, (sphere, scattering, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
         material = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
         yield compute_shape_derivatives(sphere, scattering, sphere.matrix, material, total[part])
@@ -194,7 +198,7 @@ def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple
         Their projections would exceed the memory limit.
     """
     offset, radius = tumours.offset, tumours.diameter / 2
-    far = int(np.argmax(offset))
+    far = int(np.argmax(offset))  # the sphere furthest from the axis is rotated to y = 0, x > 0
     angle = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
     x, y = np.cos(angle) * tumours.x + np.sin(angle) * tumours.y, np.cos(angle) * tumours.y - np.sin(angle) * tumours.x
     plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
@@ -213,6 +217,7 @@ def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple
         for centre, size, sphere_modes, layer in zip(centres, radius, modes, layers, strict=True)
     ]
     distance = np.minimum(tumours.cover, strata.compute_gap(tumours))
+    # more angles where a sphere lies far off the axis and close to a face, as its field there is narrow
     angles = int(np.clip(np.ceil(np.max(3 * offset / (distance + 0.2 * radius))) + 6, *ANGLE_LIMITS))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
@@ -239,12 +244,12 @@ def _find_projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
 
 @lru_cache(maxsize=64)
 def _share_modes(modes: Modes) -> Modes:
-    """Return the first of equal modes, whose labels may be computed already."""
+    """Return the first object of equal modes, whose cached labels may be computed already."""
     return modes
 
 
 def compute_incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
-    """Compute regular coefficients of the base states at a sphere, (modes, 2), m per m."""
+    """Compute the regular coefficients of both base states at a sphere, (modes, 2), m per m of the bases' displacement."""
     x, y, z = sphere.points.T
     r = np.hypot(x, y)
     strains = field.evaluate(r, z)
@@ -256,7 +261,10 @@ def compute_incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
 def _reflect(
     exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], min_work: float, orders: int
 ) -> Steps[tuple[Floats, int]]:
-    """Compute one more reflection: by the other spheres and, order by order, by the boundary."""
+    """Compute one more reflection of outgoing fields: by the other spheres and, order by order, by the boundary.
+
+    Returns the regular coefficients at all spheres, (modes of all, 2), and the number of azimuthal orders that mattered.
+    """
     sent = _exchange_between_spheres(exchange.spheres, outgoing)  # first, because it estimates its time early
     if isinstance(exchange, CloseExchange):
         returned, orders = exchange.reflect(outgoing, min_work, orders)
@@ -281,7 +289,9 @@ def _exchange_between_spheres(spheres: Sequence[ScatteringSphere], outgoing: Seq
 def _estimate_tail(
     section: Section, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, *, series: Reflections, fields: Floats
 ) -> Floats:
-    """Estimate the contribution of degrees beyond the largest, N/m, shape (2, 2).
+    """Estimate the contribution to the film forces of degrees beyond the largest of the modes, N/m, shape (2, 2).
+
+    ``fields`` is the whole incident field, (modes of all spheres, 2).
 
     A field from the surface or an interface decays as (R / distance)^l with degree l on a sphere of radius R: a geometric series
     from the last degrees.

@@ -31,15 +31,15 @@ class ScatteringSphere:
     Attributes
     ----------
     centre
-        x, y and z, m, shape (3,).
+        Coordinates x, y and z of the centre, m, shape (3,).
     radius
-        m.
+        Radius, m.
     modes, projection
-        Modes, and the projection of displacements on its surface on them.
+        Modes, and the projection on them of displacements on the sphere's surface.
     matrix
-        The material about it.
+        The material about the sphere.
     layer
-        The number of the tissue's layer in which it lies.
+        The number of the tissue's layer in which it lies, from the surface downwards.
     """
 
     centre: Floats
@@ -100,7 +100,7 @@ class SphereSet:
         return cls(scatterings, [slice(*pair) for pair in pairwise(ends)])
 
     def scatter(self, c: Floats) -> list[Floats]:
-        """Return the outgoing coefficients S c about each sphere, with its scattering matrix S."""
+        """Return the outgoing coefficients S c about each sphere, from the regular ones c (modes of all, k)."""
         return [scattering.S @ c[part] for scattering, part in zip(self.scatterings, self.parts, strict=True)]
 
     def compute_work(self, c: Floats) -> Floats:
@@ -114,7 +114,10 @@ class SphereSet:
 
 
 def compute_degrees(section: Section, strata: Strata, tumours: Tumours) -> tuple[Floats, Floats]:
-    """Return the degrees that resolve a sphere's image in surface, floor or interface, and the probe's field; (t,) each."""
+    """Return the degrees that resolve each sphere's images, and those that resolve the probe's field at it; shape (t,) each.
+
+    Images are the parts of a sphere's field that surface, floor and interfaces reflect back to it.
+    """
     radius = tumours.diameter / 2
     above_floor = section.tissue_depth - tumours.depth - radius
     nearest = np.minimum.reduce([tumours.cover, strata.compute_gap(tumours), above_floor])
@@ -123,7 +126,9 @@ def compute_degrees(section: Section, strata: Strata, tumours: Tumours) -> tuple
 
 
 def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
-    """Estimate the relative error of the effect by omitted degrees; for blocks much smaller than the sphere it is unknown.
+    """Estimate the relative error of the spheres' effect by omitted degrees; the largest of all spheres.
+
+    For blocks much smaller than the sphere it is unknown, and 1e3 is returned.
 
     The inner block's field at the sphere, of radius R, is as wide as the block plus its distance. The work of degree l also
     decays at least as (R / depth)^2l.
@@ -138,15 +143,18 @@ def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, sphe
 
 
 def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
-    """Estimate the fraction of degrees above l in a sphere's images in surface, floor and interfaces, shape (t,).
+    """Estimate which fraction of each sphere's images lies in degrees above the largest degree l of its modes, shape (t,).
 
-    For a sphere of radius R at a distance d it is at most (1 + 2 d / R)^(-2 l). If they almost touch, the k-th reflection, a
-    fraction q^k of the first field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
+    Images are the parts of the sphere's field that surface, floor and interfaces (walls) reflect back to it. For a sphere of
+    radius R at a gap d from a wall the fraction is at most (1 + 2 d / R)^(-2 l). If they almost touch, that is close to 1 for any
+    l, and another bound is lower. The field is reflected between sphere and wall again and again: after the k-th time a fraction
+    q^k of it is left, of which the part in degree l is (k / (k + 1))^l. Works are squares of fields, so that the bound is
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 
-    where q is the fraction of the field that is left after each reflection. A stiff sphere at the floor needs high degrees; one
-    five times as stiff as its layer at an interface does not.
+    where unlikeness is the contrast of ``Strata.contrasts``, 1 for surface and floor. The result is the smaller of
+    both bounds, for the worst wall. A stiff sphere at the floor needs high degrees; one five times as stiff as its
+    layer at an interface does not.
     """
     radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
     moduli = zip(tumours.youngs_modulus.tolist(), tumours.poisson_ratio.tolist(), strict=True)
@@ -157,6 +165,7 @@ def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres
     fractions = np.zeros(len(radius))
     for depth, contrast in zip(depths, (1.0, 1.0, *strata.contrasts), strict=True):
         gap = np.maximum(np.abs(tumours.depth - depth) - radius, MIN_GAP_RELATIVE * tumours.diameter)
+        # MS.11: sphere_contrasts * contrast is q^2, hence the power k and not 2 k
         touching = np.max((sphere_contrasts * contrast) ** k * (k / (k + 1)) ** (2.0 * degree), axis=0)
         fractions = np.maximum(fractions, np.minimum((1 + 2 * gap / radius) ** (-2.0 * degree), touching))
     return fractions

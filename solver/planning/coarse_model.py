@@ -52,7 +52,7 @@ class CoarseModel:
     sample
         Film forces and base states.
     changes
-        Bounds on what groove, films, base and sides that are not round change.
+        Bounds on the effects of groove, films, base and sides that are not round; empty where they were not requested.
     """
 
     scene: Scene
@@ -113,7 +113,7 @@ class CoarseModel:
             return None
         with np.errstate(divide="ignore"):
             changes = np.abs(totals - free) / np.abs(free)
-            ratio = float(abs(np.log(np.abs(totals / free)) @ [1.0, -1.0]))
+            ratio = float(abs(np.log(np.abs(totals / free)) @ [1.0, -1.0]))  # change of ln(inner / outer)
         return Effect(ratio, float(changes.max()), float(abs(totals.sum() / free.sum() - 1)))
 
     @cached_property
@@ -125,7 +125,8 @@ class CoarseModel:
     def wall_approach(self) -> float:
         """Maximum approach of the walls per unit indentation.
 
-        Where what nears them cancels, inclusions and finite strain leave more of it than there is without; so it counts as
+        Parts of the approach may cancel each other; with inclusions and at finite strain they cancel less. So it counts as at
+        least a fraction of the bound PL.4, in which nothing cancels:
 
             max(nearing, PL.4 / 12)      (PL.9)
         """
@@ -133,7 +134,7 @@ class CoarseModel:
 
     @property
     def closure_force(self) -> float:
-        """Force that closes the gap in linear elasticity, N; several times the true one."""
+        """Force that closes the gap in linear elasticity, N; finite strain closes it at a fraction of that."""
         return float(self.forces.sum()) * self.scene.probe.gap / self.wall_approach
 
     def build_rule(self, scene: Scene) -> LoadRule:
@@ -149,7 +150,10 @@ class CoarseModel:
 
     @cached_property
     def pulled_share(self) -> float:
-        """Fraction of the contact forces that pull while both surfaces are tied to each other: this part would open."""
+        """Fraction of the contact's forces that that pull while probe and tissue are tied: untied they would part there.
+
+        Forces are those at rings of points just under both blocks' ends.
+        """
         section, tissue = self.sample.states.model.section, (*self.scene.tissue.layer, self.scene.tissue)[0]
         steps = (np.arange(POINTS_PER_BLOCK) + 0.5) / POINTS_PER_BLOCK
         spans = ((0.0, section.inner_radius), (section.hole_radius, section.tube_radius))
@@ -178,9 +182,9 @@ class GapProfile:
     Attributes
     ----------
     heights
-        At the gap, m, rising; each row is one polynomial's, shape (k, PLACES).
+        Heights along the gap, m, rising; each row belongs to one polynomial, shape (k, places).
     nearing
-        By how much the walls near each other there per unit indentation, likewise.
+        By how much the walls approach each other at these heights per unit indentation, of the same shape.
     """
 
     heights: Floats
@@ -188,9 +192,10 @@ class GapProfile:
 
     @classmethod
     def from_states(cls, states: BaseStates, places: int = POINTS_PER_POLYNOMIAL) -> GapProfile:
-        """Compute the approach of both walls, from the tissue up to where the lower block ends."""
+        """Compute the approach of both walls, from the tissue to the end of the shorter block, at ``places`` per polynomial."""
         model, walls = states.model, _walls(states.model.mesh)
         section, sides = model.section, walls.compute_ends(model.section, model.mesh)
+        # radial displacement of the sides' functions, summed over both base states: the whole base moves by one unit
         moved = states.edge[walls.elements].reshape(len(sides), 2, -1, 2)[:, 0].sum(axis=-1)
         moved = np.take_along_axis(moved, walls.list_functions(model.shapes.order), axis=1)
         ends = np.unique(np.minimum(sides, min(section.inner_height, section.outer_height)))
@@ -200,7 +205,10 @@ class GapProfile:
 
     @cached_property
     def max_nearing(self) -> float:
-        """Maximum approach of the walls per unit indentation; 0 where they approach nowhere."""
+        """Maximum approach of the walls per unit indentation; 0 where they approach nowhere.
+
+        At each three neighbouring places it is the top of the parabola through them, if that lies between them.
+        """
         lower, middle, upper = (self.nearing[:, k : k - 2 or None] for k in range(3))
         bend, lean = 2 * middle - lower - upper, upper - lower
         top = (bend > 0) & (np.abs(lean) <= bend)
@@ -209,7 +217,10 @@ class GapProfile:
 
 
 def _compute_outward_motion(ends: Floats, moved: Floats, heights: Floats) -> Floats:
-    """Return how far a wall moves outwards at ``heights``, from its sides' ends (m, 2) and shape functions' values (m, p + 1)."""
+    """Return how far a wall moves outwards at ``heights``, per unit indentation.
+
+    ``ends`` are the heights of the ends of its m element sides, (m, 2), ``moved`` the values of their functions, (m, p + 1).
+    """
     side = np.searchsorted(ends.max(axis=1), heights.mean(axis=1))
     start, end = ends[side].T[..., None]
     fraction = (heights - start) / (end - start)

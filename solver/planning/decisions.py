@@ -22,7 +22,10 @@ SOFT_TISSUE_MODULUS_PA = 20e3  # Pa: softer tissue without layers may be living 
 
 
 def decide_nonlinear_effects(scene: Scene, coarse: CoarseModel, accuracy: float, contact: bool) -> Iterator[Decision]:
-    """Yield decisions on nonlinear effects at the scene's load, by the rule of ``loads.py``; ``contact`` models the first two."""
+    """Yield decisions on gap contact, finite strain and lift-off at the scene's load, by the rule of ``loads.py``.
+
+    ``contact`` says that the evaluator of that name is used, which models the first two.
+    """
     rule = coarse.build_rule(scene)
     force = rule.compute_force(scene)
     evaluator = "contact" if contact else "no linear evaluator"
@@ -32,7 +35,10 @@ def decide_nonlinear_effects(scene: Scene, coarse: CoarseModel, accuracy: float,
 
 
 def _describe_indentation(scene: Scene, rule: LoadRule, force: float, evaluator: str) -> str:
-    """Describe how deep the probe is pressed, and the equivalent indentation under stiff blocks on deep tissue."""
+    """Describe how deep a force, N, presses the probe, and the equivalent indentation under stiff blocks on deep tissue.
+
+    The latter is given only where it is noticeably larger.
+    """
     depth, x = force / rule.stiffness, rule.compute_x(force)
     depth_ratio = depth / scene.probe.tube_radius
     text = f"{evaluator}: indented by {1e3 * depth:.2g} mm, {depth_ratio:.2g} of the outer radius"
@@ -42,18 +48,18 @@ def _describe_indentation(scene: Scene, rule: LoadRule, force: float, evaluator:
 
 
 def _decide_finite_strain(scene: Scene, rule: LoadRule, force: float, accuracy: float, evaluator: str) -> Decision:
-    """Decide on finite strain under a force, N; where the rule knows nothing because of the gap, by the strain alone."""
+    """Decide on finite strain under a force, N, by the strain alone: whether the gap may close is a decision of its own."""
     description, x = _describe_indentation(scene, rule, force, evaluator), rule.compute_x(force)
     if x > MAX_X:
         return _build_decision("finite strain", math.inf, accuracy, f"{description}; beyond {MAX_X:g} the effect is unknown")
-    changes = replace(rule, closure=math.inf).describe_changes(force, scene.target is not None)
+    changes = replace(rule, closure=math.inf).describe_changes(force, scene.target is not None)  # with a gap that never closes
     return _build_decision(
         "finite strain", bound_ratio_change(x, rule.covered), accuracy, f"{description}, which changes {changes}"
     )
 
 
 def _decide_gap_contact(rule: LoadRule, force: float, accuracy: float, evaluator: str) -> Decision:
-    """Decide on contact in the gap: in all references it is open up to 1/14 of the linear closing force, or to x = 0.3."""
+    """Decide on contact in the gap under a force, N: none where the rule knows that the gap stays open, else unknown."""
     text = f"{evaluator}: the gap stays open up to {format_maximum(rule.largest_open_load.force, 3)} N at least"
     if rule.is_known(force):
         return _build_decision("gap contact", 0.0, accuracy, text)
@@ -62,6 +68,7 @@ def _decide_gap_contact(rule: LoadRule, force: float, accuracy: float, evaluator
 
 def _decide_lift_off(scene: Scene, coarse: CoarseModel, indentation: float, accuracy: float) -> Decision:
     """Decide on lift-off: the fraction of contact forces that pull, and how far a tilt raises one side."""
+    # height by which a tilt raises one side of the probe, m, and the fraction of it that the indentation does not close
     tilted = math.tan(abs(scene.placement.tilt)) * scene.probe.tube_radius
     raised = max(0.0, 1 - indentation / tilted) if tilted > 0 else 0.0
     pulled = coarse.pulled_share
@@ -78,7 +85,10 @@ def _build_decision(feature: str, effect: float, accuracy: float, reason: str) -
 
 
 def decide_layers(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
-    """Yield each layer's effect against the material below it in its place; all layers are modelled, at almost no cost."""
+    """Yield the effect of each layer, compared with the material below it in its place.
+
+    All layers are modelled, as that costs almost nothing.
+    """
     layers = coarse.scene.tissue.layer
     for k, layer in enumerate(layers):
         lower_material = layers[k + 1] if k + 1 < len(layers) else coarse.scene.tissue

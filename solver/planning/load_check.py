@@ -37,18 +37,18 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     Parameters
     ----------
     scene
-        For its load.
+        The scene, of which only load and tilt are used.
     rule
-        With the stiffness that turns force into indentation.
+        The rule for loads on it; its stiffness converts force to indentation.
     accuracy
         See ``find_largest_load``.
     promise
-        Likewise.
+        Whether the log-sensitivity has to be accurate too, see ``find_largest_load``.
     """
     limit = find_largest_load(rule, accuracy, promise)
     if _is_within(rule.compute_force(scene), limit):
         return
-    if limit.force == 0:
+    if limit.force == 0:  # the tilt alone is too much
         raise Refusal("placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), f"a smaller one, {LINEAR_REMEDY}")
     raise Refusal(
         *_describe_load(scene), f"up to {_format_limit(scene, limit)} ({explain_limit(limit, accuracy)}), {LINEAR_REMEDY}"
@@ -61,9 +61,9 @@ def check_known_load(scene: Scene, rule: LoadRule) -> None:
     Parameters
     ----------
     scene
-        For its load.
+        The scene, for its load.
     rule
-        Of the scene.
+        The rule for loads on the scene.
     """
     if rule.is_known(rule.compute_force(scene)):
         return
@@ -77,9 +77,13 @@ def explain_limit(limit: LargestLoad, accuracy: float) -> str:
 
 
 def compute_budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:
-    """Return the accuracy that a force, N, leaves for the evaluator; all of it where the load is refused anyway."""
+    """Return the part of an accuracy that the effect of a force, N, leaves for the evaluator's own error.
+
+    It is the whole accuracy where the load is refused anyway. ``promise`` says whether the log-sensitivity counts too.
+    """
     if force > find_largest_load(rule, accuracy, promise).force:
         return accuracy
+    # errors combine as (1 + change) (1 + budget) = 1 + accuracy
     change = max(rule.bound_ratio_change(force), accuracy * rule.compute_promise_share(force, accuracy) if promise else 0.0)
     return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
 
@@ -90,15 +94,15 @@ def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: floa
     Parameters
     ----------
     result
-        Of the scene.
+        The linear result for the scene.
     scene
-        For its load.
+        The scene, for its load.
     rule
-        Of the scene.
+        The rule for loads on the scene.
     accuracy
         See ``find_largest_load``.
     promise
-        Likewise.
+        Whether the log-sensitivity has to be accurate too, see ``find_largest_load``.
     """
     result = result.add_error(rule.bound_ratio_change(rule.compute_force(scene)))
     result = replace(result, load_limits=build_limits(rule, accuracy, promise))
@@ -106,7 +110,7 @@ def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: floa
 
 
 def build_load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> tuple[Note, ...]:
-    """Return the note on a result beyond the linear limit; none within the limit."""
+    """Return the note on a linear result whose load is beyond the limit of linear elasticity; none within the limit."""
     force, limit = rule.compute_force(scene), find_largest_load(rule, accuracy, promise)
     if _is_within(force, limit):
         return ()
@@ -122,20 +126,22 @@ def build_load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: boo
 def add_load_warning(
     result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None, known: Basis = "bound"
 ) -> Result:
-    """Return the result of a named evaluator with load limits, and a warning beyond the linear limit: its error is linear only.
+    """Return the result of a named evaluator with load limits, and with a warning where the load is beyond the linear limit.
+
+    The error of such a result does not include the effect of the load.
 
     Parameters
     ----------
     result
-        Of the evaluator.
+        The evaluator's result.
     scene
-        Of the result.
+        The result's scene.
     accuracy
         See ``find_largest_load``.
     rule
-        Of the scene, where it is known.
+        The rule for loads on the scene, where it is known; else it is built.
     known
-        How the rule's numbers are.
+        How the rule's numbers were determined, see ``LargestLoad``.
     """
     if result.stiffness is None:
         return result
@@ -183,10 +189,12 @@ class LoadChanges:
         load = scene.load
         force = stiffness * load.indentation if load.indentation is not None else np.full_like(stiffness, load.force or 0.0)
         x = rule.strain * (force / stiffness + rule.tilted)
+        # as in LoadRule.is_known and its bounds, for n stiffnesses at once
         is_covered = (x <= MAX_X) & (force <= CLOSURE_FORCE_SHARE * rule.closure)
         sensitivity_changes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, MAX_X))
         ratio = np.where(is_covered, RATIO_CHANGE_PER_X * rule.covered * x, np.inf)
         stiffnesses = (rule.stiffness, *stiffness.tolist())
+        # a given force presses deepest where the stiffness is lowest; a given indentation needs most force where it is highest
         weakest = min(stiffnesses) if load.indentation is None else max(stiffnesses)
         return cls(ratio, np.where(is_covered, sensitivity_changes, np.inf), replace(rule, stiffness=weakest))
 
@@ -196,12 +204,13 @@ class LoadChanges:
         return np.isfinite(self.ratio)
 
     def add_to_errors(self, errors: Floats) -> Floats:
-        """Return bounds on relative errors of the ratio, shape (n,), with the load's change on top."""
+        """Return bounds on relative errors of the ratio, shape (n,), increased by the load's effect on it."""
         return np.asarray((1 + errors) * (1 + self.ratio) - 1)
 
 
 def build_rule_from_formulas(scene: Scene, result: Result) -> LoadRule:
-    """Build the load rule from a result of formulas, without a mesh; the gap's closure is bounded."""
+    """Build the load rule of a scene from a result of formulas, without a mesh; PL.4 bounds the closing force."""
+    # film forces in units of the outer film's stress; together they make up the stiffness
     inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
     totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
     rule = LoadRule.from_totals(scene, totals, bound_closure_force(scene, totals))
@@ -222,7 +231,7 @@ def _is_within(force: float, limit: LargestLoad) -> bool:
 
 
 def _add_notes(result: Result, notes: tuple[Note, ...]) -> Result:
-    """Return a result with further warnings."""
+    """Return a result with notes added to its warnings."""
     return replace(result, warnings=(*result.warnings, *notes))
 
 

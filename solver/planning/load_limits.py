@@ -53,12 +53,12 @@ def _solve_coarse_model(scene: Scene) -> CoarseModel:
 
 
 def compute_load_limits(scene: Scene, accuracy: float) -> LoadLimits:
-    """Return the loads up to which linear elasticity holds on a scene, by the rule.
+    """Return the loads up to which linear elasticity holds on a scene, by its load rule (see ``LoadRule`` in ``loads.py``).
 
     Parameters
     ----------
     scene
-        Its own load does not matter.
+        The scene; its own load does not matter.
     accuracy
         Relative, on ratio, stresses and stiffness; the log-sensitivity of a target has five times that.
 
@@ -76,18 +76,20 @@ def build_limits(rule: LoadRule, accuracy: float, promise: bool, known: Basis = 
     Parameters
     ----------
     rule
-        Of the scene.
+        The rule for loads on the scene.
     accuracy
         See ``compute_load_limits``.
     promise
-        Whether the log-sensitivity is promised too.
+        Whether the log-sensitivity has to be accurate too; it has no limit otherwise.
     known
-        How the rule's numbers are.
+        How the rule's numbers were determined, see ``LargestLoad``.
     """
-    sensitive = rule.find_sensitivity_limit(accuracy) if promise else None
+    sensitivity_limit = rule.find_sensitivity_limit(accuracy) if promise else None
     return LoadLimits(
         ratio=replace(rule.find_ratio_limit(accuracy), question=describe_ratio_limit(accuracy), known=known),
-        log_sensitivity=sensitive and replace(sensitive, question=describe_sensitivity_limit(accuracy), known=known),
+        # None stays None
+        log_sensitivity=sensitivity_limit
+        and replace(sensitivity_limit, question=describe_sensitivity_limit(accuracy), known=known),
         gap_closure=replace(rule.largest_open_load, question=GAP_OPEN, known=known),
         auto=replace(find_largest_load(rule, accuracy, promise), question=describe_auto_limit(accuracy), known=known),
     )
@@ -99,9 +101,9 @@ def combine_computed_limits(ends: LoadEnds, bounds: LoadLimits, accuracy: float)
     Parameters
     ----------
     ends
-        Of the load curve that ``contact`` computed.
+        Loads at which ``contact`` found that each statement ends to be true.
     bounds
-        By the rule.
+        The limits by the rule.
     accuracy
         See ``compute_load_limits``.
     """
@@ -119,15 +121,15 @@ def combine_computed_limits(ends: LoadEnds, bounds: LoadLimits, accuracy: float)
 
 
 def find_largest_load(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
-    """Return the largest load at which ``auto`` uses linear elasticity: finite strain may take ``LOAD_SHARE`` of the accuracy.
+    """Return the largest load at which ``auto`` uses linear elasticity: its effect may be ``LOAD_SHARE`` of the accuracy.
 
     Parameters
     ----------
     rule
-        Of the scene.
+        The rule for loads on the scene.
     accuracy
         Relative, on ratio, stresses and stiffness.
     promise
-        Whether the log-sensitivity is promised too, to five times that.
+        Whether the log-sensitivity has to be accurate too, to five times that.
     """
     return rule.find_largest_load(LOAD_SHARE * accuracy, promise)

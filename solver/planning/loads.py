@@ -47,7 +47,7 @@ Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
 
 def bound_ratio_change(x: float, covered: float = 1.0) -> float:
-    """Bound the relative change of ratio, stresses and stiffness by finite strain: eq. PL.2 times eq. PL.7."""
+    """Bound the relative change of ratio, stresses and stiffness by finite strain: eq. PL.2 times ``covered``, eq. PL.7."""
     return RATIO_CHANGE_PER_X * covered * x
 
 
@@ -80,9 +80,9 @@ def find_largest_x(accuracy: float, promise: float | None, covered: float = 1.0)
     accuracy
         Relative, on ratio, stresses and stiffness.
     promise
-        How good the log-sensitivity has to be, relative to its size by eq. PL.8; None where it does not matter.
+        Tolerance on the log-sensitivity, relative to its size by eq. PL.8; None where it does not matter.
     covered
-        eq. PL.7.
+        Factor on the change of ratio, stresses and stiffness, eq. PL.7.
     """
     limits: dict[Cause, float] = {"strain limit": MAX_X, "ratio": accuracy / RATIO_CHANGE_PER_X / covered}
     if promise is not None:
@@ -97,7 +97,7 @@ def bound_closure_force(scene: Scene, totals: Floats) -> float:
     Parameters
     ----------
     scene
-        Its load does not matter.
+        The scene; its load does not matter.
     totals
         Force on each film, inner and outer, per indentation, N/m, shape (2,).
     """
@@ -105,10 +105,10 @@ def bound_closure_force(scene: Scene, totals: Floats) -> float:
 
 
 def bound_wall_nearing(scene: Scene, totals: Floats) -> float:
-    """Return an upper bound on the walls' approach per indentation, eq. PL.4; arguments as of the closing force's bound."""
+    """Return an upper bound on the walls' approach per indentation, eq. PL.4; parameters as of ``bound_closure_force``."""
     probe = scene.probe
     areas, moduli = (probe.inner_area, probe.outer_area), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
-    inner, outer = np.abs(totals) / areas / moduli
+    inner, outer = np.abs(totals) / areas / moduli  # mean strains of both blocks per indentation, 1/m
     radii = (probe.inner_radius, probe.hole_radius, probe.tube_radius)
     return float(bound_nearing(scene.tissue, radii, (inner, outer), moduli[1]))
 
@@ -133,6 +133,7 @@ def compute_law_factor(scene: Scene) -> float:
         for law in laws:
             change = np.maximum.accumulate(np.abs(2 * law.evaluate(DISTORTION_COEFFICIENT * x**2)[1] - 1))
             added = np.maximum(added, weight * STIFFENING_COEFFICIENT * change)
+    # the factor at each x, rising; s is that at the x for which factor x reaches MAX_X
     factors = np.maximum.accumulate(1 + added / x)
     return MAX_X / float(np.interp(MAX_X, factors * x, x))
 
@@ -149,15 +150,15 @@ class LoadRule:
     Attributes
     ----------
     strain
-        x per indentation, 1/m: ``compute_tissue_strain`` and what the blocks' own strain adds.
+        x per indentation, 1/m: from ``compute_tissue_strain``, and what the blocks' own strain adds.
     stiffness
         Linear, force per indentation, N/m.
     closure
         Force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
     tilted
-        By how much a tilt lowers one side of the probe, m, which counts as indentation.
+        Distance by which a tilt lowers one side of the probe, m, which counts as indentation.
     covered
-        eqs. PL.7 and PL.11, times eq. PL.10.
+        Factor on the change of ratio, stresses and stiffness: eqs. PL.7 and PL.11, times eq. PL.10.
     films
         Log-sensitivities of both film forces, where a result has them, see ``compute_sensitivity_size``.
     """
@@ -180,7 +181,7 @@ class LoadRule:
         Parameters
         ----------
         scene
-            Its load does not matter.
+            The scene; its load does not matter.
         totals
             Force on each film, inner and outer, per indentation, N/m, shape (2,).
         closure
@@ -194,8 +195,9 @@ class LoadRule:
         added, cover = max(inner, outer), compute_cover_factor(scene.inclusion)
         law = compute_law_factor(scene)
         strains = compute_both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover, law=law)
-        strain, of_ratio = (float(value) for value in strains)
-        covered = of_ratio / strain * compute_cancelling_factor(totals, (probe.inner_area, probe.outer_area))
+        # for the log-sensitivity, and for ratio, stresses and stiffness
+        strain, ratio_strain = (float(value) for value in strains)
+        covered = ratio_strain / strain * compute_cancelling_factor(totals, (probe.inner_area, probe.outer_area))
         return cls(strain, float(totals.sum()), closure, tilted, covered)
 
     def compute_force(self, scene: Scene) -> float:
@@ -208,14 +210,14 @@ class LoadRule:
         return self.strain * (force / self.stiffness + self.tilted)
 
     def find_largest_load(self, accuracy: float, promise: bool) -> LargestLoad:
-        """Return the largest load that keeps an accuracy; 0 where the tilt alone does not.
+        """Return the largest load that keeps an accuracy; its force is 0 where the tilt alone is too much.
 
         Parameters
         ----------
         accuracy
             Relative, on ratio, stresses and stiffness.
         promise
-            Whether the log-sensitivity has to be good to five times that.
+            Whether the log-sensitivity has to be accurate to five times that.
         """
         limits = [self.largest_open_load, self.find_ratio_limit(accuracy)]
         limits += [self.find_sensitivity_limit(accuracy)] if promise else []
@@ -238,19 +240,22 @@ class LoadRule:
         return LargestLoad(CLOSURE_FORCE_SHARE * self.closure, CLOSURE_FORCE_SHARE * self.closure / self.stiffness, "gap closure")
 
     def _find_load(self, x: float, cause: Cause) -> LargestLoad:
-        """Return the load under which x has a given value."""
+        """Return the load under which x has a given value, with the cause that limits it there."""
         force = max(0.0, x / self.strain - self.tilted) * self.stiffness
         return LargestLoad(force, force / self.stiffness, cause)
 
     def _compute_promise(self, accuracy: float) -> float:
-        """Return the tolerance on the log-sensitivity, relative to its size: five times the accuracy, relative to itself."""
+        """Return the tolerance on the log-sensitivity, relative to its size by eq. PL.8.
+
+        It is five times the accuracy relative to the log-sensitivity itself, which is its size where ``films`` is not known.
+        """
         if self.films is None or not any(self.films):
             return 5 * accuracy
         sensitivity = abs(self.films[0] - self.films[1])
         return float(compute_sensitivity_tolerance(accuracy, sensitivity)) / compute_sensitivity_size(self.films)
 
     def compute_promise_share(self, force: float, accuracy: float) -> float:
-        """Return the fraction of the log-sensitivity's tolerance that a force, N, may use up; infinite where it is unknown."""
+        """Return the fraction of the log-sensitivity's tolerance that a force, N, may use up; infinite if unknown."""
         return (
             bound_log_sensitivity_change(self.compute_x(force)) / self._compute_promise(accuracy)
             if self.is_known(force)
@@ -281,9 +286,10 @@ class LoadRule:
         return change * compute_sensitivity_size(self.films) / sensitivity if sensitivity else math.inf
 
     def describe_changes(self, force: float, promise: bool) -> str:
-        """Return in words how much a force, N, within what the rule knows changes at most.
+        """Describe in words how much a force, N, changes at most; the rule must cover it (``is_known``).
 
-        Where the films' log-sensitivities may cancel, a fraction of their difference means nothing: the change itself is given.
+        Where the films' log-sensitivities may cancel, a fraction of their difference means nothing: then the absolute change is
+        given.
 
         Parameters
         ----------

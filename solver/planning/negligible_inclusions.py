@@ -25,11 +25,11 @@ class Reduced:
     Attributes
     ----------
     scene
-        With a marked target, if the whole had one.
+        The reduced scene, with a marked target if the whole scene had one.
     decisions
-        One for each inclusion of the whole.
+        One decision for each inclusion of the whole scene.
     left_out
-        Bound on what those left out change together, relative.
+        Bound on the relative change by all inclusions left out together.
     """
 
     scene: Scene
@@ -39,7 +39,17 @@ class Reduced:
 
 @dataclass(frozen=True)
 class _InclusionEffects:
-    """Estimated effects of each of t inclusions, bounds on their errors, and bounds on the change of the target's sensitivity."""
+    """Estimated relative effects of t inclusions, each of shape (t,).
+
+    Attributes
+    ----------
+    ratio, stresses, stiffness
+        Changes of the ratio, of the stress that changes more, and of the stiffness.
+    doubt
+        Bounds on the errors of these estimates.
+    on_target
+        Bounds on the relative change of the log-sensitivity to the target.
+    """
 
     ratio: Floats
     stresses: Floats
@@ -48,7 +58,7 @@ class _InclusionEffects:
     on_target: Floats
 
     def build_effect(self, k: int, bounded: bool) -> Effect:
-        """Return the effect of inclusion k; ``bounded`` adds its error bound."""
+        """Return the effect of inclusion k; with ``bounded`` its error bound is added, which makes it an upper bound."""
         margin = float(self.doubt[k]) if bounded else 0.0
         return Effect(float(self.ratio[k]) + margin, float(self.stresses[k]) + margin, float(self.stiffness[k]) + margin)
 
@@ -71,7 +81,7 @@ def leave_out_negligible(scene: Scene, coarse: CoarseModel, accuracy: float) -> 
     effects = _compute_effects(scene, coarse)
     inclusion_effects = [effects.build_effect(k, bounded=True) for k in range(len(scene.inclusion))]
     dropped: list[int] = []
-    spent = np.zeros(2)
+    spent = np.zeros(2)  # sums over the inclusions left out: of their maximum effects, and of a fifth of those on the target
     for k in sorted(range(len(inclusion_effects)), key=lambda k: inclusion_effects[k].maximum):
         cost = np.array(
             [inclusion_effects[k].maximum, effects.on_target[k] / 5]
@@ -89,7 +99,7 @@ def leave_out_negligible(scene: Scene, coarse: CoarseModel, accuracy: float) -> 
 
 def _compute_effects(scene: Scene, coarse: CoarseModel) -> _InclusionEffects:
     """Compute the first-order effect of each inclusion, its error bound, and its effect on the target's sensitivity."""
-    base, target = coarse.base_states, scene.target
+    base, target = coarse.base_states, scene.target  # film forces and strains without tumours
     tumours, effects = compute_tumour_effects(scene, base)
     changes = effects.forces
     relative_errors = bound_first_order_share(base, tumours)[0]

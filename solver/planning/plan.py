@@ -46,27 +46,27 @@ class Plan(LoadedRecord):
     Attributes
     ----------
     evaluator
-        With which ``auto`` begins; None where no evaluator takes the scene.
+        Name of the evaluator with which ``auto`` begins; None where no evaluator takes the scene.
     dimension
-        Of the model, in words.
+        Dimension of the evaluator's model, in words.
     scene
         The scene for that evaluator: without negligible inclusions.
     accuracy
-        Requested of that evaluator.
+        The accuracy requested of that evaluator.
     allowed
-        Its largest allowed error: what load and left-out inclusions leave of the accuracy; at least ``accuracy``.
+        Its largest allowed error: what load and left-out inclusions leave of the scene's accuracy; at least ``accuracy``.
     left_out
         Bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
     decisions
         One for each feature that could be left out.
     rule
-        For loads, see ``CoarseModel.build_rule``.
+        The rule for loads, see ``CoarseModel.build_rule``.
     load_limits
-        Up to which load linear elasticity holds, by the rule or, where loads are requested, by ``contact``.
+        Loads up to which linear elasticity holds, by the rule or, where loads are requested, by ``contact``.
     warnings
-        One line each.
+        Warnings, one line each.
     refusal
-        Why ``auto`` refuses the scene; None where an evaluator is named.
+        Error with which ``auto`` refuses the scene; None where an evaluator is named.
     """
 
     INTERNAL = ("scene", "accuracy", "allowed", "left_out", "rule", "refusal")
@@ -94,7 +94,7 @@ class Plan(LoadedRecord):
         return entries | {"refusal": None if self.refusal is None else str(self.refusal)}
 
     def with_refusal(self, fault: InputError) -> Plan:
-        """Return the plan of a scene that ``auto`` refuses."""
+        """Return the plan for a scene that ``auto`` refuses with an error, ``fault``."""
         return replace(self, evaluator=None, dimension=_describe_model(self.scene, None), refusal=fault)
 
     def is_sure(self) -> bool:
@@ -106,10 +106,14 @@ class Plan(LoadedRecord):
             for decision in self.decisions
             if decision.feature.startswith(MESHED_FEATURES)
         )
+        # its error: a part that no scene escapes, and a fraction of the effects of the features that it meshes
         return self.allowed >= BEST_ACCURACY + (MESH_SHARE if _half(self.scene) else WHOLE_MESH_SHARE) * sum(changed)
 
     def compute_reached_error(self, error: float, accuracy: float) -> float:
-        """Return the error of a result for the whole scene, given the evaluator's own error."""
+        """Return the error of a result for the whole scene, given the evaluator's own error.
+
+        Load and left-out inclusions add to it what the requested accuracy and ``allowed`` differ by.
+        """
         return (1 + error) * (1 + accuracy) / (1 + self.allowed) - 1
 
     def check_load(self, scene: Scene, accuracy: float) -> None:
@@ -178,9 +182,9 @@ def build_plan(
     Parameters
     ----------
     scene
-        As there.
+        See ``solver.evaluation.plan``.
     accuracy
-        As there.
+        Likewise.
     evaluator
         The evaluator to plan for; None for the cheapest that may do.
     skin
@@ -202,7 +206,7 @@ def build_plan(
     rule, promise = coarse.build_rule(scene), scene.target is not None
 
     def reserve_for_inclusions(available: float) -> float:
-        """Return what an accuracy leaves the evaluator where inclusions may be left out."""
+        """Return the part of an accuracy that remains for the evaluator where inclusions may be left out."""
         several = len(scene.inclusion) > 1
         return float((1 + available) * np.exp(-LEFT_OUT_ACCURACY_SHARE * accuracy) - 1) if several else available
 
@@ -246,20 +250,20 @@ def build_plan(
 def find_next_evaluator(
     planned: Plan, tried: Collection[str], fault: Refusal, scene: Scene, *, accuracy: float, linear: bool
 ) -> str | None:
-    """Return the next evaluator that may solve the scene where those tried refuse, else None.
+    """Return the next evaluator that may solve the scene after those tried have refused; None where there is no other.
 
     Parameters
     ----------
     planned
-        For the last of them.
+        The plan for the last evaluator tried.
     tried
-        Their names.
+        Names of the evaluators tried.
     fault
-        The last one's refusal.
+        The refusal of the last.
     scene
-        whole.
+        The whole scene, with the inclusions that the plan leaves out.
     accuracy
-        Of the whole.
+        Requested for the whole scene.
     linear
         Whether to use linear elasticity at any load.
     """
@@ -283,6 +287,7 @@ def _choose_evaluator(scene: Scene, coarse: CoarseModel, accuracy: float) -> str
         return None
     if find_refusal(scene, GEOMETRY_KINDS) is not None:
         return SOLID
+    # details that are not axisymmetric, which only a three-dimensional mesh models
     flat = sum(change.effect for change in coarse.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE))
     if flat > accuracy and SolidEvaluator().may_help(scene, accuracy):
         return SOLID
@@ -292,7 +297,7 @@ def _choose_evaluator(scene: Scene, coarse: CoarseModel, accuracy: float) -> str
 
 
 def _half(scene: Scene) -> bool:
-    """Whether ``solid`` meshes half of a scene."""
+    """Return whether ``solid`` meshes only half of a scene, by symmetry."""
     return choose_domain(scene, compute_reach(scene), scene.probe.tube_radius).half
 
 
@@ -308,7 +313,7 @@ def _describe_model(scene: Scene, evaluator: str | None) -> str:
 
 
 def _decide_dimension(scene: Scene, coarse: CoarseModel, evaluator: str | None, accuracy: float) -> Decision:
-    """Decide on the third dimension: features other than tumours that are not axisymmetric."""
+    """Decide on the third dimension: features other than tumours that are not axisymmetric, such as flat sides."""
     flat = [
         change.build_decision(accuracy) for change in coarse.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE)
     ]
@@ -337,13 +342,16 @@ def _decide_edges(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
 
 
 def _decide_detail(change: Change, evaluator: str | None, accuracy: float) -> Decision:
-    """Decide on a detail: groove, sides that are not round, films or base."""
+    """Decide on a detail: groove, sides that are not round, films or base.
+
+    Details in the meridian plane are modelled where they are not negligible; the others by ``solid`` alone.
+    """
     in_plane = change.feature in IN_PLANE_DETAILS
     modelled = change.effect > NEGLIGIBLE_SHARE * accuracy if in_plane else evaluator == SOLID and change.feature != OUTER_TISSUE
     return replace(change, modelled=modelled).build_decision(accuracy)
 
 
 def _remove_sensitivity(result: Result) -> Result:
-    """Remove the log-sensitivity of a result whose whole scene has no target."""
+    """Remove the log-sensitivity of a result for a reduced scene, whose only inclusion counts as target, unlike in the whole."""
     notes = tuple(note for note in result.warnings if note.kind != "sensitivity")
     return replace(result, log_sensitivity=None, warnings=(explain_null_sensitivity(2), *notes))

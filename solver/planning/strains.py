@@ -67,21 +67,21 @@ def compute_both_strains(
     tube_radius
         Outer radius of the probe, m; a float, an array or casadi.
     tissue
-        Of any shape.
+        The tissue, of any shape.
     interface
-        Of the blocks and the tissue.
+        Interface of the blocks and the tissue.
     added
-        By the blocks, eq. PL.3, 1/m; it counts k times.
+        What the blocks add to x per indentation, eq. PL.3, 1/m; for the ratio it counts k times.
     covered
-        k.
+        Factor k of eq. PL.7.
     law
-        s of eq. PL.12, which multiplies both.
+        Factor s of eq. PL.12, which multiplies both results.
     """
     deep, soft, plate = _compute_strains(tube_radius, tissue)
     bending = 1 + BENDING_COEFFICIENT * ((1 + PLATE_COEFFICIENT * plate) ** 0.5 - 1)
-    of_ratio = (deep**2 * (bending**2 - 1 + covered**2) + (LAYERED_RATIO_FACTOR * soft) ** 2) ** 0.5
+    ratio_strain = (deep**2 * (bending**2 - 1 + covered**2) + (LAYERED_RATIO_FACTOR * soft) ** 2) ** 0.5
     slides = _get_sliding_factor(interface)
-    return law * (compute_tissue_strain(tube_radius, tissue, interface) + added), law * (slides * of_ratio + covered * added)
+    return law * (compute_tissue_strain(tube_radius, tissue, interface) + added), law * (slides * ratio_strain + covered * added)
 
 
 def compute_tissue_strain(tube_radius: Numeric, tissue: Tissue, interface: Interface = "bonded") -> Numeric:
@@ -117,9 +117,9 @@ def compute_tissue_strain(tube_radius: Numeric, tissue: Tissue, interface: Inter
     tube_radius
         Outer radius of the probe, m; a float, an array or casadi.
     tissue
-        Of any shape.
+        The tissue, of any shape.
     interface
-        Of the blocks and the tissue.
+        Interface of the blocks and the tissue.
     """
     deep, soft, _ = _compute_strains(tube_radius, tissue)
     return _get_sliding_factor(interface) * (deep**2 + soft**2) ** 0.5
@@ -131,9 +131,9 @@ def _get_sliding_factor(interface: Interface) -> float:
 
 
 def _compute_strains(tube_radius: Numeric, tissue: Tissue) -> tuple[Numeric, Numeric, Numeric]:
-    """Return b and f / R, 1/m, and m of eqs. PL.5, PL.6."""
+    """Return b of eq. PL.5, f / R of eq. PL.6, both 1/m, and m of eq. PL.11, see ``compute_tissue_strain``."""
     squeezed = 0.0 if tissue.shape == "half-space" else SHALLOW_COEFFICIENT * tube_radius / tissue.depth**2
-    softest, plate = 0.0 * tube_radius, 0.0 * tube_radius
+    softest, plate = 0.0 * tube_radius, 0.0 * tube_radius  # zeros of the radius's type: float, array or casadi
     moduli, depths = _list_materials(tissue)
     for k, depth in enumerate(depths[1:], 1):
         mean_below, harmonic_mean = _compute_means_below(moduli[k:], depths[k:])
@@ -150,7 +150,10 @@ def _compute_strains(tube_radius: Numeric, tissue: Tissue) -> tuple[Numeric, Num
 
 
 def _list_materials(tissue: Tissue) -> tuple[list[float], list[float]]:
-    """Moduli from the surface down, Pa, the tissue's own last, and the depths where they begin, m; neighbours alike are one."""
+    """Return the moduli from the surface down, Pa, and the depths where they begin, m; neighbours of equal moduli are one.
+
+    The tissue's own modulus, below all layers, is the last.
+    """
     moduli, depths = list[float](), list[float]()
     all_moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
     for modulus, depth in zip(all_moduli, (0.0, *tissue.interfaces), strict=True):
@@ -161,7 +164,10 @@ def _list_materials(tissue: Tissue) -> tuple[list[float], list[float]]:
 
 
 def _compute_means_below(moduli: list[float], depths: list[float]) -> tuple[float, float]:
-    """Mean modulus and harmonic mean of materials that begin at depths, m, weighted by h / z^2 from the first, h, on."""
+    """Return the mean and the harmonic mean of the moduli below a depth h, the first of ``depths``, weighted by h / z^2.
+
+    ``depths`` are those where the materials begin, m. The integral of h / z^2 from h to z is 1 - h / z, up to 1.
+    """
     begins = [1 - depths[0] / depth for depth in depths] + [1.0]
     weights = [end - begin for begin, end in pairwise(begins)]
     mean = sum(weight * modulus for weight, modulus in zip(weights, moduli, strict=True))
@@ -169,7 +175,7 @@ def _compute_means_below(moduli: list[float], depths: list[float]) -> tuple[floa
 
 
 def _compute_soft_strain(tube_radius: Numeric, softer: list[tuple[float, float, float]], depth: float) -> Numeric:
-    """Return f of eq. PL.6 down to an interface at a depth, m, for (s, top, bottom) of what is softer."""
+    """Return f of eq. PL.6 for one interface at a depth h, m, from (s, top, bottom) of the softer materials above it."""
     softness = sum(s * (bottom - top) for s, top, bottom in softer)
     square: Numeric = 0.0
     cube: Numeric = 0.0
@@ -182,12 +188,13 @@ def _compute_soft_strain(tube_radius: Numeric, softer: list[tuple[float, float, 
 
 
 def _integrate_edge_weight(size: Numeric, top: float, bottom: float) -> Numeric:
-    """Return the integral of 1 / (1 + z / size)^2 over depths z, m, in sizes."""
+    """Return the integral of 1 / (1 + z / size)^2 over depths z from top to bottom, m, divided by ``size``."""
     return (bottom - top) / size / ((1 + top / size) * (1 + bottom / size))
 
 
 def _choose_greater(a: Numeric, b: Numeric) -> Numeric:
     """Return the greater of two floats, arrays or casadi expressions; complex numbers compare by their real parts."""
+    # 1 or 0 as a factor, as casadi has no branches
     first = a.real >= b.real if hasattr(a, "real") else a >= b
     return a * first + b * (1 - first)
 
@@ -204,7 +211,7 @@ def compute_cancelling_factor(totals: Floats, areas: tuple[float, float]) -> flo
     totals
         Force on each film per indentation, N/m, shape (2,).
     areas
-        Of the films, m^2.
+        Areas of the films, m^2.
     """
     stresses = [abs(float(total)) / area for total, area in zip(totals, areas, strict=True)]
     mean, min_stress = abs(float(sum(totals))) / sum(areas), min(stresses)
@@ -217,12 +224,15 @@ def compute_block_strain(height: Numeric, strain: Numeric) -> Numeric:
 
 
 def compute_slimness(radius: Numeric, wall: Numeric) -> Numeric:
-    """Return the factor of eq. PL.3 for a tube of given outer radius and wall, m."""
+    """Return the factor of eq. PL.3 by which a thin tube strains more, for its outer radius and wall thickness, m."""
     return 1 + SLIM_TUBE_COEFFICIENT * radius / wall
 
 
 def _maximise_over_layers(tube_radius: Numeric, tissue: Tissue, value: Callable[[Material], float]) -> Numeric:
-    """Return the maximum of a value over tissue and layers, thin layers counted in part; see ``bound_nearing``."""
+    """Return the maximum of a material's value over tissue and layers, of which thin ones count in part.
+
+    The excess of a layer over the tissue is weighted by T / (T + 0.02 R), see ``bound_nearing``.
+    """
     tissue_value = maximum = value(tissue)
     for layer in tissue.layer:
         if value(layer) > tissue_value:
@@ -250,13 +260,13 @@ def bound_nearing(
     Parameters
     ----------
     tissue
-        Of any shape.
+        The tissue, of any shape.
     radii
-        Of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
+        Radii of the inner block, of the hole and of the tube, m; floats, arrays or casadi.
     strains
-        e of both blocks, 1/m.
+        Mean strains e of both blocks per indentation, 1/m.
     modulus
-        E_o of the tube, Pa.
+        Young's modulus E_o of the tube, Pa.
     """
     inner_radius, hole, tube_radius = radii
     wall = tube_radius - hole

@@ -26,7 +26,7 @@ def compute_tumour_effects(scene: Scene, base: Undisturbed) -> tuple[Tumours, Ef
     Parameters
     ----------
     scene
-        With tumours of any shape, each taken as a ball.
+        The scene, with tumours of any shape, each taken as a ball.
     base
         Base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model is moved into it.
 
@@ -39,21 +39,21 @@ def compute_tumour_effects(scene: Scene, base: Undisturbed) -> tuple[Tumours, Ef
     """
     balls = tuple(_build_ball(k, body) for k, body in enumerate(scene.inclusion))
     tumours = base.move_inside(Tumours.from_scene(scene.model_copy(update={"inclusion": balls})))[0]
-    row = tumours.flatten()
+    row = tumours.flatten()  # from shape (1, t) to (t,)
     return tumours, compute_effects(base.energies, base.strata.find_hosts(row.depth), row)
 
 
 def add_tumours(rule: LoadRule, scene: Scene, base: Undisturbed) -> LoadRule:
-    """Adapt the load rule without tumours to a scene's tumours.
+    """Adapt a load rule for tissue without tumours to a scene's tumours.
 
     Parameters
     ----------
     rule
-        With the stiffness without tumours, of the coarsest mesh.
+        The rule without tumours; its stiffness is that of the coarsest mesh.
     scene
-        With its tumours.
+        The scene with its tumours.
     base
-        Base states on the coarsest mesh.
+        Base states without tumours on the coarsest mesh.
 
     Raises
     ------
@@ -76,9 +76,9 @@ def adjust_rule(rule: LoadRule, times: float, derivatives: Floats | None) -> Loa
     Parameters
     ----------
     rule
-        With the stiffness without tumours.
+        The rule, with the stiffness without tumours.
     times
-        The stiffness with them, over that.
+        The stiffness with tumours, divided by that without.
     derivatives
         Film log-sensitivities, inner and outer, shape (2,); None without a target.
     """
@@ -87,7 +87,10 @@ def adjust_rule(rule: LoadRule, times: float, derivatives: Floats | None) -> Loa
 
 
 def _reduce_difference(derivatives: Floats | None) -> tuple[float, float] | None:
-    """Return film log-sensitivities with the smallest difference that their errors allow; None where they are unknown."""
+    """Return film log-sensitivities with the smallest difference that their errors allow; None where they are unknown.
+
+    The larger stays; the other moves towards it by ``SENSITIVITY_MARGIN`` of the larger, but not past it.
+    """
     if derivatives is None or not np.isfinite(derivatives).all():
         return None
     larger = int(np.argmax(np.abs(derivatives)))

@@ -35,9 +35,9 @@ class Detail:
     lost_share: float = 0.0
 
     def compute_bound(self, forces: Floats) -> Bound:
-        """Return a bound on the change of the film forces by the detail, N/m, shape (2, 2), by eq. RE.4."""
+        """Return a bound on what the detail changes, by eq. RE.4, from the film forces without it, N/m, shape (2, 2)."""
         totals = forces.sum(axis=1)
-        change = forces @ self.compliance @ totals
+        change = forces @ self.compliance @ totals  # eq. RE.4, of each film's total, N/m
         with np.errstate(divide="ignore"):
             inner, outer = change / totals
         ratio = abs(inner - outer) if self.is_exact else abs(inner) + abs(outer)
@@ -46,7 +46,7 @@ class Detail:
 
 def iterate_details(probe: Probe) -> Iterator[Detail]:
     """Yield the details of a probe beyond two blocks on a rigid base: groove, films, elastic base."""
-    areas = np.array([probe.inner_area, probe.outer_area])
+    areas = np.array([probe.inner_area, probe.outer_area])  # of the films
     if probe.groove is not None:
         yield Detail("groove", _compute_groove_compliance(probe), lost_share=_compute_groove_loss(probe))
     if probe.film is not None:
@@ -82,7 +82,10 @@ def _compute_groove_loss(probe: Probe) -> float:
 
 
 def _compute_film_compliance(film: Film) -> float:
-    """Return compliance times area of film and adhesive in series, m/Pa; by default the adhesive has the film's modulus."""
+    """Return the compliance of film and adhesive in series, times their area, m/Pa.
+
+    By default the adhesive has the film's modulus.
+    """
     adhesive = film.adhesive_thickness / (film.adhesive_modulus or film.youngs_modulus)
     return film.thickness / film.youngs_modulus + adhesive
 

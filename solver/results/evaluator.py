@@ -22,16 +22,16 @@ ProgressCallback = Callable[[str], None]
 
 
 def ignore_progress(text: str) -> None:
-    """Ignore a line of progress."""
+    """Ignore a line of progress: the callback of those who want none."""
 
 
 class Evaluator(Protocol):
-    """A model of one fidelity, made by ``create_evaluator(tell)`` of the module ``evaluator`` of its package.
+    """A model of one fidelity; the function ``create_evaluator(tell)`` in the module ``evaluator`` of its package makes it.
 
     Attributes
     ----------
     name
-        As on the command line.
+        The name on the command line.
     summary
         One line for ``--help``: what it models, its usual error and cost.
     """
@@ -90,15 +90,15 @@ class FilmSolution:
     films
         Film forces with their errors, one for each modulus.
     residual
-        Relative, the largest of the linear systems solved; None where none is solved.
+        Largest relative residual of the linear systems solved; None where none is solved.
     plan
         Features that were modelled or left out.
     notes
         The evaluator's own warnings.
     stiffness
-        N/m, where it is not the sum of the film forces.
+        Force on the base per indentation, N/m, where it is not the sum of the film forces; else None.
     error_kind
-        Of the errors of ``films``.
+        Kind of the errors of ``films``: bounds or quantiles.
     """
 
     films: tuple[FilmForces, ...]
@@ -109,17 +109,17 @@ class FilmSolution:
     error_kind: ErrorKind = "bound"
 
     def build_result(self, name: str, scene: Scene, seconds: float) -> Result:
-        """Return the result at the scene's own target modulus."""
+        """Return the result of evaluator ``name`` at the scene's own target modulus; ``seconds`` is the time that it took."""
         fields = compute_result_fields(scene, self.films[0])
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
-        warnings = (*fields.pop("warnings"), *self.notes)
+        warnings = (*fields.pop("warnings"), *self.notes)  # those of the film forces first
         return Result(
             name, seconds, **fields, error_kind=self.error_kind, residual=self.residual, plan=self.plan, warnings=warnings
         )
 
     def build_curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
-        """Return the curve over moduli of the target, Pa, shape (k,)."""
+        """Return the curve of evaluator ``name`` over moduli of the target, Pa, shape (k,); ``films`` has one entry for each."""
         rows = [compute_ratio_fields(scene, films) for films in self.films]
         values: JsonObject = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
         values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
@@ -167,7 +167,9 @@ class FilmEvaluator:
 
     @use_own_workspace
     def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
-        """Evaluate each scene as ``evaluate`` does; return its result or its refusal. ``seconds`` are divided evenly.
+        """Evaluate each scene as ``evaluate`` does; return its result or its refusal.
+
+        All results have the same ``seconds``: the time of all, divided by their number.
 
         Parameters
         ----------
@@ -182,7 +184,7 @@ class FilmEvaluator:
         return [self._build_result(solution, scene, seconds_each) for solution, scene in zip(solutions, scenes, strict=True)]
 
     def _build_result(self, solution: FilmSolution | InputError, scene: Scene, seconds: float) -> Result | InputError:
-        """Build the result of a solution, or return the refusal."""
+        """Build the result of a solution, or return the refusal that took its place or that building it raises."""
         try:
             return solution if isinstance(solution, InputError) else solution.build_result(self.name, scene, seconds)
         except InputError as fault:
@@ -216,11 +218,11 @@ class OutOfReach(Refusal):
     name
         Name of the evaluator.
     scene, accuracy
-        Its arguments.
+        The arguments of its evaluation.
     reached
         The largest of its error bounds. At that accuracy the evaluator may refine less, and so miss it.
     stopped
-        Which limit of memory or time prevented a better result; empty where none did.
+        Text on the limit of memory or time that prevented a better result; empty where none did.
     allowed
         Text of the accuracy that would be accepted; by default made from ``reached``.
     """

@@ -33,11 +33,11 @@ class Bound:
     Attributes
     ----------
     totals
-        On each film's total force, N/m, >= 0, shape (2,).
+        Bound on the error of each film's total force, N/m, >= 0, shape (2,).
     log_ratio
-        On ln(ratio); equal relative errors of both films cancel in it.
+        Bound on the error of ln(ratio), in which equal relative errors of both films cancel.
     sum
-        On the force of both films together, N/m, where it is known better than as the sum of ``totals``.
+        Bound for the force of both films together, N/m, where it is below the sum of ``totals``; else None.
     """
 
     totals: Floats
@@ -68,7 +68,7 @@ class FilmForces:
     forces
         N/m, symmetric, shape (2, 2).
     bound
-        On the errors of the forces.
+        Bounds on the errors of the forces.
     modulus_derivative
         d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
     sensitivity_error
@@ -106,7 +106,7 @@ class FilmForces:
         """
         if self.modulus_derivative is None:
             return None
-        inner, outer = self.film_log_sensitivities or (0.0, 0.0)
+        inner, outer = self.film_log_sensitivities or (0.0, 0.0)  # not None here: for the type checker
         return inner - outer
 
     def meets_sensitivity(self, accuracy: float) -> bool:
@@ -124,7 +124,7 @@ class FilmForces:
     @property
     def ratio_error(self) -> float:
         """Bound on the relative error of the ratio."""
-        return math.expm1(min(self.bound.log_ratio, 700.0))
+        return math.expm1(min(self.bound.log_ratio, 700.0))  # exp(710) would overflow
 
     @cached_property
     def stiffness_error(self) -> float:
@@ -154,7 +154,7 @@ def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
         The load drives the probe deeper than the tissue.
     """
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    indentation = compute_indentation(scene, float(films.totals.sum()))
+    indentation = compute_indentation(scene, float(films.totals.sum()))  # m
     stress = films.totals * indentation / areas
     film = scene.probe.film
     charge = stress * areas * film.charge_per_force if film is not None else (None, None)
@@ -231,9 +231,11 @@ def check_moduli(scene: Scene, moduli: Floats) -> Floats:
 def find_shortfalls(
     films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = (), kind: ErrorKind = "bound"
 ) -> list[Note]:
-    """Return warnings of bounds above the accuracy, preceded by the notes ``stopped``; empty where all are met.
+    """Return warnings of errors above the accuracy, preceded by the notes ``stopped`` on what ended the refinement.
 
-    ``reached`` is the largest of the errors of ratio, stresses and stiffness, ``kind`` what they are.
+    Nothing is returned where ratio, stresses, stiffness and log-sensitivity are all within what the accuracy promises.
+
+    ``reached`` is the largest of the errors of ratio, stresses and stiffness, ``kind`` whether errors are bounds or quantiles.
     """
     notes = []
     if reached > accuracy:
@@ -247,7 +249,7 @@ def find_shortfalls(
 
 
 def describe_shortfall(reached: float, accuracy: float, kind: ErrorKind = "bound") -> str:
-    """Return the text that the largest error is above the accuracy."""
+    """Return a text which says that the largest error, ``reached``, is above the accuracy."""
     errors = "error bounds" if kind == "bound" else f"{kind} errors"
     size = f"of {reached:.2g}" if reached < 1 else "no smaller than the values themselves"
     return f"{errors} {size} reached, accuracy {accuracy:g} requested"

@@ -23,17 +23,17 @@ class LargestLoad:
     Attributes
     ----------
     force
-        N.
+        Force, N.
     indentation
-        m, at that force.
+        Indentation at that force, m.
     by
-        Its cause: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain limit" or
-        "gap closure", above which nothing is known.
+        What limits the load: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it;
+        "strain limit" or "gap closure", above which nothing is known.
     question
         The statement, in words.
     known
-        "bound", by a conservative rule that is never above the true limit; "formulas", by that rule without a mesh; or "contact",
-        computed with finite strain and contact.
+        The method by which the load was determined: "bound", by a conservative rule that is never above the true limit;
+        "formulas", by that rule without a mesh; or "contact", computed with finite strain and contact.
     """
 
     force: float
@@ -61,7 +61,7 @@ def describe_ratio_limit(accuracy: float) -> str:
 
 
 def describe_sensitivity_limit(accuracy: float) -> str:
-    """Return the statement that limits the load by the log-sensitivity, whose tolerance is five times the accuracy."""
+    """Return the statement that limits the load by the log-sensitivity; its tolerance is five times the accuracy."""
     return f"log_sensitivity within {5 * accuracy:.4g} of linear elasticity"
 
 
@@ -94,7 +94,7 @@ class LoadLimits:
 
     @property
     def linear(self) -> LargestLoad | None:
-        """The smallest of the first three: up to it linear elasticity holds."""
+        """The smallest of ``ratio``, ``log_sensitivity`` and ``gap_closure``: linear elasticity holds up to it."""
         limits = [limit for limit in (self.ratio, self.log_sensitivity, self.gap_closure) if limit is not None]
         return min(limits, key=lambda limit: limit.force, default=None)
 

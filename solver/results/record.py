@@ -47,7 +47,8 @@ class Record:
     INTERNAL: ClassVar[tuple[str, ...]] = ()
 
     def as_dict(self) -> JsonObject:
-        """Return the JSON object of the command that computes the result."""
+        """Return the JSON object of the command that computes the result: all fields but ``INTERNAL`` ones."""
+        # internal fields are set to None first, as asdict would convert them in vain
         public = replace(self, **dict.fromkeys(self.INTERNAL)) if self.INTERNAL else self  # type: ignore[type-var]
         return {name: value for name, value in asdict(public).items() if name not in self.INTERNAL}  # type: ignore[call-overload]
 
@@ -62,6 +63,7 @@ class Record:
         arrays: dict[str, Floats] = {}
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
+            # arrays are stored as tuples; those of another shape than the dimensions' are left out below
             if isinstance(value, tuple) and field.name in SI_UNITS and field.name not in self.DIMENSIONS and shape:
                 array = np.array(value, dtype=float)  # None becomes NaN
                 arrays |= {field.name: array} if array.shape == shape else {}

@@ -9,23 +9,23 @@ from typing import Literal
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.scene import Inclusion, Scene
 
-TOUCHING_RELATIVE = 1e-6  # of a body's half height: at this distance from an interface of layers it counts as crossed
+TOUCHING_RELATIVE = 1e-6  # of a body's half height: a body this close to an interface of layers counts as crossed by it
 
 Kind = Literal["contact", "solid", "crossed sphere", "crossed", "layers"]
 GEOMETRY_KINDS: tuple[Kind, ...] = ("contact", "solid", "crossed")  # what no rotationally symmetric linear evaluator takes
 
 
 def find_refusal(scene: Scene, kinds: tuple[Kind, ...]) -> str | None:
-    """Return which evaluator takes a scene, and why, for an evaluator that takes none of some kinds; None where it does.
+    """Return a text naming the evaluator that takes a scene, for an evaluator that refuses some kinds; None where it takes it.
 
     Parameters
     ----------
     scene
         Any scene.
     kinds
-        ``contact``: a unilateral interface or round edges, which no linear evaluator takes; ``solid``: a tilted probe or a body
-        from a file; ``crossed sphere``: a sphere on the axis that an interface of layers crosses; ``crossed``: any other body
-        that one crosses; ``layers``: tissue of layers.
+        The kinds of scenes that the asking evaluator refuses. ``contact``: a unilateral interface or round edges, which no linear
+        evaluator takes; ``solid``: a tilted probe or a body from a surface file; ``crossed sphere``: a sphere on the axis that an
+        interface of layers crosses; ``crossed``: any other body that one crosses; ``layers``: tissue of layers.
     """
     return next((text for kind, text in _iterate_kinds(scene) if kind in kinds), None)
 
@@ -40,7 +40,7 @@ def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
         yield "solid", "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):
         yield "solid", "solid for an inclusion that is neither sphere nor ellipsoid"
-    symmetric = is_round(scene)
+    symmetric = is_round(scene)  # then ``axisymmetric`` takes it
     if any(_is_crossed(scene, body) for body in scene.inclusion if body.surface is None):
         text = f"{'axisymmetric' if symmetric else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
         yield "crossed sphere" if symmetric else "crossed", text
@@ -50,12 +50,15 @@ def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
 
 def _is_crossed(scene: Scene, body: Inclusion) -> bool:
     """Return whether an interface of the tissue's layers crosses or touches a body."""
-    half = math.hypot(*compute_semi_axes(body)[2])
+    half = math.hypot(*compute_semi_axes(body)[2])  # half height: the norm of the z components of the semi-axes
     return any(abs(interface - body.depth) < half * (1 + TOUCHING_RELATIVE) for interface in scene.tissue.interfaces)
 
 
 def is_round(scene: Scene) -> bool:
-    """Return whether the probe is upright with at most one inclusion, a sphere on its axis."""
+    """Return whether the probe is upright with at most one inclusion, a sphere on its axis: a rotationally symmetric scene.
+
+    The tissue is not examined here. Layers keep the symmetry.
+    """
     placement = scene.placement
     centred = all(
         math.hypot(body.x - placement.x, body.y - placement.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion

@@ -19,7 +19,10 @@ MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
 
 
 def combine_errors(error: float | None, change: float) -> float | None:
-    """Return a relative error with a further relative change on top; None where either is not known."""
+    """Return the relative error after a further relative change: (1 + error) (1 + change) - 1.
+
+    It is None where the error is None or the change infinite, that is unknown.
+    """
     return None if error is None or math.isinf(change) else math.expm1(math.log1p(error) + math.log1p(change))
 
 
@@ -48,9 +51,9 @@ class Decision:
     tolerance
         The relative change that the requested accuracy allows.
     effect_on_stresses
-        On the stress that changes more, at the same indentation; None where it is not known separately.
+        Effect on the stress that changes more, at the same indentation; None where it is not known separately.
     effect_on_stiffness
-        On the stiffness; None where it is not known separately.
+        Effect on the stiffness; None where it is not known separately.
     """
 
     feature: str
@@ -63,7 +66,7 @@ class Decision:
 
     @classmethod
     def from_effect(cls, feature: str, modelled: bool, effect: Effect, tolerance: float, reason: str) -> Decision:
-        """Return the line for an effect; effects above ``MAX_EFFECT`` are cut to it."""
+        """Return the line of the plan for an effect; effects above ``MAX_EFFECT`` are cut to it."""
         ratio, stresses, stiffness = (min(change, MAX_EFFECT) for change in (effect.ratio, effect.stresses, effect.stiffness))
         return cls(feature, modelled, ratio, tolerance, reason, stresses, stiffness)
 
@@ -81,13 +84,13 @@ class Result(LoadedRecord):
     log_sensitivity
         d ln(ratio) / d ln(E_object) of the target inclusion.
     film_log_sensitivities
-        Of the forces on inner and outer film at a given indentation; ``log_sensitivity`` is the first less the second.
+        Log-sensitivities of the forces on inner and outer film at a given indentation; ``log_sensitivity`` is their difference.
     stiffness
         Force on the base per indentation, N/m.
     charge_inner, charge_outer
         Film charges by the paper's eq. (12), C.
     error_estimate
-        Of ``ratio``, relative; if the evaluator was named, against linear elasticity.
+        Relative error of ``ratio``; against linear elasticity if the evaluator was named.
     error_kind
         Kind of all errors here: bounds, or of ``closed-form`` 95 % quantiles.
     stress_inner_error, stress_outer_error, stiffness_error
@@ -99,12 +102,12 @@ class Result(LoadedRecord):
     equivalent_modulus
         Pa; from ``published`` alone.
     residual
-        Relative, the largest of the linear systems solved; None where none is solved.
+        Largest relative residual of the linear systems solved; None where none is solved.
     load_limits
         Loads up to which linear elasticity holds, by a cautious rule or, with ``loads=True``, by ``contact``; None where they are
         not known.
     frequency
-        Of a sinusoidal load, Hz; None where none was given.
+        Frequency of a sinusoidal load, Hz; None where none was given.
     ratio_phase
         Phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
     ratio_phase_error
@@ -114,7 +117,7 @@ class Result(LoadedRecord):
     plan
         Features that were modelled or left out.
     warnings
-        One line each.
+        Warnings, one line each.
     provenance
         See ``geometry.provenance.block``; None where an evaluator was called directly.
     """
@@ -158,11 +161,11 @@ class Curve(LoadedRecord):
     Attributes
     ----------
     youngs_modulus
-        Of the target, Pa.
+        Young's moduli of the target, Pa.
     ratio, log_sensitivity
         See ``Result``; None where ``stress_outer`` is below its own error.
     error_estimate
-        Of each ratio, relative.
+        Relative error of each ratio.
     error_kind
         See ``Result``.
     stiffness
@@ -204,11 +207,11 @@ class LoadCurve(LoadedRecord):
     evaluator, seconds
         The evaluator that computed the curve, and its time.
     force
-        N.
+        Forces, N.
     indentation
-        m.
+        Indentations, m.
     ratio
-        Of the film stresses.
+        Ratio of the film stresses.
     log_sensitivity
         d ln(ratio) / d ln(E_object) at that force; None without a target.
     stiffness
@@ -216,7 +219,7 @@ class LoadCurve(LoadedRecord):
     tangent_stiffness
         Derivative of force by indentation, N/m.
     stress_inner, stress_outer
-        Pa.
+        Stresses on the films, Pa.
     closest_walls
         Minimum distance between the gap's walls, m.
     contact_radius
@@ -226,15 +229,15 @@ class LoadCurve(LoadedRecord):
     error_estimate
         Bound on the relative error of each ratio.
     load_limits
-        Up to which load linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
+        Loads up to which linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
     constant_ratio
         The widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
     accuracy
         The accuracy that was requested, relative.
     stopped
-        Why the curve ends before the requested load; None where it does not.
+        Reason why the curve ends before the requested load; None where it does not.
     warnings
-        One line each.
+        Warnings, one line each.
     provenance
         See ``geometry.provenance.block``.
     """

@@ -40,6 +40,6 @@ def select_notes(notes: Iterable[Note], kind: Kind) -> tuple[Note, ...]:
 
 
 def explain_null_sensitivity(inclusions: int) -> Note:
-    """Return the warning that a scene with so many inclusions and no target has no log-sensitivity."""
+    """Return the warning that a scene without a target has no log-sensitivity; ``inclusions`` is the number it has."""
     reason = "several inclusions and none marked target = true" if inclusions else "the scene has no inclusion"
     return Note("sensitivity", f"log_sensitivity is null: {reason}")
