@@ -180,6 +180,7 @@ class PressingRule:
         """
         many = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
         bodies = [
+            # moduli of tumours do not matter for their cover
             Inclusion(diameter=d, depth=z, youngs_modulus=1e4, poisson_ratio=0.45)
             for tumours in (many, draw, unseen)
             for d, z in zip(tumours.diameter.tolist(), tumours.depth.tolist(), strict=True)
@@ -275,12 +276,27 @@ class PressingRule:
         return force if variable.choices or variable.step is not None else round_load_down(force)
 
     def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
-        """Return the force that each limit allows on one tissue, N, by the limit's name."""
+        """Return the force that each limit allows on one tissue, N, by the limit's name.
+
+        Parameters
+        ----------
+        scene
+            Scene with the contact.
+        sizes
+            Sizes of the probes, floats or arrays.
+        totals
+            Forces on both films per unit indentation, N/m, first axis 2.
+        closure
+            Force that closes the gap in linear elasticity, N.
+        tissue
+            The scene with this tissue.
+        """
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
         per_depth = compute_tissue_strain(sizes.outer_radius, tissue.tissue)
         blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
         inner, outer = (compute_block_strain(height, total / area / E) for height, total, area, E in blocks)
         outer = outer * compute_slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
+        # -min(-a, -b) is the maximum, here of both blocks' strains
         added = -minimum_by_real_part(-inner, -outer)
         x, strain = compute_both_strains(
             sizes.outer_radius,
@@ -347,7 +363,10 @@ def _compute_approach_ratio(scene: Scene) -> float:
 
 
 def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
-    """Return the approach of the gap's walls per unit indentation, an upper bound (eq. PL.4)."""
+    """Return an upper bound on the approach of the gap's walls per unit indentation (eq. PL.4).
+
+    ``totals`` are the forces on both films per unit indentation, N/m, first axis 2.
+    """
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
     radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
     return bound_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])
@@ -355,6 +374,7 @@ def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
 
 def round_load_down(load: float) -> float:
     """Return the largest load of ``LOAD_DIGITS`` significant digits that is not above a load, N or m."""
+    # if rounding to the nearest went up, one unit of the last digit is taken off
     nearest = float(f"{load:.{LOAD_DIGITS}g}")
     if nearest <= load:
         return nearest

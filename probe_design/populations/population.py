@@ -280,7 +280,7 @@ class ScenePopulation:
 
     @staticmethod
     def replace_tissue_numbers(scene: Scene, numbers: Mapping[str, float]) -> Scene:
-        """Return a scene with these numbers of its tissue, by the names of ``ranges``; raise ``InputError`` if it is not valid."""
+        """Return a scene with these numbers of its tissue, by names of ``ranges``; raise ``InputError`` if it is not valid."""
         try:
             return scene.replace({get_scene_key(name): value for name, value in numbers.items()})
         except InputError as fault:
