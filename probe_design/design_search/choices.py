@@ -91,18 +91,18 @@ def search_combinations(objective: SearchObjective, search_space: SearchSpace, p
     InputError
         No combination gives a probe with a finite objective.
     """
-    begin = perf_counter()
+    start_time = perf_counter()
     if search_space.combinations <= MAX_ENUMERATED:
         combinations = list(search_space.iterate_combinations())
         choices = _search_all(objective, search_space, combinations, progress)
         how = f"all {len(combinations)} combinations of choices tried" if len(combinations) > 1 else "all variables continuous"
-        return _sort_choices(choices, how, True, perf_counter() - begin)
+        return _sort_choices(choices, how, True, perf_counter() - start_time)
     choices, count = _search_relaxed(objective, search_space, progress)
     how = (
         f"{search_space.combinations} combinations of choices, more than {MAX_ENUMERATED}: not all tried but {count} near what a "
         "search without steps found, until none beside the best was better"
     )
-    return _sort_choices(choices, how, False, perf_counter() - begin)
+    return _sort_choices(choices, how, False, perf_counter() - start_time)
 
 
 def search_combination(

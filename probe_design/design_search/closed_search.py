@@ -92,8 +92,8 @@ def search(
     ]
     all_designs = np.concatenate([np.array(optima).T, designs], axis=1)
     all_values = np.concatenate([objective.evaluate_designs(np.array(optima).T, poisson), values])
-    keeps = space.admits(all_designs, CONSTRAINT_TOLERANCE_RELATIVE)
-    return _sort_designs(all_designs[:, keeps], all_values[keeps])
+    is_admitted = space.admits(all_designs, CONSTRAINT_TOLERANCE_RELATIVE)
+    return _sort_designs(all_designs[:, is_admitted], all_values[is_admitted])
 
 
 def screen(space: SearchSpace, count: int) -> Floats:
@@ -120,8 +120,8 @@ def screen(space: SearchSpace, count: int) -> Floats:
     inside = space.admits(designs) & np.all(
         (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0
     )
-    corners = [low] if inside.any() else [low, np.exp((np.log(low) + np.log(high)) / 2)]
-    candidates = np.array([_thin_wall(space, corner) for corner in corners]).T
+    extra_designs = [low] if inside.any() else [low, np.exp((np.log(low) + np.log(high)) / 2)]
+    candidates = np.array([_thin_wall(space, extra_design) for extra_design in extra_designs]).T
     return np.concatenate([candidates[:, space.admits(candidates)], designs[:, inside]], axis=1)
 
 

@@ -71,6 +71,7 @@ def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerif
     pressing = replace(design.pressing, x=0.0, change=0.0)
 
     def evaluate(contact_scene: LoadedScene, begin: float) -> list[TumourVerification]:
+        """Return the design under its present load as the only item of a list."""
         pressed = _press_to_load(contact_scene, pressing.load)
         return [_build_loaded_design(design, noise, *pressed, pressing=pressing, begin=begin)]
 
@@ -98,7 +99,7 @@ def _run_contact(
 def _evaluate_loads(
     design: TumourVerification, noise: Noise, contact_scene: LoadedScene, begin: float
 ) -> Iterator[TumourVerification]:
-    """Yield a design under the largest allowed load, and under a smaller one if an objective is best there.
+    """Yield a design under the largest allowed load, and under a smaller one if the objective is best there.
 
     Loads that ``contact`` cannot reach, and those not above the design's present one, are left out.
     """

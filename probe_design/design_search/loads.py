@@ -178,11 +178,11 @@ class PressingRule:
         The worst cover is that of many tumours of the population, however few are drawn, so that forces do not depend on
         ``samples``.
         """
-        many = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
+        cover_tumours = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
         bodies = [
             # moduli of tumours do not matter for their cover
             Inclusion(diameter=d, depth=z, youngs_modulus=1e4, poisson_ratio=0.45)
-            for tumours in (many, draw, unseen)
+            for tumours in (cover_tumours, draw, unseen)
             for d, z in zip(tumours.diameter.tolist(), tumours.depth.tolist(), strict=True)
         ]
         tissues = (*draw.tissues, *(tissue for tissue in unseen.tissues if tissue not in draw.tissues))
@@ -255,10 +255,10 @@ class PressingRule:
         """
         forces: list[Array] = []
         for number, tissue in enumerate(self.tissues):  # the tissues of the search come first
-            column = np.flatnonzero(which == number)
-            if not len(column):
+            members = np.flatnonzero(which == number)
+            if not len(members):
                 continue
-            film_totals = np.moveaxis(totals[:, column[0]], 1, 0)
+            film_totals = np.moveaxis(totals[:, members[0]], 1, 0)
             approach = self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals)
             closure = film_totals.sum(axis=0) * sizes.gap / approach
             allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue)
@@ -297,12 +297,12 @@ class PressingRule:
         inner, outer = (compute_block_strain(height, total / area / E) for height, total, area, E in blocks)
         outer = outer * compute_slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
         # -min(-a, -b) is the maximum, here of both blocks' strains
-        added = -minimum_by_real_part(-inner, -outer)
+        max_block_strain = -minimum_by_real_part(-inner, -outer)
         x, strain = compute_both_strains(
             sizes.outer_radius,
             tissue.tissue,
             scene.contact.interface,
-            added,
+            max_block_strain,
             self.worst_cover_factor,
             law=compute_law_factor(tissue),
         )
@@ -326,8 +326,8 @@ class PressingRule:
                 CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
             )
         if limits.charge is not None:
-            larger = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
-            allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)
+            max_fraction = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
+            allowed["charge"] = limits.charge[1] / (self.charge_per_force * max_fraction)
         return allowed
 
 

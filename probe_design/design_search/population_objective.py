@@ -131,6 +131,7 @@ class PopulationObjective(SearchObjective):
         charges: list[Array] = []
 
         def compute_force(totals: Array) -> Array:
+            """Return the forces, N, and keep the smallest charge of a channel over all tumours in ``charges``."""
             forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
             fractions = totals / totals.sum(axis=2, keepdims=True)
             # charge of the weaker channel; argmin takes the tumour whose tissue gives least

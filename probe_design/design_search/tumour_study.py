@@ -253,6 +253,7 @@ class TumourStudy:
         study = self.replace_scene(remove_load_limit(self.scene))
 
         def tell_unlimited(stage: str, done: int, total: int) -> None:
+            """Report progress, with the stage marked as one without a limit of the load."""
             tell(f"{stage}, at any load", done, total)
 
         advance = partial(tell_unlimited, "searching with the closed form")
@@ -300,8 +301,8 @@ class TumourStudy:
 
         Under more load the charge noise becomes negligible and the log-sensitivity grows by ``MAX_SENSITIVITY_GROWTH`` at most.
         """
-        size = abs(verified.result.log_sensitivity or 0.0)
-        return size > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * size) < best
+        abs_sensitivity = abs(verified.result.log_sensitivity or 0.0)
+        return abs_sensitivity > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * abs_sensitivity) < best
 
 
 def remove_load_limit(scene: Scene) -> Scene:

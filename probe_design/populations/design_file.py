@@ -50,7 +50,7 @@ DesignSource = Design | Scene | Path | str | Mapping[str, object] | None
 def is_design(tables: Mapping[str, object]) -> bool:
     """Return whether the tables of a file are those of a design file; a scene file has the tables probe and tissue instead.
 
-    The table noise alone does not make a design file, as files of other commands may have it too.
+    A table noise alone does not make a design file.
     """
     return "scene" in tables or (bool(set(DESIGN_SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
 

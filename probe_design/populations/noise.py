@@ -80,11 +80,11 @@ def build_difference_noise(
     # film forces at the place of the baseline reading, then at the p positions
     places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
     channels = CHANNEL_INDICES[observable or protocol.observable]
-    white_variances, together = (
+    white_variances, gain_variances = (
         _compute_channel_variances(noise, channels, scene, places),
         _compute_common_variances(noise, channels, blank),
     )
-    common = white_variances[:, 0] if protocol.blank else together
+    common = white_variances[:, 0] if protocol.blank else gain_variances
     shared = np.repeat(np.diag(np.sqrt(common)), p, axis=0)
     if tissue is not None and not protocol.blank:
         shared = np.hstack([shared, tissue])

@@ -115,16 +115,16 @@ class ScenePopulation:
     def from_scene(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
         """Complete the ranges of a design file: a quantity that the file leaves out has the scene's value as its only one."""
         inclusion, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
-        usual: JsonObject = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
+        scene_values: JsonObject = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
         if inclusion is not None:
-            usual |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
+            scene_values |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
         stated = {key: getattr(given, key) for key in (*TUMOUR_PARAMETERS, "tissue")}
         for number, layer in enumerate(tissue.layer):
             stated_layer = given.layer[number] if number < len(given.layer) else None
-            usual |= {f"layer_{number}_thickness": layer.thickness, f"layer_{number}_modulus": layer.youngs_modulus}
+            scene_values |= {f"layer_{number}_thickness": layer.thickness, f"layer_{number}_modulus": layer.youngs_modulus}
             stated |= {f"layer_{number}_{key}": getattr(stated_layer, key, None) for key in ("thickness", "modulus")}
         ranges = {
-            key: value_range if value_range is not None else Range((usual[key],), log=key != "x")
+            key: value_range if value_range is not None else Range((scene_values[key],), log=key != "x")
             for key, value_range in stated.items()
         }
         return cls(scene, ranges, given.least_cover, given.samples, given.seed)
