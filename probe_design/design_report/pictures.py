@@ -107,7 +107,7 @@ def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[A
 def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
     """Draw values over diameter and depth in colours, and the line on which they equal a limit.
 
-    The limit tells a map of probability (``DETECTION_THRESHOLD``) from one of the standard deviation of ln contrast.
+    A map whose limit is ``DETECTION_THRESHOLD`` is one of probability, any other one of the standard deviation of ln contrast.
     """
     axes.set_facecolor("0.88")
     probability = limit == DETECTION_THRESHOLD

@@ -138,7 +138,7 @@ def _sample_shell(space: SearchSpace, low: Floats, high: Floats, sample: Floats,
     """Return designs in the k-th shell: outer radii from 2^(k / s) to 2^((k + 1) / s) m, s being ``SHELLS_PER_OCTAVE``.
 
     The sequence's number of the inner radius gives the outer radius instead, and the inner radius, or the area ratio if the
-    inner radius is fixed, follows from it. If both are fixed, the outer radius is what it is.
+    inner radius is fixed, follows from it. If both are fixed, all designs have the outer radius that follows.
 
     Parameters
     ----------

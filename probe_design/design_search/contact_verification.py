@@ -166,7 +166,7 @@ class Reach:
 def _find_reach(contact_scene: LoadedScene, scene: Scene) -> Reach:
     """Find the largest allowed load: indent step by step until the scene's load, gap closure, or a step that fails.
 
-    Of several reasons to stop the last one found counts, as gap closure explains why a step failed. The loads of gap closure and
+    If the gap is closed where a step failed, gap closure counts as the reason. The loads of gap closure and
     of the last converged step are reduced by ``GAP_SAFETY_FACTOR``.
 
     Raises

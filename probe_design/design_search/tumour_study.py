@@ -275,7 +275,7 @@ class TumourStudy:
         tell(stage, PRESSED_DESIGNS + len(radii), PRESSED_DESIGNS + len(radii))
 
     def restore_load(self, unlimited: TumourVerification) -> TumourVerification:
-        """Return a design found without a limit of the load under the scene's load, or the largest within linear elasticity.
+        """Return a design of a search without load limit under the scene's load, or the largest within linear elasticity.
 
         Raises
         ------

@@ -334,7 +334,7 @@ def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple
     sensitivities = films.film_log_sensitivities
     if films.stress_below_error is not None or films.log_sensitivity is None or sensitivities is None:
         return 0.0, math.inf
-    abs_sensitivity, inner_fraction = abs(films.log_sensitivity), _compute_inner_fraction(films)
+    sensitivity, inner_fraction = abs(films.log_sensitivity), _compute_inner_fraction(films)
     strain_error = compute_sensitivity_size(sensitivities) * bound_log_sensitivity_change(pressed.x)
     error = films.sensitivity_error + strain_error
     shift = films.bound.log_ratio + pressed.change
@@ -343,6 +343,6 @@ def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple
     unit_deviations = [
         standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in force_ratios.tolist()
     ]
-    return min(unit_deviations) / (abs_sensitivity + error), max(unit_deviations) / (
-        abs_sensitivity - error
-    ) if abs_sensitivity > error else math.inf
+    return min(unit_deviations) / (sensitivity + error), max(unit_deviations) / (
+        sensitivity - error
+    ) if sensitivity > error else math.inf

@@ -191,7 +191,9 @@ class LinearGaussian:
         R = np.zeros((q, q, *batch), dtype=Q.dtype)
         for k, column in enumerate(Q):
             length = np.sqrt((column**2).sum(axis=0))
-            R[k, k] = np.where(length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length)  # 0: a sum of the columns before it
+            R[k, k] = np.where(
+                length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length
+            )  # 0: depends on the columns before it
             column *= _invert(R[k, k])
             for j in range(k + 1, q):
                 R[k, j] = (column * Q[j]).sum(axis=0)
