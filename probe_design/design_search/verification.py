@@ -340,9 +340,7 @@ def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple
     shift = films.bound.log_ratio + pressed.change
     force_ratios = inner_fraction / (1 - inner_fraction) * np.exp([-shift, 0.0, shift])  # inner over outer force
     # standard deviations for a log-sensitivity of 1, at the lowest, computed and highest ratio
-    unit_deviations = [
+    unit_sds = [
         standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in force_ratios.tolist()
     ]
-    return min(unit_deviations) / (sensitivity + error), max(unit_deviations) / (
-        sensitivity - error
-    ) if sensitivity > error else math.inf
+    return min(unit_sds) / (sensitivity + error), max(unit_sds) / (sensitivity - error) if sensitivity > error else math.inf

@@ -191,9 +191,8 @@ class LinearGaussian:
         R = np.zeros((q, q, *batch), dtype=Q.dtype)
         for k, column in enumerate(Q):
             length = np.sqrt((column**2).sum(axis=0))
-            R[k, k] = np.where(
-                length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length
-            )  # 0: depends on the columns before it
+            # 0 within rounding: the column depends on those before it
+            R[k, k] = np.where(length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length)
             column *= _invert(R[k, k])
             for j in range(k + 1, q):
                 R[k, j] = (column * Q[j]).sum(axis=0)

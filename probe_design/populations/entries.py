@@ -215,6 +215,7 @@ class Varied(FileEntry[DesignVariable]):
         """Return the entry of a file that states the value."""
 
         def format_number(number: float) -> Any:
+            """Return a number itself if it has no unit, else as text with its unit."""
             return number if self.quantity is NUMBER_QUANTITY else self.quantity.format_value(number)
 
         if value.fixed:

@@ -134,6 +134,7 @@ class Protocol(Frozen):
     @field_validator("positions", mode="before")
     @classmethod
     def _expand_positions(cls, entry: object, info: ValidationInfo) -> Any:
+        """Expand ``[from, to, number]``, see the function of this name, before pydantic checks the positions."""
         return _expand_positions(entry, bool(info.context and info.context.get("units_required")))
 
     @property
@@ -277,6 +278,7 @@ class Objective(Frozen):
 
     @model_validator(mode="after")
     def _refuse_quantile_of_fraction(self) -> Self:
+        """Refuse a quantile of "resolved", which is 0 or 1 for each tumour."""
         if self.maximise == "resolved" and self.statistic != "mean":
             raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a fraction of the tumours")
         return self
