@@ -24,17 +24,23 @@ def read_builtin_scene() -> Scene:
 
 
 def read_loaded_builtin_scene() -> Scene:
-    """Return the built-in scene under a load at which linear elasticity holds. `optimize` limits the loads itself."""
+    """Return the built-in scene under ``LINEAR_LOAD_N``, at which linear elasticity holds.
+
+    For `optimize` this is not needed, as it limits the loads itself.
+    """
     return read_builtin_scene().model_copy(update={"load": Load(force=LINEAR_LOAD_N)})
 
 
 def builtin_bench_scene() -> Scene:
-    """Return the probe of the bench without a scene: the outer film of the paper's gives no charge that could be read."""
+    """Return the scene that the bench uses if none is given: the typical one with the tumour on the axis.
+
+    The paper's probe does not serve, as its outer film gives no charge that could be read.
+    """
     return read_typical_scenes()["on-axis"]
 
 
 def read_typical_scenes() -> dict[str, Scene]:
-    """Return by name the built-in scene without groove, and a probe over tumours on and off its axis, shallow and soft."""
+    """Return typical scenes by name: the paper's probe without groove, and another probe over each of ``TYPICAL_CHANGES``."""
     paper, scene = read_loaded_builtin_scene(), scene_from_toml(_read_text("typical.toml"), "typical.toml")
     scenes = {"paper-without-groove": paper.model_copy(update={"probe": paper.probe.model_copy(update={"groove": None})})}
     for name, update in TYPICAL_CHANGES.items():
@@ -43,4 +49,5 @@ def read_typical_scenes() -> dict[str, Scene]:
 
 
 def _read_text(name: str) -> str:
+    """Return the text of a file of the package's data."""
     return files("probe_design.data").joinpath(name).read_text(encoding="utf-8")

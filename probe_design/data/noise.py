@@ -21,12 +21,12 @@ ALLOWED_NOISE = (
 
 
 def check_noise(noise: float, key: str = "noise") -> float:
-    """Return a noise if it is allowed.
+    """Return a noise if it is allowed; ``key`` is its name in the message of a refusal.
 
     Raises
     ------
     InputError
-        It is not within ``MIN_NOISE`` and ``MAX_NOISE``.
+        The noise is not within ``MIN_NOISE`` and ``MAX_NOISE``.
     """
     if MIN_NOISE <= noise <= MAX_NOISE:
         return noise
@@ -40,5 +40,5 @@ def choose_accuracy(noise: float) -> float:
 
 
 def find_charge_per_force(probe: Probe) -> float:
-    """Return |d33| of a probe's films, C/N; that of a film by default where the probe states none, or states 0."""
+    """Return |d33| of a probe's films, C/N; the default film's if the probe states no film, or a d33 of 0."""
     return abs(probe.film.d33 if probe.film else 0.0) or abs(Film().d33)

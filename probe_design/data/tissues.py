@@ -53,7 +53,7 @@ def find_tissue(name: str) -> BuiltinTissue:
     Raises
     ------
     InputError
-        There is none of that name.
+        There is no tissue of that name.
     """
     known_tissues = read_tissues()
     if name not in known_tissues:
@@ -77,8 +77,10 @@ def read_tissues() -> dict[str, BuiltinTissue]:
 
 
 def _build_numbers(entry: JsonObject) -> dict[str, Number]:
+    """Return the numbers of a table of ``tissues.toml``, with scatter and source, by their keys."""
     return {key: Number(**number) for key, number in entry.items()}
 
 
 def _list_values(numbers: dict[str, Number]) -> dict[str, str | float]:
+    """Return only the values of numbers, as a scene file has them."""
     return {key: number.value for key, number in numbers.items()}

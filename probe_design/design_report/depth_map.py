@@ -39,17 +39,21 @@ class DepthMap:
     contrast_sd: Floats
 
     def find_deepest(self, diameter: float) -> float | None:
-        """Return the largest depth at which tumours of a diameter are detected with 90 %, m; None if there is none."""
+        """Return the largest depth at which tumours are detected with ``DETECTION_THRESHOLD``, m; None if there is none.
+
+        The tumours have the diameter of the map that is nearest to the given one, m.
+        """
         column = self.probability[:, np.abs(self.diameter - diameter).argmin()]
         detected = self.depth[np.nan_to_num(column) >= DETECTION_THRESHOLD]
         return float(detected.max()) if len(detected) else None
 
 
 def compute_depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
-    """Return the map of a scene's probe under a force, N."""
+    """Return the map of a scene's probe under a force, N, for the population, protocol and noise of a design file."""
     population = ScenePopulation.from_scene(design.scene, design.population)
     depth, diameter = (_build_axis(population.ranges[key]) for key in ("depth", "diameter"))
     z, d = (grid.ravel() for grid in np.meshgrid(depth, diameter, indexing="ij"))
+    # z and d: depth and diameter at every point of the grid, shape (k l,)
     fits = z - d / 2 >= np.maximum(population.least_cover, MIN_COVER_PER_DIAMETER * d) * (1 - 1e-9)
     for interface in design.scene.tissue.interfaces:
         fits &= np.abs(z - interface) >= d / 2
@@ -60,6 +64,7 @@ def compute_depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
         objective = Resolved.from_draw(design, population, draw, scene.probe.tube_radius)
 
         def compute_force(totals: Floats) -> Floats:
+            """Return the same force for every probe and tumour, shape (n, m)."""
             return np.full(totals.shape[:2], force)
 
         with np.errstate(all="ignore"):
@@ -70,6 +75,7 @@ def compute_depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
 
 
 def _build_axis(given: Range) -> Floats:
+    """Return the values of one axis of the map, evenly spaced in the logarithm, somewhat beyond the population's range."""
     return np.geomspace(min(given.values) / RANGE_WIDENING_FACTOR, max(given.values) * RANGE_WIDENING_FACTOR, GRID_LINES)
 
 

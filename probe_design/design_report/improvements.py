@@ -58,6 +58,7 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
     scan, maximise = examine(scene, widest), design.objective.maximise
 
     def evaluate(changed: Design) -> Performance:
+        """Return the performance with a changed design, from the readings at those of the scan's positions that it uses."""
         distances = np.abs(changed.protocol.places[:, None] - widest.protocol.places)
         return scan.select(distances.argmin(axis=1), "both").evaluate(changed)
 
@@ -73,6 +74,7 @@ def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
     """Yield the name of each improvement and the design with it."""
     noise, protocol = design.noise, design.protocol
     for key in NOISE_KEYS:
+        # gains cancel against a baseline reading, and a calibration replaces gain
         counts = not (protocol.blank and key.endswith("gain")) and (protocol.stiffness or not key.startswith("stiffness"))
         if getattr(noise, key) and counts and not (key == "gain" and noise.calibration):
             yield f"{key} halved", _replace_table(design, "noise", **{key: getattr(noise, key) / 2})
@@ -82,9 +84,11 @@ def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
         yield "blank read", _replace_table(design, "protocol", blank=True)
     places, count = protocol.places, 2 * len(protocol.positions) - 1
     if len(places) > 1 and count <= MAX_POSITIONS:
+        # one position added in the middle between each two
         positions = np.interp(np.arange(count) / 2, np.arange(len(places)), places)
         yield f"{count} positions", _replace_table(design, "protocol", positions=tuple(positions.tolist()))
 
 
 def _replace_table(design: Design, table: str, **new: Any) -> Design:
+    """Return a design with new values of keys in one of its tables."""
     return design.model_copy(update={table: getattr(design, table).model_copy(update=new)})

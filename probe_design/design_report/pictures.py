@@ -53,7 +53,7 @@ def draw_maps(maps: dict[str, DepthMap], verified: dict[str, PopulationVerificat
 
 
 def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
-    """Draw Pareto fronts side by side; return ``path``."""
+    """Draw Pareto fronts side by side, ``name`` being that of the objective; return ``path``."""
     figure, axes = _create_figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
     for plot, front in zip(axes[0], fronts, strict=True):
         values = [point.value for point in front.points]
@@ -98,13 +98,17 @@ def draw_improvements(improvements: Sequence[Improvement], label: str, path: Pat
 
 
 def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
+    """Return a figure of a size in inches, and its axes in rows and columns as an array of this shape."""
     figure = Figure(figsize=size, dpi=120, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(*shape, squeeze=False, sharey="row")
 
 
 def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
-    """Draw values over diameter and depth in colours, with the line of a limit."""
+    """Draw values over diameter and depth in colours, and the line on which they equal a limit.
+
+    A map whose limit is ``DETECTION_THRESHOLD`` is one of probability, any other one of the standard deviation of ln contrast.
+    """
     axes.set_facecolor("0.88")
     probability = limit == DETECTION_THRESHOLD
     norm = Normalize(0.0, 1.0) if probability else LogNorm(MIN_SHOWN_SD, MAX_SHOWN_SD)
@@ -119,11 +123,13 @@ def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
         _format_axis(axis)
+    # axes of a row share y: inverting it a second time would undo the first
     if axes.get_ylim()[0] < axes.get_ylim()[1]:
         axes.invert_yaxis()
 
 
 def _format_axis(axis: Any) -> None:
+    """Label a logarithmic axis at 1, 2 and 5 times powers of ten, as plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -91,10 +91,14 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
 
 
 def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Table:
-    """Return the table that compares the verified designs: quantities in rows, designs in columns."""
+    """Return the table that compares the verified designs: quantities in rows, designs in columns.
+
+    ``maps`` are those of the designs, from which the depth down to which the largest tumours are detected is read.
+    """
     designs, rows = optimum.list_columns(), list[tuple[str, ...]]()
 
     def add_row(name: str, format_cell: Callable[[PopulationVerification], str]) -> None:
+        """Append the row of a quantity, with the text that ``format_cell`` returns for each design."""
         rows.append((name, *(format_cell(verified) for verified in designs.values())))
 
     for observable, label in OBSERVABLE_LABELS.items():
@@ -145,7 +149,7 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
 
 
 def build_tolerance_table(optimum: PopulationOptimum) -> Table:
-    """Return the table of each design's objective as drawn and as built."""
+    """Return the table of each design's objective as drawn, and its mean and 5 % and 95 % quantiles as built."""
     designs = (optimum.start, *optimum.finalists)
     names = ["start", *(f"design {k + 1}" for k in range(len(optimum.finalists)))]
     rows = [
@@ -165,20 +169,24 @@ def write_design_file(design: Design) -> str:
 
 
 def _format_detected(verified: PopulationVerification, observable: Observable) -> str:
+    """Return how many of 100 tumours are detected by an observable, with the error; a dash without a result."""
     performance = verified.performance.by_observable[observable]
     return "-" if performance is None else _format_percent(performance.means["detection"], performance.errors["detection"].total)
 
 
 def _format_error_split(verified: PopulationVerification) -> str:
+    """Return the sampling error and the model error of the tumours detected of 100."""
     error = verified.performance.errors["detection"]
     return f"± {100 * error.sampling:.1f}, ± {100 * error.model:.1f}"
 
 
 def _format_percent(value: float, error: float) -> str:
+    """Return a fraction and its error in per cent."""
     return f"{100 * value:.1f} ± {100 * error:.1f}"
 
 
 def _format_moduli(verified: PopulationVerification) -> str:
+    """Return the moduli of the inner and the outer block, kPa."""
     probe = verified.scene.probe
     return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
 

@@ -168,7 +168,7 @@ class Report:
 
 
 def format_limit(limit: Limit) -> str:
-    """Return the value of a limit in the unit that a person would use: mm, kPa, mN or pC."""
+    """Return the value of a limit in the unit that a person would use: mm, kPa, mN or pC, or none for a pure number."""
     size, unit = LIMIT_UNITS.get(limit.name.rpartition(" ")[2], (M_PER_MM, " mm"))
     return f"{limit.value / size:.4g}{unit}"
 

@@ -63,11 +63,15 @@ def _explain_verification(optimum: TumourOptimum) -> str:
 
 
 def build_comparison_table(optimum: TumourOptimum) -> Table:
-    """Return the table that compares start and other designs, the recommended one last, with the limits of the quantities."""
+    """Return the table that compares start and other designs, the recommended one last, with the limits of each quantity.
+
+    Rows are quantities, columns designs: first the probe and its load, then the results of each evaluator.
+    """
     designs, limits = list(optimum.list_columns().values()), optimum.search_space.list_limits(optimum.best.scene)
     linear, others = optimum.linear_evaluator, [name for name in optimum.evaluators if name != optimum.linear_evaluator]
 
     def build_rows(list_cells: Callable[[TumourVerification], Cells], suffix: str = "") -> list[tuple[str, ...]]:
+        """Return rows of the quantities that ``list_cells`` lists for a design, ``suffix`` added to their names."""
         columns = [list_cells(design) for design in designs]
         return [
             (
@@ -93,7 +97,7 @@ def describe_noise(optimum: TumourOptimum) -> str:
 
 
 def build_verified_table(optimum: TumourOptimum) -> Table:
-    """Return all verified designs, best first, with units in the headings."""
+    """Return the table of all verified designs, the start, then the best first, with units in the headings."""
     names = [name for name, _ in (*_list_design_cells(optimum.start), *_list_load_cells(optimum.start))]
     numbers = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
     rows = list[tuple[str, ...]]()
@@ -106,7 +110,7 @@ def build_verified_table(optimum: TumourOptimum) -> Table:
 
 
 def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:
-    """Return the limits of a variable, an active one with a star: ``0.1* to 0.5``."""
+    """Return the limits of a variable as text in mm, kPa or a pure number, an active one with a star: ``0.1* to 0.5``."""
     shown = {}
     for limit in limits:
         kind, _, limited_variable = limit.name.partition(" ")
@@ -134,13 +138,14 @@ def _list_design_cells(verified: TumourVerification) -> Cells:
 
 
 def _list_load_cells(verified: TumourVerification) -> Cells:
+    """Return force and indentation of a design, and what limits the force."""
     force, limited_by = verified.force
     depth = force / verified.result.stiffness if verified.result.stiffness else math.nan
     return [("force, N", f"{force:.3g}"), ("indentation, mm", f"{depth / M_PER_MM:.3g}"), ("force limited by", limited_by)]
 
 
 def _list_gain_cells(verified: TumourVerification) -> Cells:
-    """Return rows on the gain of a load beyond the linear range."""
+    """Return the gain of a load beyond linear elasticity over the largest within it; dashes for a load within it."""
     linear, names = verified.linear_design, ("largest linear load, N", "gain of more load, %", "its error, %")
     if linear is None:
         return [(name, "-") for name in names]
@@ -150,7 +155,10 @@ def _list_gain_cells(verified: TumourVerification) -> Cells:
 
 
 def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> Cells:
-    """Return an evaluator's results of a design; a linear evaluator's are under the largest linear load."""
+    """Return an evaluator's results for a design, dashes if it did not verify the design.
+
+    A linear evaluator's are those under the largest load within linear elasticity.
+    """
     linear = verified.linear or verified
     if evaluator_name == "closed-form":
         sensitivity = linear.formula_result.log_sensitivity if linear.formula_result else None

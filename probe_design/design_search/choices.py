@@ -62,16 +62,16 @@ class ChoiceSearch:
 
 
 def iterate_distinct(choices: Iterable[Choice], search_space: SearchSpace, tolerance: float) -> Iterator[tuple[Choice, Scene]]:
-    """Yield choices with their scenes as a workshop makes them, but for those within a tolerance of an earlier one.
+    """Yield choices with their scenes as a workshop makes them, leaving out those that are nearly the same as an earlier one.
 
     Parameters
     ----------
     choices
-        Best first.
+        Designs of a search, best first.
     search_space
-        Whose limits the scenes keep.
+        The allowed designs; a choice that is not allowed after rounding is left out.
     tolerance
-        Relative, of every variable.
+        Relative difference of every variable within which two designs count as the same.
     """
     scenes: list[Scene] = []
     for choice in choices:
@@ -91,24 +91,24 @@ def search_combinations(objective: SearchObjective, search_space: SearchSpace, p
     InputError
         No combination gives a probe with a finite objective.
     """
-    begin = perf_counter()
+    start_time = perf_counter()
     if search_space.combinations <= MAX_ENUMERATED:
         combinations = list(search_space.iterate_combinations())
         choices = _search_all(objective, search_space, combinations, progress)
         how = f"all {len(combinations)} combinations of choices tried" if len(combinations) > 1 else "all variables continuous"
-        return _sort_choices(choices, how, True, perf_counter() - begin)
+        return _sort_choices(choices, how, True, perf_counter() - start_time)
     choices, count = _search_relaxed(objective, search_space, progress)
     how = (
         f"{search_space.combinations} combinations of choices, more than {MAX_ENUMERATED}: not all tried but {count} near what a "
         "search without steps found, until none beside the best was better"
     )
-    return _sort_choices(choices, how, False, perf_counter() - begin)
+    return _sort_choices(choices, how, False, perf_counter() - start_time)
 
 
 def search_combination(
     objective: SearchObjective, search_space: SearchSpace, combination: Combination, *, thorough: bool
 ) -> list[Choice]:
-    """Return the designs of one combination, best first."""
+    """Return the designs of one combination, best first; with little effort (``QUICK_EFFORT``) unless ``thorough``."""
     space = search_space.pin(combination.pinned)
     designs, values = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
     pairs = zip(designs.T, values.tolist(), strict=True)
@@ -136,7 +136,13 @@ def _repeat_search(objective: SearchObjective, search_space: SearchSpace, choice
 
 
 def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:
-    """Search with continuous variables, round the best designs, then move to the best neighbour until none is better."""
+    """Search with continuous variables, round the best designs, then move to the best neighbour until none is better.
+
+    Returns
+    -------
+    tuple[list[Choice], int]
+        Designs of all combinations tried, and the number of these combinations.
+    """
     relaxed, _ = search(objective, search_space, _average_poisson(search_space))
     progress(1, 2 + NEIGHBOUR_ROUNDS)
     tried: dict[str, list[Choice]] = {}
@@ -150,6 +156,7 @@ def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progr
         best = max(tried_choices, key=lambda choice: choice.value)
         _search_untried(objective, search_space, _list_neighbours(search_space, best), tried)
         progress(3 + turn, 2 + NEIGHBOUR_ROUNDS)
+        # no neighbour is better than the best so far
         if max(choice.value for choices in tried.values() for choice in choices) <= best.value:
             break
     progress(2 + NEIGHBOUR_ROUNDS, 2 + NEIGHBOUR_ROUNDS)

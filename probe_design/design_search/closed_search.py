@@ -92,16 +92,23 @@ def search(
     ]
     all_designs = np.concatenate([np.array(optima).T, designs], axis=1)
     all_values = np.concatenate([objective.evaluate_designs(np.array(optima).T, poisson), values])
-    keeps = space.admits(all_designs, CONSTRAINT_TOLERANCE_RELATIVE)
-    return _sort_designs(all_designs[:, keeps], all_values[keeps])
+    is_admitted = space.admits(all_designs, CONSTRAINT_TOLERANCE_RELATIVE)
+    return _sort_designs(all_designs[:, is_admitted], all_values[is_admitted])
 
 
 def screen(space: SearchSpace, count: int) -> Floats:
-    """Return the admissible designs of Sobol sequences, uniform in the logarithms, for each shell of outer radii.
+    """Return the designs from which a search starts: admissible designs that fill the space evenly.
 
-    The design at the lower bounds is added, and the one in the middle of all bounds if no other is admissible.
+    For each shell of outer radii (``SHELLS_PER_OCTAVE`` in each doubling) a Sobol sequence of ``count`` designs is spread
+    uniformly over the logarithms of the variables; those within the bounds and constraints are kept. The design at the lower
+    bounds comes first, and the one in the middle of all bounds if the sequences give none; both have the thinnest wall allowed.
+
+    Returns
+    -------
+    Floats
+        Designs, shape (variables, n).
     """
-    low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)
+    low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)  # above 0, as logarithms are taken
     if not space.free:
         return low[:, None]
     min_radius = space.wall + sum(low[space.names.index(name)] for name in ("inner_radius", "gap"))
@@ -113,13 +120,13 @@ def screen(space: SearchSpace, count: int) -> Floats:
     inside = space.admits(designs) & np.all(
         (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0
     )
-    corners = [low] if inside.any() else [low, np.exp((np.log(low) + np.log(high)) / 2)]
-    candidates = np.array([_thin_wall(space, corner) for corner in corners]).T
+    extra_designs = [low] if inside.any() else [low, np.exp((np.log(low) + np.log(high)) / 2)]
+    candidates = np.array([_thin_wall(space, extra_design) for extra_design in extra_designs]).T
     return np.concatenate([candidates[:, space.admits(candidates)], designs[:, inside]], axis=1)
 
 
 def _thin_wall(space: SearchSpace, design: Floats) -> Floats:
-    """Return a design with the area ratio of the thinnest wall that its bounds allow."""
+    """Return a design, shape (variables,), with its area ratio changed in place to that of the thinnest wall allowed."""
     sizes, k = ProbeSizes.from_vector(design), space.names.index("area_ratio")
     hole = sizes.inner_radius + sizes.gap
     outer_radius = hole + space.wall * (1 + 1e-9)
@@ -128,7 +135,27 @@ def _thin_wall(space: SearchSpace, design: Floats) -> Floats:
 
 
 def _sample_shell(space: SearchSpace, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
-    """Sample designs with outer radii between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m; fixed variables take precedence."""
+    """Return designs in the k-th shell: outer radii from 2^(k / s) to 2^((k + 1) / s) m, s being ``SHELLS_PER_OCTAVE``.
+
+    The sequence's number of the inner radius gives the outer radius instead, and the inner radius, or the area ratio if the
+    inner radius is fixed, follows from it. If both are fixed, all designs have the outer radius that follows.
+
+    Parameters
+    ----------
+    space
+        Bounds; a variable whose bounds are equal is fixed.
+    low, high
+        Bounds, above 0, shape (variables,).
+    sample
+        Points of a Sobol sequence, 0 to 1, shape (n, variables).
+    k
+        Number of the shell.
+
+    Returns
+    -------
+    Floats
+        Designs, shape (variables, n), some of which may be beyond the bounds.
+    """
     inner_index, ratio_index = (space.names.index(name) for name in ("inner_radius", "area_ratio"))
     designs: Floats = np.exp(np.log(low) + sample * (np.log(high) - np.log(low))).T
     radius = 2 ** ((k + sample[:, inner_index]) / SHELLS_PER_OCTAVE)
@@ -147,6 +174,7 @@ def _order_starts(designs: Floats, values: Floats) -> Ints:
     shells = np.floor(SHELLS_PER_OCTAVE * np.log2(ProbeSizes.from_vector(designs).outer_radius))
     best_first = np.argsort(-values, kind="stable")
     best_first = best_first[np.isfinite(values[best_first])]
+    # turn: rank of each design within its shell; those without a finite objective come last
     turn = np.full(len(values), len(values))
     for shell in np.unique(shells):
         members = best_first[shells[best_first] == shell]
@@ -166,6 +194,21 @@ def refine_by_ipopt(
 ) -> Floats:
     """Return the local optimum near a design, shape (variables,), by a limited number of IPOPT's steps.
 
+    Parameters
+    ----------
+    objective
+        The objective to be maximised.
+    space
+        Bounds and constraints.
+    start
+        The design to start from, shape (variables,).
+    poisson
+        Poisson's ratios of both blocks.
+    steps
+        Maximum of IPOPT's steps.
+    tolerance
+        Of the objective.
+
     Raises
     ------
     KeyboardInterrupt
@@ -184,6 +227,7 @@ def refine_by_ipopt(
     solver = ca.nlpsol("design", "ipopt", {"x": x, "f": -value, "g": constraints}, choices)
     low, high = np.log(space.low[free]), np.log(space.high[free])
     x0 = np.clip(np.log(start[free]), low, high)
+    # constraints in order: outer radius up to its limit, wall at least its minimum, charge at least its minimum
     solution = solver(x0=x0, lbx=low, ubx=high, lbg=[0.0, 1.0, 0.0], ubg=[1.0, np.inf, np.inf])
     optimum = start.copy()
     optimum[free] = np.exp(np.array(solution["x"]).ravel())

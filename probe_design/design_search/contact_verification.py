@@ -71,6 +71,7 @@ def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerif
     pressing = replace(design.pressing, x=0.0, change=0.0)
 
     def evaluate(contact_scene: LoadedScene, begin: float) -> list[TumourVerification]:
+        """Return the design under its present load as the only item of a list."""
         pressed = _press_to_load(contact_scene, pressing.load)
         return [_build_loaded_design(design, noise, *pressed, pressing=pressing, begin=begin)]
 
@@ -80,7 +81,15 @@ def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerif
 def _run_contact(
     design: TumourVerification, evaluate: Callable[[LoadedScene, float], list[TumourVerification]]
 ) -> list[TumourVerification]:
-    """Return the designs that a function computes from the scene at rest and the time of the begin; none where that fails."""
+    """Run ``evaluate`` on a design's scene prepared for ``contact``, within the time limit; return no designs where that fails.
+
+    Parameters
+    ----------
+    design
+        The design.
+    evaluate
+        Computes designs from the scene on its meshes, still unloaded, and the time at which the run began, s.
+    """
     begin = perf_counter()
     with suppress(Refusal, SolveError), start_clock(), threadpool_limits(1, user_api="blas"):
         return evaluate(ContactEvaluator().prepare_scene(design.scene, VERIFICATION_ACCURACY), begin)
@@ -90,7 +99,10 @@ def _run_contact(
 def _evaluate_loads(
     design: TumourVerification, noise: Noise, contact_scene: LoadedScene, begin: float
 ) -> Iterator[TumourVerification]:
-    """Evaluate a design under the largest allowed load, and under a smaller one where that has a better objective."""
+    """Yield a design under the largest allowed load, and under a smaller one if the objective is best there.
+
+    Loads that ``contact`` cannot reach, and those not above the design's present one, are left out.
+    """
     reach = _find_reach(contact_scene, design.scene)
     if reach.limited_by == LAST_CONVERGED and (denser := contact_scene.add_contact_points()) is not None:
         reach = max(reach, _find_reach(denser, design.scene), key=lambda item: item.max_size)
@@ -152,7 +164,16 @@ class Reach:
 
 
 def _find_reach(contact_scene: LoadedScene, scene: Scene) -> Reach:
-    """Increase the indentation until the scene's load is reached with margin, the gap closes or no step converges."""
+    """Find the largest allowed load: indent step by step until the scene's load, gap closure, or a step that fails.
+
+    If the gap is closed where a step failed, gap closure counts as the reason. The loads of gap closure and
+    of the last converged step are reduced by ``GAP_SAFETY_FACTOR``.
+
+    Raises
+    ------
+    SolveError
+        Not even the first step is within the time limit.
+    """
     reach, points = Reach(contact_scene, scene.load, SCENE_LOAD, ()), list[LoadedForces]()
     end, limited_by = math.inf, SCENE_LOAD
     for depth in DEPTHS_RELATIVE:
@@ -180,7 +201,7 @@ def _find_reach(contact_scene: LoadedScene, scene: Scene) -> Reach:
 
 
 def _find_path_closure(path: Path) -> LargestLoad:
-    """Return the load that closes the gap on a path; that of the last open point if no point beyond it converges."""
+    """Return the load at which the gap closes on a load path, or the last load at which it is open if the former fails."""
     with suppress(SolveError):
         closing = find_gap_closure_load(path)
         if closing is not None:
@@ -190,7 +211,10 @@ def _find_path_closure(path: Path) -> LargestLoad:
 
 
 def _find_interior_load(noise: Noise, reach: Reach) -> Load | None:
-    """Return the interior load of minimum objective, by a parabola through three points; None if the largest is best."""
+    """Return the load below the largest at which the standard deviation of ln E_object is minimum; None if the largest is best.
+
+    It is the vertex of a parabola through the best load solved and both its neighbours, in the logarithms of both.
+    """
     sizes = [size for size, _ in reach.allowed_points]
     values = [compute_objective(item.films, noise, item.point.force) for _, item in reach.allowed_points]
     k = int(np.argmin(values)) if values else 0
@@ -204,7 +228,13 @@ def _find_interior_load(noise: Noise, reach: Reach) -> Load | None:
 
 
 def _press_within_time(reach: Reach, load: Load, limited_by: str) -> tuple[LoadedForces, LoadedScene, Load, str]:
-    """Press to a load; if the time limit is reached, return the last smaller load solved."""
+    """Compute a design under a load or, if the time limit is reached, return the largest load already solved.
+
+    Returns
+    -------
+    tuple[LoadedForces, LoadedScene, Load, str]
+        The results, the scene on the meshes used for them, the load and what limits it.
+    """
     try:
         if limited_by != TIME_LIMIT:
             return *_press_to_load(reach.contact_scene, load), load, limited_by
@@ -216,6 +246,7 @@ def _press_within_time(reach: Reach, load: Load, limited_by: str) -> tuple[Loade
 
 
 def _press_to_load(contact_scene: LoadedScene, load: Load) -> tuple[LoadedForces, LoadedScene]:
+    """Return the results of ``contact`` under a load, and the scene with as many contact points as they needed."""
     scene = contact_scene.scene.model_copy(update={"load": load})
     return press_with_enough_points(replace(contact_scene, scene=scene), LoadedScene.press_to_scene_load)
 
@@ -229,7 +260,21 @@ def _build_loaded_design(
     pressing: Pressing,
     begin: float,
 ) -> TumourVerification:
-    """Return the design with the objective of the results of ``contact`` under its load."""
+    """Return a design with the results of ``contact`` under a load in place of its linear ones, which become ``linear``.
+
+    Parameters
+    ----------
+    design
+        The design verified within linear elasticity.
+    noise
+        Noise of a reading.
+    result, pressed_scene
+        Results under the load, and the scene on the meshes used for them.
+    pressing
+        The load.
+    begin
+        Time at which the computation began, s.
+    """
     scene = design.scene.model_copy(update={"load": pressing.load})
     solution = ContactEvaluator().build_solution(scene, VERIFICATION_ACCURACY, pressed_scene, [result])
     contact_result = solution.build_result(CONTACT_EVALUATOR, scene, perf_counter() - begin)

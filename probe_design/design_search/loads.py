@@ -178,10 +178,11 @@ class PressingRule:
         The worst cover is that of many tumours of the population, however few are drawn, so that forces do not depend on
         ``samples``.
         """
-        many = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
+        cover_tumours = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
         bodies = [
+            # moduli of tumours do not matter for their cover
             Inclusion(diameter=d, depth=z, youngs_modulus=1e4, poisson_ratio=0.45)
-            for tumours in (many, draw, unseen)
+            for tumours in (cover_tumours, draw, unseen)
             for d, z in zip(tumours.diameter.tolist(), tumours.depth.tolist(), strict=True)
         ]
         tissues = (*draw.tissues, *(tissue for tissue in unseen.tissues if tissue not in draw.tissues))
@@ -254,10 +255,10 @@ class PressingRule:
         """
         forces: list[Array] = []
         for number, tissue in enumerate(self.tissues):  # the tissues of the search come first
-            column = np.flatnonzero(which == number)
-            if not len(column):
+            members = np.flatnonzero(which == number)
+            if not len(members):
                 continue
-            film_totals = np.moveaxis(totals[:, column[0]], 1, 0)
+            film_totals = np.moveaxis(totals[:, members[0]], 1, 0)
             approach = self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals)
             closure = film_totals.sum(axis=0) * sizes.gap / approach
             allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue)
@@ -275,18 +276,33 @@ class PressingRule:
         return force if variable.choices or variable.step is not None else round_load_down(force)
 
     def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
-        """Return the force that each limit allows on one tissue, N, by the limit's name."""
+        """Return the force that each limit allows on one tissue, N, by the limit's name.
+
+        Parameters
+        ----------
+        scene
+            Scene with the contact.
+        sizes
+            Sizes of the probes, floats or arrays.
+        totals
+            Forces on both films per unit indentation, N/m, first axis 2.
+        closure
+            Force that closes the gap in linear elasticity, N.
+        tissue
+            The scene with this tissue.
+        """
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
         per_depth = compute_tissue_strain(sizes.outer_radius, tissue.tissue)
         blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
         inner, outer = (compute_block_strain(height, total / area / E) for height, total, area, E in blocks)
         outer = outer * compute_slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
-        added = -minimum_by_real_part(-inner, -outer)
+        # -min(-a, -b) is the maximum, here of both blocks' strains
+        max_block_strain = -minimum_by_real_part(-inner, -outer)
         x, strain = compute_both_strains(
             sizes.outer_radius,
             tissue.tissue,
             scene.contact.interface,
-            added,
+            max_block_strain,
             self.worst_cover_factor,
             law=compute_law_factor(tissue),
         )
@@ -310,8 +326,8 @@ class PressingRule:
                 CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
             )
         if limits.charge is not None:
-            larger = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
-            allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)
+            max_fraction = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
+            allowed["charge"] = limits.charge[1] / (self.charge_per_force * max_fraction)
         return allowed
 
 
@@ -347,7 +363,10 @@ def _compute_approach_ratio(scene: Scene) -> float:
 
 
 def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
-    """Return the approach of the gap's walls per unit indentation, an upper bound (eq. PL.4)."""
+    """Return an upper bound on the approach of the gap's walls per unit indentation (eq. PL.4).
+
+    ``totals`` are the forces on both films per unit indentation, N/m, first axis 2.
+    """
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
     radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
     return bound_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])
@@ -355,6 +374,7 @@ def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
 
 def round_load_down(load: float) -> float:
     """Return the largest load of ``LOAD_DIGITS`` significant digits that is not above a load, N or m."""
+    # if rounding to the nearest went up, one unit of the last digit is taken off
     nearest = float(f"{load:.{LOAD_DIGITS}g}")
     if nearest <= load:
         return nearest

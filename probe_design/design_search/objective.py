@@ -38,7 +38,22 @@ class ExactGradients(Protocol):
     """An objective with exact derivatives, as IPOPT needs it."""
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """Return value and margin of one design, shape (2,), and their derivatives by ln of some variables, shape (2, k)."""
+        """Return the objective and the charge's margin of one design, and their derivatives.
+
+        Parameters
+        ----------
+        x
+            The design, shape (variables,).
+        poisson
+            Poisson's ratios of both blocks.
+        which
+            Indices of the k variables with respect to whose logarithms the derivatives are taken.
+
+        Returns
+        -------
+        tuple[Floats, Floats]
+            The objective and ln(charge of the weaker channel / required charge), shape (2,), and their derivatives, (2, k).
+        """
 
 
 class SearchObjective(ABC):
@@ -72,7 +87,10 @@ class SearchObjective(ABC):
 
 
 def build_complex_steps(x: Floats, which: list[int]) -> Array:
-    """Return a design with a complex step of the logarithm of each of some variables, shape (variables, k)."""
+    """Return k copies of a design x, each with a complex step of the logarithm of one variable, shape (variables, k).
+
+    The imaginary part of a function of column j, over the step, is its derivative by the logarithm of variable ``which[j]``.
+    """
     steps = np.repeat(x[:, None].astype(complex), len(which), axis=1)
     steps[which, range(len(which))] += 1j * COMPLEX_STEP_RELATIVE * x[which]
     return steps

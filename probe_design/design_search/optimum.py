@@ -92,7 +92,7 @@ class Optimum(ABC, Generic[Verified]):
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """All limits by their keys in a design file, bounds such as ``least gap``, and which are active."""
+        """All limits, named by their keys in a design file, or as bounds such as ``least gap``, and whether each is active."""
         return tuple(
             Limit(LIMIT_KEYS.get(limit.name, limit.name), limit.value, limit.active)
             for limit in self.search_space.list_limits(self.best.loaded_scene)
@@ -126,7 +126,7 @@ class Optimum(ABC, Generic[Verified]):
         return {**tried, **self.others, "start, recommended": self.best}
 
     def warn_wide_start(self) -> Iterator[str]:
-        """Yield a warning if the start is wider than the limit."""
+        """Yield a warning if the start's outer radius is above the limit, so that the search could not choose it."""
         start, limit = self.design.scene.probe.tube_radius, self.search_space.outer_radius
         if start > limit * (1 + SAME_DESIGN_TOLERANCE_RELATIVE):
             yield f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"
@@ -263,7 +263,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """See ``Optimum``; with the limits of the force."""
+        """See ``Optimum``; with the limits of the force and of the charge, and without bounds of moduli if materials set them."""
         pressed, given = self.best.pressed, self.design.limits
         rows = [limit for limit in super().limits if not (self.search_space.shelf and "modulus" in limit.name)]
         rows += [
@@ -297,7 +297,10 @@ class PopulationOptimum(Optimum[PopulationVerification]):
             yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"
 
     def _warn_unused_force(self) -> Iterator[str]:
-        """Yield a warning if linear elasticity limits the force below the allowed one; ``contact`` takes no off-axis tumours."""
+        """Yield a warning if linear elasticity limits the force below the one that the design file allows.
+
+        ``contact`` could model more force, but only tumours on the probe's axis.
+        """
         pressed = self.best.pressed
         key = next(name for name in FORCE_SOURCES if name in pressed.allowed)
         if pressed.limited_by in LINEARITY_LIMITS:
@@ -336,13 +339,13 @@ class PopulationOptimum(Optimum[PopulationVerification]):
 
 
 def _format_objective(verified: TumourVerification) -> str:
-    """Format an objective with its bounds by errors."""
+    """Return the standard deviation of ln E_object of a design as text, with its bounds by errors."""
     ends = f"above {verified.lower:.3g}" if math.isinf(verified.upper) else f"{verified.lower:.3g} to {verified.upper:.3g}"
     return f"{verified.value:.3g} ({ends} within its errors)"
 
 
 def _describe_load_gain(verified: TumourVerification, linear: TumourVerification) -> str:
-    """Describe the gain of a load beyond linear elasticity."""
+    """Describe what a design gains under a load beyond linear elasticity over ``linear``, the same under less load."""
     gain, error = verified.compute_gain(linear)
     return (
         f"under {verified.pressing.force:.3g} N (limited by {verified.pressing.limited_by}): "

@@ -59,7 +59,17 @@ class Front:
 
 
 def compute_front(design: Design, against: str, progress: Progress) -> Front:
-    """Return a Pareto front against a cost, a key of ``COST_LABELS``; its end points are verified."""
+    """Compute the best objective at several values of a cost; the first and the last are verified.
+
+    Parameters
+    ----------
+    design
+        The design file, of which one limit is varied.
+    against
+        The cost, a key of ``COST_LABELS``.
+    progress
+        Called with the number of costs done and of all.
+    """
     points: list[Point] = []
     designs = list(_list_designs(design, against))
     for k, (cost, limited_design) in enumerate(designs):
@@ -69,6 +79,7 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
             best = search_combinations(study.objective, study.search_space, _ignore).choices[0]
         except InputError:  # no probe fits
             continue
+        # a design for a smaller limit is allowed within a larger one; scans at other positions are not comparable so
         value = max([best.value, *(point.value for point in points)]) if against != "positions" else best.value
         points.append(Point(cost, value))
         if k in (0, len(designs) - 1):

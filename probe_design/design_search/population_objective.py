@@ -131,8 +131,10 @@ class PopulationObjective(SearchObjective):
         charges: list[Array] = []
 
         def compute_force(totals: Array) -> Array:
+            """Return the forces, N, and keep the smallest charge of a channel over all tumours in ``charges``."""
             forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
             fractions = totals / totals.sum(axis=2, keepdims=True)
+            # charge of the weaker channel; argmin takes the tumour whose tissue gives least
             weaker = minimum_by_real_part(fractions[..., 0], fractions[..., 1]) * forces * self.rule.charge_per_force
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
@@ -155,7 +157,7 @@ class PopulationObjective(SearchObjective):
         return np.log(posterior.compute_posterior_sd(np.array([1.0])))
 
     def _compute_noise(self, probes: Array, compute_force: ForceRule) -> tuple[Films, LinearGaussian]:
-        """Return films and the readings' noise; NaN where a film is in tension (no logarithm)."""
+        """Return the film forces and the noise of the readings; NaN where a film is in tension and has no logarithm."""
         films = self.tumours.compute_films(probes)
         films = replace(films, without=_mask_non_positive(films.without))
         variance = self._compute_variance(films, compute_force(films.without))
@@ -166,14 +168,14 @@ class PopulationObjective(SearchObjective):
         return np.concatenate([ratio, stiffness], axis=2) if self.design.protocol.stiffness else ratio
 
     def _compute_signature(self, films: Films) -> Array:
-        """Return the change of the log readings by each tumour, shape (n, m, readings)."""
+        """Return the signals s: the change of ln ratio and ln stiffness by each tumour, shape (n, m, readings)."""
         without = films.without[:, :, None]
         totals = without + films.change
         inner, outer = (np.log(_mask_non_positive(totals[..., film] / without[..., film])) for film in (0, 1))
         return self._stack_channels(inner - outer, np.log(totals.sum(axis=3) / without.sum(axis=3)))
 
     def _compute_variance(self, films: Films, force: Array) -> Array:
-        """Return the white variance of each reading, shape (n, m, readings)."""
+        """Return the variance V of each reading's own error, for forces (n, m), N; shape (n, m, readings)."""
         noise, fractions = self.design.noise, films.without / films.without.sum(axis=2, keepdims=True)
         charges = fractions * force[..., None] * self.rule.charge_per_force
         ones = np.ones((1, 1, films.change.shape[2]))
@@ -181,12 +183,22 @@ class PopulationObjective(SearchObjective):
         return self._stack_channels(ratio, noise.stiffness_white**2 + MIN_VARIANCE + 0 * ratio)
 
     def _build_shared_errors(self, probes: Array, films: Films, variance: Array) -> Array:
-        """Return the errors common to a scan, one standard deviation in each column, shape (n, m, readings, a)."""
+        """Return the errors common to a scan: the change of the readings by one standard deviation of each of a nuisances.
+
+        With a baseline reading these are its own errors, one for each channel; without it the gains and the tissue's modulus.
+
+        Returns
+        -------
+        Array
+            N Pi^(1/2) of eq. DS.1, shape (n, m, readings, a).
+        """
         noise, channels = self.design.noise, 2 if self.design.protocol.stiffness else 1
         count = variance.shape[2] // channels
         by_channel = np.repeat(np.eye(channels), count, axis=0)
         if self.design.protocol.blank:
+            # the baseline reading of a channel errs as much as the channel's first reading
             return by_channel * np.sqrt(variance[:, :, None, ::count])
+        # sqrt(2): the ratio has the gains of two channels
         gains = np.array([math.sqrt(2) * noise.gain, noise.stiffness_gain])[:channels]
         common = np.broadcast_to(by_channel * gains, (*variance.shape, channels))
         tissue = self._difference("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))
@@ -201,7 +213,7 @@ class PopulationObjective(SearchObjective):
         return np.stack(derivatives, axis=3)
 
     def _difference(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
-        """Return the derivative of readings by the logarithm of a parameter."""
+        """Return the derivative of ``evaluate``, readings, by the logarithm of a parameter in ``moved``, a central difference."""
         lower, upper = (evaluate(tumours.compute_films(probes)) for tumours in self.moved[name])
         return (upper - lower) / (2 * LOG_DIFFERENCE_STEP)
 
@@ -242,7 +254,7 @@ OBJECTIVES: dict[str, type[PopulationObjective]] = {
 
 
 def _build_draws(draw: TumourDraw) -> TumourDraws:
-    """Return a draw of tumours as arrays, in the scene's coordinates."""
+    """Convert a draw of tumours to the arrays of ``TumourDraws``, in the scene's coordinates."""
     y_position = draw.scene.inclusion[0].y if draw.scene.inclusion else draw.scene.placement.y
     tissues = np.array([_list_layers(scene.tissue) for scene in draw.tissues])  # (t, layers + 1, 3)
     tissue, ones = np.moveaxis(tissues[draw.tissue], 0, 2), np.ones(len(draw))
@@ -254,13 +266,25 @@ def _build_draws(draw: TumourDraw) -> TumourDraws:
 
 def _list_layers(tissue: Any) -> list[list[float]]:
     """Return thickness, Young's modulus and Poisson's ratio of each layer and of the tissue below."""
-    depth = getattr(tissue, "depth", 1.0)
+    depth = getattr(tissue, "depth", 1.0)  # a half-space has none: its number is not used
     layers = [[layer.thickness, layer.youngs_modulus, layer.poisson_ratio] for layer in tissue.layer]
     return [*layers, [depth, tissue.youngs_modulus, tissue.poisson_ratio]]
 
 
 def _prepare_tumours(design: Design, draw: TumourDraw, draws: TumourDraws, widest: float) -> ManyTumours:
-    """Prepare tumours at all positions of the protocol, for probes up to an outer radius, m."""
+    """Prepare tumours at all positions of the protocol.
+
+    Parameters
+    ----------
+    design
+        The design file.
+    draw
+        The draw with its tissues.
+    draws
+        Its tumours as arrays, perhaps with one parameter moved.
+    widest
+        Outer radius of the widest probe for which they are used, m.
+    """
     scene, places = draw.tissues[0], design.protocol.places
     shape, values = build_parameters(scene, merged=False)
     return ManyTumours.from_draws(
@@ -274,14 +298,14 @@ def _prepare_tumours(design: Design, draw: TumourDraw, draws: TumourDraws, wides
 
 
 def _step_parameter(draws: TumourDraws, name: str, step: float) -> TumourDraws:
-    """Return tumours with a step of the logarithm of their diameter or depth, or of the tissue's modulus."""
+    """Return tumours with ``step`` added to the logarithm of their diameter or depth, or of the tissue's modulus."""
     factor = math.exp(step)
     if name == "diameter":
         return replace(draws, radius=draws.radius * factor)
     if name == "depth":
         return replace(draws, depth=draws.depth * factor)
     tissue = draws.tissue.copy()
-    tissue[-1, 1] *= factor
+    tissue[-1, 1] *= factor  # Young's modulus of the tissue below the layers, see ``_list_layers``
     return replace(draws, tissue=tissue)
 
 
@@ -299,7 +323,7 @@ def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
 
 
 def _compute_quantile(values: Array, fraction: float) -> Array:
-    """Return a quantile over the last axis, of complex numbers by their real parts; shape (n,)."""
+    """Return the quantile of values (n, m) over m tumours, interpolated linearly; complex ones by their real parts; (n,)."""
     order = np.argsort(values.real, axis=1)
     rank = fraction * (values.shape[1] - 1)
     low = min(int(rank), values.shape[1] - 1)

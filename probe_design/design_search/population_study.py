@@ -89,6 +89,8 @@ class PopulationStudy:
     def verify(self, scene: Scene, advance: Callable[[int, int], None], choice: Choice | None = None) -> PopulationVerification:
         """Verify a scene's probe under its allowed force, on tumours that the search did not use.
 
+        ``advance`` is called with the number of tissues done and of all; the design of ``choice``, if any, gives the materials.
+
         Raises
         ------
         InputError
@@ -114,6 +116,7 @@ class PopulationStudy:
                 stage = f"verifying candidate {k + 1} of {len(finalists)}"
                 verified.append(self._verify_choice(choice, scene, partial(tell, stage)))
         verified += [] if single is None else [single]
+        # the best objective first, after the loss that workshop tolerances cause
         verified.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less the tolerances' cost
         return PopulationOptimum(
             self.design,
@@ -143,7 +146,7 @@ class PopulationStudy:
     def _verify_choice(
         self, choice: Choice, scene: Scene, advance: Callable[[int, int], None]
     ) -> tuple[PopulationVerification, Robustness]:
-        """Verify a design, and compute the effect of workshop tolerances on it."""
+        """Return the verification of a design, and the effect of workshop tolerances on it."""
         return self.verify(scene, advance, choice), compute_robustness(self.objective, scene, choice.combination.materials)
 
     def _design_for_one_tumour(self, tell: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
@@ -173,6 +176,7 @@ def build_middle_scene(design: Design) -> Scene:
     inclusion = design.scene.inclusion[0] if design.scene.inclusion else None
     nu = inclusion.poisson_ratio if inclusion else design.scene.tissue.poisson_ratio
     placement = design.scene.placement
+    # the depth keeps a cover of at least a tenth of the diameter over the tumour
     body = Inclusion(
         diameter=middle["diameter"], depth=max(middle["depth"], 0.6 * middle["diameter"]), x=placement.x, y=placement.y,
         youngs_modulus=middle["object"], poisson_ratio=nu, target=True,

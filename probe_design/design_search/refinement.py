@@ -39,14 +39,28 @@ MAX_IPOPT_STEPS = 20
 
 @dataclass(frozen=True)
 class CorrectedObjective:
-    """The closed-form objective corrected to the finer model at one design (eq. DS.3), for IPOPT."""
+    """The closed-form objective corrected to the finer model at one design (eq. DS.3), for IPOPT.
+
+    Attributes
+    ----------
+    objective
+        The closed form's objective f.
+    start
+        The design at which it is corrected, exp(u_0), shape (variables,).
+    derivatives
+        g'(u_0) - f'(u_0) with respect to the logarithms of the free variables, shape (k,).
+    """
 
     objective: PopulationObjective
     start: Floats
     derivatives: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """Return both values and their derivatives, see ``ExactGradients.gradient``."""
+        """Return both values and their derivatives, see ``ExactGradients.gradient``.
+
+        The constant g(u_0) - f(u_0) of eq. DS.3 is left out, as it does not move the maximum; the charge's margin is that of
+        the closed form.
+        """
         closed_values, derivatives = self.objective.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
         return closed_values + np.array([float(self.derivatives @ moved), 0.0]), derivatives + np.stack(
@@ -79,9 +93,13 @@ class InclusionTumours:
     y: float
 
     def compute_films(self, probes: Any) -> Films:
-        """Return the film forces of the one probe; ``probes`` is ignored."""
+        """Return the film forces of the one probe without tumours and their changes by each tumour; ``probes`` is ignored.
+
+        The arrays of ``Films`` have a first axis of length 1, as there is one probe.
+        """
         m, count = len(self.tissue), len(self.places)
         baseline, change, by_log = np.zeros((1, m, 2)), np.zeros((1, m, count, 2)), np.zeros((1, m, count, 2))
+        # baseline, change and by_log: ``Films.without``, its change by the tumour, and the derivative by ln E_object
         for number, base in enumerate(self.bases):
             which = np.flatnonzero(self.tissue == number)
             if not len(which):
@@ -94,7 +112,7 @@ class InclusionTumours:
         return Films(baseline, change, by_log)
 
     def _list_relative_tumours(self, which: Ints) -> Tumours:
-        """Return the tumours relative to the probe's axis at each of P positions, shape (k P, 1)."""
+        """Return k tumours, given by index, relative to the probe's axis at each of P positions, shape (k P, 1)."""
         draws, count = self.draws, len(self.places)
         columns = [(draws.x[which, None] - self.places).ravel(), np.repeat(draws.y[which] - self.y, count)]
         numbers = draws.depth, 2 * draws.radius, draws.youngs_modulus, draws.poisson_ratio
@@ -114,10 +132,12 @@ def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) ->
     bases = tuple(CoarseModel.from_scene(tissue, details=False).base_states for tissue in draw.replace_probe(scene).tissues)
 
     def replace_tumours(tumours: ManyTumours) -> Any:
+        """Return the same tumours with their readings computed by equivalent-inclusion in place of the closed form."""
         return InclusionTumours(bases, tumours.draws, draw.tissue, objective.design.protocol.places, scene.placement.y)
 
     moved = {name: (replace_tumours(smaller), replace_tumours(larger)) for name, (smaller, larger) in objective.moved.items()}
     inclusion_objective = replace(objective, tumours=replace_tumours(objective.tumours), moved=moved)
+    # the film forces are those of ``bases``, whatever probes are passed
     no_probes = np.zeros((len(PROBE_PARAMETERS), 1))
     with np.errstate(all="ignore"):
         values = inclusion_objective.compute_statistic(
@@ -127,9 +147,22 @@ def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) ->
 
 
 def refine_design(objective: PopulationObjective, search_space: SearchSpace, start: Choice, progress: Progress) -> Choice | None:
-    """Return a nearby design with a better objective by the equivalent-inclusion evaluator, or None."""
+    """Return a nearby design with a better objective by the equivalent-inclusion evaluator; None if there is none.
+
+    Parameters
+    ----------
+    objective
+        The closed form's objective.
+    search_space
+        The allowed designs.
+    start
+        The design to refine; its discrete values and materials stay.
+    progress
+        Called with the number of evaluations done and their total.
+    """
 
     def evaluate(vector: Floats) -> float:
+        """Return g of a design; -inf where it cannot be built or evaluated."""
         with suppress(ProbeError):
             scene = search_space.build_exact_scene(vector, start.combination)
             return -np.inf if scene is None else compute_inclusion_objective(objective, scene)
@@ -143,6 +176,7 @@ def refine_design(objective: PopulationObjective, search_space: SearchSpace, sta
     closed_gradient = objective.gradient(start.design, poisson, free)[1][0]
     for position, k in enumerate(free):
         progress(position, len(free) + 1)
+        # without a value of g there, the closed form's derivative stays uncorrected
         moved, step = _move_variable(start.design, k, space.low, space.high)
         moved_value = evaluate(moved)
         derivatives[position] = (

@@ -59,14 +59,29 @@ def compute_robustness(objective: PopulationObjective, scene: Scene, materials: 
 
 
 def draw_built_designs(scene: Scene, materials: tuple[str, ...]) -> Floats:
-    """Draw probes as built, shape (6 or 7, ``TOLERANCE_DRAWS``): lengths and logarithms of moduli are normally distributed."""
+    """Draw probes as built: lengths and logarithms of moduli are normally distributed about the drawn ones.
+
+    Parameters
+    ----------
+    scene
+        The scene with the probe as drawn.
+    materials
+        Names of the blocks' materials, whose own tolerances hold; empty: ``LOG_MODULUS`` for both.
+
+    Returns
+    -------
+    Floats
+        Designs as in ``variables``, with one height or two, shape (6 or 7, ``TOLERANCE_DRAWS``).
+    """
     separate, probe = has_separate_heights(scene), scene.probe
     z = norm.ppf(qmc.Sobol(6 + separate, seed=SOBOL_SEED).random(TOLERANCE_DRAWS)).T
 
     def draw_length(key: str, size: float, normal: Floats) -> Floats:
+        """Return lengths as built, m, for standard normal numbers; never near 0."""
         return np.maximum(size + LENGTH_SD_M[key] * normal, MIN_LENGTH_RELATIVE * size)
 
     inner, gap = draw_length("inner_radius", probe.inner_radius, z[0]), draw_length("gap", probe.gap, z[2])
+    # the wall, too, keeps a minimum thickness
     outer = np.maximum(
         draw_length("outer_radius", probe.tube_radius, z[1]),
         inner + gap + MIN_LENGTH_RELATIVE * (probe.tube_radius - probe.hole_radius),

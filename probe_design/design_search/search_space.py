@@ -124,7 +124,7 @@ class SearchSpace:
         return replace(self, low=low, high=high)
 
     def admits(self, x: Floats, tolerance: float = 0.0) -> NDArray[np.bool_]:
-        """Return which designs x, shape (variables, n), meet the constraints of outer radius and wall."""
+        """Return which designs x (variables, n) meet the constraints of outer radius and wall within a relative tolerance."""
         sizes = ProbeSizes.from_vector(x)
         return np.asarray(
             (sizes.outer_radius <= self.outer_radius * (1 + tolerance)) & (sizes.wall >= self.wall * (1 - tolerance))
@@ -133,6 +133,7 @@ class SearchSpace:
     def admits_scene(self, scene: Scene) -> bool:
         """Return whether a scene's probe is within the limits of outer radius and wall and the bounds, allowing for rounding."""
         vector, probe = read_vector(scene, self.names), scene.probe
+        # half a per cent: rounding to a workshop's steps may leave the bounds
         inside: NDArray[np.bool_] = (vector >= 0.995 * self.low) & (vector <= 1.005 * self.high)
         wall = probe.tube_radius - probe.hole_radius
         return bool(
@@ -140,9 +141,9 @@ class SearchSpace:
         )
 
     def build_scene(self, x: Floats, combination: Combination | None = None) -> Scene | None:
-        """Return the scene with a design rounded to what is ordered from a workshop; None where that breaks a rule.
+        """Return the scene with a design rounded to what is ordered from a workshop; None where that is no valid scene.
 
-        Values of a combination are not rounded.
+        The discrete values of a combination are not rounded.
         """
         sizes, exact = ProbeSizes.from_vector(x), {} if combination is None else combination.pinned
         numbers = zip(self.names, x.tolist(), strict=True)
@@ -153,7 +154,7 @@ class SearchSpace:
         )  # or rounding would thin a wall of the least thickness
         if set(exact) - {"area_ratio"}:
             lengths |= {name: value for name, value in exact.items() if name not in MODULUS_NAMES}
-        if "area_ratio" in lengths:
+        if "area_ratio" in lengths:  # a pinned area ratio determines the outer radius
             del lengths["outer_radius"]
         starting = (block.youngs_modulus for block in (self.scene.probe.inner, self.scene.probe.outer))
         moduli = [
@@ -163,13 +164,13 @@ class SearchSpace:
         return self._replace_probe(lengths, moduli, combination)
 
     def build_exact_scene(self, x: Floats, combination: Combination | None = None) -> Scene | None:
-        """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
+        """Return the scene with a design x, shape (variables,), as it is, not rounded; None where that is no valid scene."""
         numbers = dict(zip(self.names, x.tolist(), strict=True))
         moduli = [numbers.pop(name) for name in MODULUS_NAMES]
         return self._replace_probe(numbers, moduli, combination)
 
     def _replace_probe(self, lengths: Mapping[str, float], moduli: list[float], combination: Combination | None) -> Scene | None:
-        """Return the scene with these numbers of the probe, and with a combination's Poisson's ratios and names of materials."""
+        """Return the scene with these numbers of the probe, and a combination's materials; None where that is no valid scene."""
         replaced = {"area_ratio", "outer_radius", "height", "inner_height", "outer_height"}
         probe = self.scene.probe.model_dump(exclude=replaced, exclude_unset=True) | dict(lengths)
         for k, (block, modulus) in enumerate(zip(BLOCK_NAMES, moduli, strict=True)):
@@ -184,12 +185,12 @@ class SearchSpace:
             return None
 
     def list_limits(self, scene: Scene) -> tuple[Limit, ...]:
-        """Return all limits, and whether a scene's probe reaches them."""
+        """Return all limits, and whether a scene's probe reaches each within ``SAME_DESIGN_TOLERANCE_RELATIVE``."""
         probe, vector = scene.probe, read_vector(scene, self.names)
         rows = [
             ("largest outer_radius", self.outer_radius, probe.tube_radius),
             ("least wall", self.wall, probe.tube_radius - probe.hole_radius),
-            ("least inner_radius", self.low[0], vector[0]),
+            ("least inner_radius", self.low[0], vector[0]),  # its upper bound follows from the outer radius
         ]
         for name, low, high, value in list(zip(self.names, self.low, self.high, vector, strict=True))[1:]:
             rows += [(f"least {name}", low, value), (f"largest {name}", high, value)]
@@ -200,7 +201,7 @@ class SearchSpace:
 
     @property
     def combinations(self) -> int:
-        """The number of combinations."""
+        """The number of combinations of discrete values and, if materials are listed, of pairs of them."""
         return math.prod(len(values) for values in self.grids.values()) * max(1, len(self.shelf) ** 2)
 
     def iterate_combinations(self) -> Iterator[Combination]:
@@ -218,7 +219,7 @@ class SearchSpace:
         return [material.poisson_ratio for material in self.shelf]
 
     def iterate_nearest(self, design: Floats, count: int = 2) -> Iterator[Combination]:
-        """Yield the combinations nearest to a design: of each grid and of the materials of each block, the nearest values."""
+        """Yield the combinations of the ``count`` values of each grid, and materials of each block, nearest to a design's."""
         numbers = dict(zip(self.names, design.tolist(), strict=True))
         grids = {name: _find_nearest_values(values, numbers[name], count) for name, values in self.grids.items()}
         shelves = [self._find_nearest_materials(numbers[name], count) for name in MODULUS_NAMES]
@@ -238,10 +239,12 @@ class SearchSpace:
             yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair))
 
     def _find_nearest_materials(self, modulus: float, count: int) -> tuple[CatalogueMaterial, ...]:
+        """Return the ``count`` allowed materials whose moduli have the ratio nearest to 1 to a modulus, Pa, the nearest first."""
         return tuple(sorted(self.shelf, key=lambda material: abs(math.log(material.youngs_modulus / modulus)))[:count])
 
 
 def _find_nearest_values(values: tuple[float, ...], value: float, count: int) -> tuple[float, ...]:
+    """Return the ``count`` of some values whose ratio to a value is nearest to 1, in increasing order."""
     return tuple(sorted(sorted(values, key=lambda candidate: abs(math.log(candidate / value)))[:count]))
 
 
@@ -290,7 +293,7 @@ def build_search_space(design: Design) -> SearchSpace:
 
 
 def _find_max_radius(design: Design) -> float:
-    """Return the limit of the outer radius, m: the file's, by default 1.4 times the start's; and within the tissue."""
+    """Return the limit of the outer radius, m: the file's or ``DEFAULT_RADIUS_FACTOR`` times the start's, within the tissue."""
     tissue, limit = design.scene.tissue, design.limits.outer_radius
     radius = DEFAULT_RADIUS_FACTOR * design.scene.probe.tube_radius if limit is None else limit
     if tissue.shape == "half-space":
@@ -299,6 +302,7 @@ def _find_max_radius(design: Design) -> float:
 
 
 def _build_radius_error(limit: Words, min_radius: float) -> InputError:
+    """Return the error that refuses a limit of the outer radius below the smallest possible radius, m."""
     allowed = f"above {format_mm(min_radius)}: inner block, gap and wall need as much"
     return InputError("limits.outer_radius", limit, allowed)
 
@@ -318,8 +322,8 @@ def _round_modulus(modulus: float) -> float:
 
 
 def _round_length_down(length: float) -> float:
-    """Return the next shorter length in steps of 0.01 mm."""
-    return math.floor(length * 1e5 + 1e-6) / 1e5
+    """Return a length, m, rounded down to a multiple of 0.01 mm."""
+    return math.floor(length * 1e5 + 1e-6) / 1e5  # + 1e-6: a multiple stays, even if its binary value is just below it
 
 
 def _check_heights(design: Design) -> bool:
@@ -341,7 +345,10 @@ def _check_heights(design: Design) -> bool:
 def _find_bounds(
     name: str, variable: DesignVariable, low: float, high: float, start: float
 ) -> tuple[float, float, tuple[float, ...]]:
-    """Return the lower and upper bound of a variable and its discrete values, which are empty if it is continuous."""
+    """Return the lower and upper bound of a variable and its discrete values, which are empty if it is continuous.
+
+    ``low`` and ``high`` hold where the design file gives no bound; a fixed variable keeps the start's value.
+    """
     if variable.fixed:
         return start, start, ()
     if variable.choices:
@@ -351,19 +358,20 @@ def _find_bounds(
 
 
 def _list_steps(name: str, step: float, low: float, high: float) -> tuple[float, ...]:
-    """Return the multiples of a step that lie between the bounds."""
+    """Return the multiples of a step that lie between the bounds, themselves included; refuse none or too many."""
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     if last - first >= MAX_STEPS or last < first:
         requirement = f"wide enough for at most {MAX_STEPS} values" if last >= first else "with a multiple between the bounds"
         ends = f"{format_variable(name, low)} to {format_variable(name, high)}"
         raise InputError(f"variables.{name}.step", format_variable(name, step), f"a step {requirement} of {ends}")
+    # 12 digits: 3 * 0.1 gives 0.3, not 0.30000000000000004
     return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
 
 
 def _limit_height(
     design: Design, name: str, low: float, high: float, values: tuple[float, ...]
 ) -> tuple[float, float, tuple[float, ...]]:
-    """Return the bounds and discrete values of a height within the limit of heights."""
+    """Return the bounds and discrete values of a height within ``limits.height``; refuse a limit below all of them."""
     limit = design.limits.height
     if limit is None:
         return low, high, values

@@ -81,9 +81,16 @@ class Noise:
         return cls(ratio, charge_per_force=find_charge_per_force(scene.probe))
 
     def compute_information(self, sensitivity: Any, inner_fraction: Any, force: Any) -> Any:
-        """Return the information of one reading about ln E_object (eqs. DS.4, DS.5); floats or arrays.
+        """Return the Fisher information of one reading of the ratio about ln E_object (eqs. DS.4, DS.5); floats or arrays.
 
-        ``inner_fraction`` is the inner film's fraction of ``force``, N; the outer film has the remainder.
+        Parameters
+        ----------
+        sensitivity
+            Log-sensitivity S of the ratio.
+        inner_fraction
+            Inner film's fraction of the force; the outer film has the remainder.
+        force
+            Force on the probe, N.
         """
         charge_error = self.charge / (self.charge_per_force * force)  # of a film that had the whole force
         inner, outer = charge_error / inner_fraction, charge_error / (1 - inner_fraction)
@@ -133,8 +140,9 @@ class TumourObjective(SearchObjective):
         return cls(rule, noise, *build_parameters(scene), SearchEffort(starts, SCREENED_PER_SHELL, MAX_IPOPT_STEPS))
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
-        """Return the values of ``SearchObjective.values``; no charge is too small."""
+        """Return the values of ``SearchObjective.values``; no charge is required, so that the second is 0."""
         sizes = ProbeSizes.from_vector(x)
+        # one column of the closed form's parameters for each design, complex if x is; the probe's come first
         columns = np.repeat(self.parameters[:, None], x.shape[1], axis=1).astype(x.dtype)
         columns[: len(PROBE_PARAMETERS)] = sizes.build_parameters(poisson)
         totals, derivatives = (part.sum(axis=2).T for part in compute_forces(self.shape, columns))
@@ -142,7 +150,17 @@ class TumourObjective(SearchObjective):
         return values, 0 * values
 
     def compute_log_precision(self, sizes: ProbeSizes, totals: Array, sensitivity: Array) -> Array:
-        """Return -ln sd of n designs from the forces on both films per indentation, N/m, shape (2, n), and S, shape (n,)."""
+        """Return -ln sd, eq. DS.6, of n designs, shape (n,).
+
+        Parameters
+        ----------
+        sizes
+            Sizes of the probes, shape (n,) each.
+        totals
+            Forces on both films per unit indentation, N/m, shape (2, n).
+        sensitivity
+            Log-sensitivity S of the ratio, shape (n,).
+        """
         force = self.rule.compute_forces(sizes, totals.T[:, None], np.zeros(1, dtype=int))[:, 0]
         return 0.5 * np.log(self.noise.compute_information(sensitivity, totals[0] / (totals[0] + totals[1]), force))
 
@@ -179,6 +197,7 @@ class FiniteElementObjective:
         """See ``ExactGradients.gradient``; Poisson's ratios are the start's."""
         outputs, jacobian = self.films.compute(x)
         steps = build_complex_steps(x, which)
+        # first order in the complex steps, which is exact for the derivatives; outputs: ratio, film stresses, log-sensitivity
         _, inner, outer, sensitivity = outputs[:, None] + jacobian @ (steps - x[:, None])
         sizes = ProbeSizes.from_vector(steps)
         totals = np.array([inner, outer]) * np.array(sizes.areas) / UNIT_INDENTATION_M

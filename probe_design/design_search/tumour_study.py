@@ -160,7 +160,7 @@ class TumourStudy:
         Raises
         ------
         Refusal
-            The evaluator cannot take the scene.
+            The evaluator cannot model the scene.
         """
         return verify_tumour_design(scene, self.noise, self.evaluator, accuracy)
 
@@ -172,7 +172,11 @@ class TumourStudy:
         return start
 
     def verify_choices(self, start: TumourVerification, search: ChoiceSearch, tell: Progress) -> TumourOptimum:
-        """Verify the best designs of a search, also under more load if the scene has it; refine the best of them."""
+        """Verify and refine the best designs of a search, and compare them with the start.
+
+        If the scene's load is beyond linear elasticity, start and designs are also verified by ``contact`` under larger loads.
+        If errors hide a gain within linear elasticity, start and best design are verified more accurately.
+        """
         finalists = self._verify_best(search, tell)
         if any(map(needs_contact, (start, *finalists))):
             finalists = merge_designs((*finalists, *self._search_loaded(tell)))
@@ -206,7 +210,7 @@ class TumourStudy:
         return merge_designs((*verified, *refined))
 
     def _verify_scenes(self, scenes: list[Scene], advance: Callable[[int, int], None]) -> Iterator[TumourVerification]:
-        """Yield the designs that the evaluator can verify."""
+        """Yield the verified designs of scenes, without those that the evaluator cannot model."""
         for k, (scene, formula) in enumerate(zip(scenes, evaluate_closed_form(scenes), strict=True)):
             advance(k, len(scenes))
             with suppress(Refusal):  # a design that cannot be verified is no candidate
@@ -216,7 +220,7 @@ class TumourStudy:
     def _refine(
         self, verified: tuple[TumourVerification, ...], advance: Callable[[int, int], None]
     ) -> Iterator[TumourVerification]:
-        """Yield the verified local optima near designs."""
+        """Refine designs by finite elements, and yield those for which that succeeds, verified."""
         for k, item in enumerate(verified):
             advance(k, len(verified))
             with suppress(Refusal, SolveError):  # a design without derivatives stays unchanged
@@ -231,7 +235,7 @@ class TumourStudy:
         Raises
         ------
         Refusal
-            The evaluator cannot take the scene.
+            The evaluator cannot model the scene.
         """
         space = self.search_space
         optimum = refine_by_ipopt(
@@ -249,6 +253,7 @@ class TumourStudy:
         study = self.replace_scene(remove_load_limit(self.scene))
 
         def tell_unlimited(stage: str, done: int, total: int) -> None:
+            """Report progress, with the stage marked as one without a limit of the load."""
             tell(f"{stage}, at any load", done, total)
 
         advance = partial(tell_unlimited, "searching with the closed form")
@@ -270,7 +275,7 @@ class TumourStudy:
         tell(stage, PRESSED_DESIGNS + len(radii), PRESSED_DESIGNS + len(radii))
 
     def restore_load(self, unlimited: TumourVerification) -> TumourVerification:
-        """Return a design of an unlimited scene under the scene's load, or the largest load within linear elasticity.
+        """Return a design of a search without load limit under the scene's load, or the largest within linear elasticity.
 
         Raises
         ------
@@ -280,7 +285,7 @@ class TumourStudy:
         scene = unlimited.scene.model_copy(update={"load": self.scene.load})
         if scene.load.force is None or scene.load.force < unlimited.pressing.force:
             return self.verify(scene)
-        return replace(unlimited, scene=scene)
+        return replace(unlimited, scene=scene)  # linear elasticity limits the load, as before: the results hold
 
     def _find_best_within(self, radius: float) -> TumourVerification:
         """Return the best design no wider than a radius, by a search without a limit of the load."""
@@ -292,9 +297,12 @@ class TumourStudy:
         raise InputError("outer-radius", radius, "a limit within which a design fits")
 
     def _can_improve(self, verified: TumourVerification, best: float) -> bool:
-        """Return whether a design could become better than the best so far by more load."""
-        size = abs(verified.result.log_sensitivity or 0.0)
-        return size > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * size) < best
+        """Return whether a design could become better than the best standard deviation so far under more load.
+
+        Under more load the charge noise becomes negligible and the log-sensitivity grows by ``MAX_SENSITIVITY_GROWTH`` at most.
+        """
+        abs_sensitivity = abs(verified.result.log_sensitivity or 0.0)
+        return abs_sensitivity > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * abs_sensitivity) < best
 
 
 def remove_load_limit(scene: Scene) -> Scene:

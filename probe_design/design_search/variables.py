@@ -109,7 +109,7 @@ class ProbeSizes:
 
     @property
     def outer_radius(self) -> Numeric:
-        """The outer block's radius, from A2/A1."""
+        """The outer block's radius, from A2/A1, the ratio of the inner to the outer block's end area."""
         return ((self.inner_radius + self.gap) ** 2 + self.inner_radius**2 / self.area_ratio) ** 0.5
 
     @property
@@ -124,27 +124,28 @@ class ProbeSizes:
 
     @property
     def heights(self) -> tuple[Numeric, Numeric]:
-        """Of the inner and the outer block."""
+        """Heights of the inner and the outer block."""
         return self.inner_height, self.outer_height
 
     @property
     def moduli(self) -> tuple[Numeric, Numeric]:
-        """Of the inner and the outer block."""
+        """Young's moduli of the inner and the outer block."""
         return self.inner_modulus, self.outer_modulus
 
     def build_vector(self, names: tuple[str, ...]) -> Floats:
-        """Return the variables of some names; one height is the inner block's."""
+        """Return the variables with these names as a vector; ``height`` stands for both blocks' and is read from the inner."""
         return np.array([getattr(self, "inner_height" if name == "height" else name) for name in names])
 
     def build_parameters(self, poisson: Numeric) -> Numeric:
         """Return the closed form's probe parameters, in the order of ``PROBE_PARAMETERS``, given both Poisson's ratios."""
         ones = self.inner_radius / self.inner_radius
+        # ones: of the shape and type (float, complex) of the sizes
         lengths = (self.inner_radius, self.gap, self.outer_radius, *self.heights)
         return np.array([*lengths, self.inner_modulus, poisson[0] * ones, self.outer_modulus, poisson[1] * ones])
 
 
 def name_variables(count: int) -> tuple[str, ...]:
-    """Return the names of the variables of designs with so many."""
+    """Return the names of the variables of designs with ``count`` of them: one height of both blocks, or one of each."""
     return SHARED_HEIGHT_NAMES if count == len(SHARED_HEIGHT_NAMES) else SEPARATE_HEIGHT_NAMES
 
 
@@ -154,7 +155,10 @@ def has_separate_heights(scene: Scene) -> bool:
 
 
 def read_vector(scene: Scene, names: tuple[str, ...] | None = None) -> Floats:
-    """Return the design of a scene's probe, SI; by default its heights decide on the names."""
+    """Return the design of a scene's probe as a vector, SI.
+
+    Its variables are those of ``names``; by default with one height if both blocks have the same, else with two.
+    """
     return ProbeSizes.from_scene(scene).build_vector(
         names or (SEPARATE_HEIGHT_NAMES if has_separate_heights(scene) else SHARED_HEIGHT_NAMES)
     )

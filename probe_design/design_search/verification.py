@@ -158,7 +158,10 @@ class TumourVerification:
         return self.linear if self.linear is not None and self.linear.pressing.force < self.pressing.force else None
 
     def compute_gain(self, reference: TumourVerification) -> tuple[float, float]:
-        """Return the relative reduction of the standard deviation compared with another design, and its combined error."""
+        """Return the relative reduction of the standard deviation compared with another design, and the error of the reduction.
+
+        The error combines those of both designs, and is inf where one of them has no bound.
+        """
         (value, error), (reference_value, reference_error) = self.objective, reference.objective
         if not math.isfinite(reference_error) or not math.isfinite(error):
             return 0.0 if math.isinf(value) else 1 - value / reference_value, math.inf
@@ -166,7 +169,10 @@ class TumourVerification:
         return 1 - quotient, quotient * math.hypot(error / value, reference_error / reference_value)
 
     def is_better_than(self, reference: TumourVerification) -> bool:
-        """Return whether it is better for all errors within bounds; beyond linear elasticity, for twice these errors."""
+        """Return whether this is better than another design whatever the errors of both are within their bounds.
+
+        If one of them is under a load beyond linear elasticity, the gain has to be above twice its error as well.
+        """
         if not self.upper < reference.lower:
             return False
         return (self.linear is None and reference.linear is None) or is_significant(*self.compute_gain(reference))
@@ -185,7 +191,11 @@ class TumourVerification:
         }
 
     def summarize_load_gain(self) -> JsonObject | None:
-        """Return the gain of a load beyond linear elasticity as a JSON object; None if the load is within it."""
+        """Return as a JSON object what a load beyond linear elasticity gains over the largest load within it.
+
+        The design is the same: ``linear_objective`` is its standard deviation of ln E_object under the largest load within
+        linear elasticity, with its bounds, and ``gain`` the relative reduction by the larger load. None if there is no larger.
+        """
         linear = self.linear_design
         if linear is None:
             return None
@@ -201,7 +211,7 @@ class TumourVerification:
 
 
 def is_significant(gain: float, error: float) -> bool:
-    """Return whether a gain is above twice its error."""
+    """Return whether a gain is above 0 and above ``GAIN_SIGNIFICANCE`` times its error."""
     return gain > GAIN_SIGNIFICANCE * error and gain > 0
 
 
@@ -237,6 +247,7 @@ def verify_tumour_design(
     Refusal
         The evaluator cannot model the scene.
     """
+    # the rule for loads comes from a coarse model, so that evaluator and closed form are compared by the same rule
     start, rule = perf_counter(), CoarseModel.from_scene(scene).build_rule(scene)
     solution = evaluate_films(scene, evaluator_name, accuracy)
     films = solution.films[0]
@@ -279,18 +290,29 @@ def evaluate_closed_form(scenes: Sequence[Scene], accuracy: float = VERIFICATION
 
 
 def _set_load(scene: Scene, pressed: Pressing) -> Scene:
+    """Return the scene under the load of ``pressed``."""
     return scene.model_copy(update={"load": pressed.load})
 
 
 def compute_objective(films: FilmForces, noise: Noise, force: float) -> float:
-    """Return the objective under a force, N; inf where the sensitivity is not resolved."""
+    """Return the standard deviation of ln E_object under a force, N; inf where a film's stress is below its own error.
+
+    Parameters
+    ----------
+    films
+        Forces on both films with the log-sensitivity.
+    noise
+        Noise of a reading.
+    force
+        Force on the probe, N.
+    """
     if films.stress_below_error is not None or films.log_sensitivity is None:
         return math.inf
     return standard_deviation(noise.compute_information(films.log_sensitivity, _compute_inner_fraction(films), force))
 
 
 def merge_designs(verified: Iterable[TumourVerification]) -> tuple[TumourVerification, ...]:
-    """Sort designs, best first, and drop those within the tolerance of a better one."""
+    """Sort designs, best first, and drop those that agree with a better one within ``is_same_design``'s tolerance."""
     distinct: list[TumourVerification] = []
     for item in sorted(verified, key=lambda item: item.value):
         if not any(is_same_design(item.scene, better.scene) for better in distinct):
@@ -304,16 +326,21 @@ def _compute_inner_fraction(films: FilmForces) -> float:
 
 
 def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
-    """Return lower and upper bounds of the objective, given the errors of film forces and of linear elasticity."""
+    """Return lower and upper bounds of the standard deviation of ln E_object under the load of ``pressed``.
+
+    The log-sensitivity errs by the evaluator's error and by finite strain. The ratio does as well, which changes how the force
+    is divided between the films and so the charge noise. The upper bound is inf where the sensitivity may be 0.
+    """
     sensitivities = films.film_log_sensitivities
     if films.stress_below_error is not None or films.log_sensitivity is None or sensitivities is None:
         return 0.0, math.inf
-    size, inner_fraction = abs(films.log_sensitivity), _compute_inner_fraction(films)
+    sensitivity, inner_fraction = abs(films.log_sensitivity), _compute_inner_fraction(films)
     strain_error = compute_sensitivity_size(sensitivities) * bound_log_sensitivity_change(pressed.x)
     error = films.sensitivity_error + strain_error
     shift = films.bound.log_ratio + pressed.change
     force_ratios = inner_fraction / (1 - inner_fraction) * np.exp([-shift, 0.0, shift])  # inner over outer force
-    noises = [
+    # standard deviations for a log-sensitivity of 1, at the lowest, computed and highest ratio
+    unit_sds = [
         standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in force_ratios.tolist()
     ]
-    return min(noises) / (size + error), max(noises) / (size - error) if size > error else math.inf
+    return min(unit_sds) / (sensitivity + error), max(unit_sds) / (sensitivity - error) if sensitivity > error else math.inf

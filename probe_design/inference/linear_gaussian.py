@@ -5,8 +5,8 @@ Readings y depend on unknowns x with Gaussian priors, and have independent error
     y = J x + e,   x_j ~ N(0, p_j^2),   e_i ~ N(0, v_i),   C = V + J P J^T                          (LG.1)
 
 where C is the covariance of the readings, V the diagonal matrix of the v_i, and P that of the p_j^2. An error that readings
-share, such as a gain or the error of a baseline reading, is an unknown like any other. Of p_j = 0 it is known, of p_j = inf
-nothing is known before the readings.
+share, such as a gain or the error of a baseline reading, is an unknown like any other. An unknown with p_j = 0 is known; of one
+with p_j = inf nothing is known before the readings.
 
 All results follow from one orthogonalisation,
 
@@ -69,7 +69,15 @@ class LinearGaussian:
 
     @classmethod
     def from_shared_errors(cls, shared: Array, variance: Array) -> LinearGaussian:
-        """Return readings whose errors are columns of ``shared`` (..., m, q), each times a standard normal number, and white."""
+        """Return readings with errors that they share and errors of their own.
+
+        Parameters
+        ----------
+        shared
+            Change of the m readings by one standard deviation of each of q shared errors, shape (..., m, q).
+        variance
+            Variances of the independent errors, shape (..., m).
+        """
         return cls(shared, variance, np.ones(shared.shape[-1]))
 
     def add_unknowns(self, derivatives: Array, prior_sd: Array) -> LinearGaussian:
@@ -78,9 +86,9 @@ class LinearGaussian:
         Parameters
         ----------
         derivatives
-            Of the readings with respect to them, shape (..., m, k).
+            Derivatives of the readings with respect to the k further unknowns, shape (..., m, k).
         prior_sd
-            Of them, shape (..., k).
+            Prior standard deviations of these, from 0 to inf, shape (..., k).
         """
         columns, sds = (derivatives, self.derivatives), (np.asarray(prior_sd), self.prior_sd)
         batch = np.broadcast_shapes(*(part.shape[:-2] for part in columns), *(part.shape[:-1] for part in sds))
@@ -92,12 +100,15 @@ class LinearGaussian:
     @property
     def covariance(self) -> Array:
         """C of eq. LG.1, shape (..., m, m); all priors have to be finite."""
-        spread = self.derivatives * self.prior_sd[..., None, :]
+        shared_deviations = self.derivatives * self.prior_sd[..., None, :]
         white = self.variance[..., None] * np.eye(self.variance.shape[-1])
-        return np.asarray(white + spread @ np.swapaxes(spread, -1, -2))
+        return np.asarray(white + shared_deviations @ np.swapaxes(shared_deviations, -1, -2))
 
     def whiten(self, columns: Array) -> Array:
-        """Return columns w of eq. LG.3, whose products are those of C^-1, for columns (..., m, c): shape (..., m + q, c)."""
+        """Return whitened columns w of eq. LG.3: for columns a and b the product w_a . w_b is a^T C^-1 b.
+
+        ``columns`` have the shape (..., m, c), the result (..., m + q, c).
+        """
         return _restore_axes(self._project(columns)[0])
 
     def compute_information(self, derivatives: Array) -> Array:
@@ -110,11 +121,13 @@ class LinearGaussian:
         return np.asarray((self._project(values[..., None])[0] ** 2).sum(axis=(0, 1)))
 
     def weigh(self, values: Array) -> Array:
-        """Return C^-1 y for values y (..., m)."""
+        """Return C^-1 y for values y, shape (..., m)."""
+        # the first m rows of w are V^(1/2) C^-1 y
         return np.asarray(self.whiten(values[..., None])[..., : values.shape[-1], 0] / np.sqrt(self.variance))
 
     def compute_log_likelihood(self, values: Array) -> Array:
         """Return the logarithm of the density N(0, C) at values (..., m), shape (...); all priors have to be finite."""
+        # volume: half of ln(det C / det V), from the diagonals of R and of the rows of the priors
         factors = self._factors
         volume = sum(np.log(factors.R[k, k] / factors.prior_rows[k]) for k in range(len(factors.R)))
         white = np.log(2 * np.pi * self.variance).sum(axis=-1)
@@ -124,7 +137,7 @@ class LinearGaussian:
         """Return the mean of the unknowns after readings (..., m), shape (..., q); the prior's where these determine nothing."""
         mean = self._project(values[..., None])[1][:, 0]
         R, scale = _align_batch(self._factors.R, 2, mean.ndim - 1), _align_batch(self._factors.scale, 1, mean.ndim - 1)
-        for k in reversed(range(len(mean))):
+        for k in reversed(range(len(mean))):  # back substitution: R mean = Q^T [V^-1/2 y; 0]
             mean[k] = (mean[k] - (R[k, k + 1 :] * mean[k + 1 :]).sum(axis=0)) * _invert(R[k, k])
         return np.moveaxis(mean * scale, 0, -1)
 
@@ -134,9 +147,10 @@ class LinearGaussian:
         Parameters
         ----------
         combination
-            c of the first k unknowns, shape (..., k); 0 for the others.
+            Coefficients c of the first k unknowns, shape (..., k); those of the others are 0.
         """
         padding = [(0, 0)] * (combination.ndim - 1) + [(0, self.derivatives.shape[-1] - combination.shape[-1])]
+        # |R^-T D c| is the standard deviation by eq. LG.3
         root, is_resolved = self._solve_transposed(np.pad(combination, padding)[..., None])
         return np.asarray(np.where(is_resolved, np.sqrt((root**2).sum(axis=0)), np.inf)[0])
 
@@ -152,11 +166,12 @@ class LinearGaussian:
 
     @property
     def _batch(self) -> tuple[int, ...]:
+        """Shape of the leading axes of all arrays, broadcast."""
         return np.broadcast_shapes(self.derivatives.shape[:-2], self.variance.shape[:-1], self.prior_sd.shape[:-1])
 
     @cached_property
     def _factors(self) -> _Factors:
-        """Orthogonalise eq. LG.2 by modified Gram-Schmidt."""
+        """Q, R and D of eq. LG.2, by modified Gram-Schmidt."""
         (m, q), batch = self.derivatives.shape[-2:], self._batch
         noise_sd, prior_sd = (
             np.moveaxis(np.broadcast_to(part, (*batch, part.shape[-1])), -1, 0)
@@ -164,8 +179,11 @@ class LinearGaussian:
         )
         Q = np.zeros((q, m + q, *batch), dtype=np.result_type(self.derivatives, noise_sd, float))
         np.divide(_put_batch_last(np.broadcast_to(self.derivatives, (*batch, m, q))), noise_sd, out=Q[:, :m])
-        size = np.abs(Q).max(axis=1, initial=0.0)
-        scale = np.minimum(prior_sd, np.divide(1.0, size, out=np.full(size.shape, np.inf), where=size > np.finfo(float).tiny))
+        column_size = np.abs(Q).max(axis=1, initial=0.0)
+        scale = np.minimum(
+            prior_sd,
+            np.divide(1.0, column_size, out=np.full(column_size.shape, np.inf), where=column_size > np.finfo(float).tiny),
+        )
         scale = np.where(np.isinf(scale), 1.0, scale)  # of an unknown that neither prior nor readings determine
         prior_rows = np.divide(scale, prior_sd, out=np.ones(scale.shape), where=prior_sd > 0)
         Q *= scale[:, None]
@@ -173,7 +191,8 @@ class LinearGaussian:
         R = np.zeros((q, q, *batch), dtype=Q.dtype)
         for k, column in enumerate(Q):
             length = np.sqrt((column**2).sum(axis=0))
-            R[k, k] = np.where(length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length)  # a sum of the columns before it
+            # 0 within rounding: the column depends on those before it
+            R[k, k] = np.where(length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length)
             column *= _invert(R[k, k])
             for j in range(k + 1, q):
                 R[k, j] = (column * Q[j]).sum(axis=0)
@@ -181,7 +200,18 @@ class LinearGaussian:
         return _Factors(Q, R, scale, prior_rows)
 
     def _project(self, columns: Array) -> tuple[Array, Array]:
-        """Return columns w of eq. LG.3, shape (c, m + q, ...), and Q^T [V^-1/2 y; 0], (q, c, ...), for columns y (..., m, c)."""
+        """Split columns [V^-1/2 y; 0] into the part along Q and the part w orthogonal to it, eq. LG.3.
+
+        Parameters
+        ----------
+        columns
+            Columns y, shape (..., m, c).
+
+        Returns
+        -------
+        tuple[Array, Array]
+            w, shape (c, m + q, ...), and the coefficients Q^T [V^-1/2 y; 0], shape (q, c, ...).
+        """
         m, batch = columns.shape[-2], np.broadcast_shapes(columns.shape[:-2], self._batch)
         Q = _align_batch(self._factors.Q, 2, len(batch))
         w = np.zeros((columns.shape[-1], Q.shape[1], *batch), dtype=np.result_type(columns, Q))
@@ -194,7 +224,19 @@ class LinearGaussian:
         return w, coefficients
 
     def _solve_transposed(self, columns: Array) -> tuple[Array, Array]:
-        """Return R^-T D c for columns c (..., q, n), shape (q, n, ...), and whether c . x is determined, shape (n, ...)."""
+        """Solve R^T z = D c by forward substitution, which gives the standard deviation |z| of c . x.
+
+        Parameters
+        ----------
+        columns
+            n columns c, shape (..., q, n).
+
+        Returns
+        -------
+        tuple[Array, Array]
+            z, shape (q, n, ...), and whether priors and readings determine c . x, shape (n, ...): a pivot of 0, of an
+            undetermined direction, does not matter where the remainder is 0 within rounding.
+        """
         R, scale = _align_batch(self._factors.R, 2, columns.ndim - 2), _align_batch(self._factors.scale, 1, columns.ndim - 2)
         right = np.swapaxes(_align_batch(_put_batch_last(columns), 2, scale.ndim - 1), 0, 1) * scale[:, None]
         root, is_resolved = np.zeros(right.shape, dtype=R.dtype), np.ones(right.shape[1:], dtype=bool)
@@ -213,9 +255,9 @@ class _Factors:
     Attributes
     ----------
     Q
-        Its columns, one in each row, shape (q, m + q, ...).
+        The columns of Q, one in each row, shape (q, m + q, ...).
     R
-        Shape (q, q, ...).
+        The triangular matrix R, shape (q, q, ...).
     scale
         Diagonal of D, shape (q, ...).
     prior_rows
@@ -234,13 +276,13 @@ def _put_batch_last(matrices: Array) -> Array:
 
 
 def _align_batch(array: Array, leading: int, batch_axes: int) -> Array:
-    """Return an array whose axes after the first ones are a batch, with at least so many batch axes."""
+    """Insert axes of length 1 after the first ``leading`` axes, so that at least ``batch_axes`` batch axes follow these."""
     missing = max(0, batch_axes - (array.ndim - leading))
     return array.reshape(*array.shape[:leading], *(1,) * missing, *array.shape[leading:])
 
 
 def _restore_axes(columns: Array) -> Array:
-    """Return an array (c, m, ...) as matrices (..., m, c)."""
+    """Return an array (c, m, ...) as matrices (..., m, c): the inverse of ``_put_batch_last``."""
     return np.moveaxis(columns, (0, 1), (-1, -2))
 
 

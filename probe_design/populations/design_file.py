@@ -48,7 +48,10 @@ DesignSource = Design | Scene | Path | str | Mapping[str, object] | None
 
 
 def is_design(tables: Mapping[str, object]) -> bool:
-    """Return whether the tables of a file are those of a design file; a scene has the tables probe and tissue itself."""
+    """Return whether the tables of a file are those of a design file; a scene file has the tables probe and tissue instead.
+
+    A table noise alone does not make a design file.
+    """
     return "scene" in tables or (bool(set(DESIGN_SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
 
 
@@ -130,7 +133,7 @@ def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", uni
 
 
 def _check_against_scene(design: Design) -> Design:
-    """Refuse tables that do not fit the scene."""
+    """Return the design if its tables fit its scene; raise ``InputError`` otherwise."""
     ranges, scene = design.population, design.scene
     if len(ranges.layer) > len(scene.tissue.layer):
         raise InputError(
@@ -163,8 +166,9 @@ def _resolve_calibration_path(design: Design, folder: Path) -> Design:
 
 
 def _convert_first_fault(refused: ValidationError) -> InputError:
-    """Return one of pydantic's errors as one line: an unknown key before other errors."""
+    """Convert one of pydantic's errors to an ``InputError``: an unknown key if there is one, else the first."""
     error = min(refused.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
+    # pydantic names the branches of a union in the path; these are no keys of the file
     path = [part for part in error["loc"] if isinstance(part, int) or not part.startswith(("literal", "float", "constrained"))]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
     cause = error.get("ctx", {}).get("error")
@@ -174,7 +178,7 @@ def _convert_first_fault(refused: ValidationError) -> InputError:
 
 
 def _describe_allowed(error: ErrorDetails, path: list[str | int]) -> str:
-    """Describe what is allowed at the place of one of pydantic's errors."""
+    """Describe what is allowed in place of a refused entry, given pydantic's error and the keys that lead to the entry."""
     model, last = find_model(Design, path[:-1]), next((part for part in reversed(path) if isinstance(part, str)), "")
     if error["type"] == "extra_forbidden":
         return describe_choices(path[-1], model.model_fields)

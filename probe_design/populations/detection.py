@@ -88,6 +88,7 @@ class Detector:
         if np.ptp(templates, axis=0).max() <= SAME_TEMPLATE_TOLERANCE_RELATIVE * np.abs(templates).max():
             threshold = float(ndtri(1 - false_alarm))
             return cls(factor, templates[:1], false_alarm, threshold, false_alarm, threshold)
+        # z: whitened readings of scans without tumours, which contain only noise
         z = np.random.default_rng(THRESHOLD_SEED).standard_normal((blanks, len(factor)))
         statistic = np.sort(compute_log_likelihood_ratio(templates, z))
         spread = np.sqrt(false_alarm * (1 - false_alarm) / blanks)
@@ -115,7 +116,7 @@ class Detector:
         Floats
             P_i, shape (n,), each with a standard error of sqrt(P_i (1 - P_i) / scans), or exact by eq. PO.5.
         """
-        v = whiten(self.factor, signals)
+        v = whiten(self.factor, signals)  # v_i of eq. PO.5
         if len(self.templates) == 1:
             return self._compute_known_tumour(v)
         threshold = self.threshold if threshold is None else threshold
@@ -129,7 +130,7 @@ class Detector:
         return probabilities
 
     def compute_derivatives(self, signals: Floats) -> Floats:
-        """Return the derivatives of eq. PO.4's logarithm by the readings at signals without noise, eq. PO.11, shape (n, m)."""
+        """Return the derivatives of ln Lambda by the readings at n signals without noise, eq. PO.11, shape (n, m)."""
         exponents = whiten(self.factor, signals) @ self.templates.T - (self.templates**2).sum(axis=1) / 2
         weights = softmax(exponents, axis=1) @ self.templates
         return np.asarray(solve_triangular(self.factor, weights.T, lower=True, trans="T").T)
@@ -144,12 +145,33 @@ class Detector:
 
 
 def whiten(factor: Floats, signals: Floats) -> Floats:
-    """Return L^-1 s for signals of shape (n, m)."""
+    """Return L^-1 s, signals whose noise is independent and of unit variance.
+
+    Parameters
+    ----------
+    factor
+        Cholesky factor L of the readings' covariance, shape (m, m).
+    signals
+        Signals s, one in each row, shape (n, m).
+    """
     return np.asarray(solve_triangular(factor, signals.T, lower=True).T)
 
 
 def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
-    """Return ln of eq. PO.4 for scans z of shape (s, m), shape (s,), accurately for large and tiny exponents alike."""
+    """Return ln Lambda of eq. PO.4, accurately for large and tiny exponents alike.
+
+    Parameters
+    ----------
+    templates
+        u_k, whitened signals of the reference tumours, shape (K, m).
+    z
+        Whitened readings of s scans, shape (s, m).
+
+    Returns
+    -------
+    Floats
+        ln Lambda, shape (s,).
+    """
     result = np.empty(len(z))
     for low in range(0, len(z), MAX_SCANS_AT_ONCE):
         exponents = z[low : low + MAX_SCANS_AT_ONCE] @ templates.T - (templates**2).sum(axis=1) / 2
@@ -163,5 +185,8 @@ def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
 
 
 def compute_known_probabilities(deflection: Array, false_alarm: float) -> Array:
-    """Return the highest probability of detection of any detector, eq. PO.5; deflections of any shape, real or complex."""
+    """Return the probability of detection of a known tumour, which no detector exceeds: eq. PO.5 with d' = ``deflection``.
+
+    Deflections have any shape, and are real or complex.
+    """
     return np.asarray(ndtr(deflection - ndtri(1 - false_alarm)))

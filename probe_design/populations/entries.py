@@ -49,7 +49,7 @@ class Range:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation; of the logarithm if ``log``."""
+        """Standard deviation of the values, or of their logarithms if ``log``."""
         scaled = np.log(self.values) if self.log else np.array(self.values)
         return float(np.ptp(scaled) / math.sqrt(12)) if self.continuous else float(np.std(scaled))
 
@@ -59,8 +59,9 @@ class Range:
         return float(np.exp(np.mean(np.log(self.values)))) if self.log else float(np.mean(self.values))
 
     def compute_quantiles(self, fractions: Floats) -> Floats:
-        """Return the quantiles of the range at fractions from 0 to 1; any shape."""
+        """Return the values below which given fractions (0 to 1) of the population lie; any shape."""
         if not self.continuous:
+            # the minimum is for a fraction of exactly 1
             return np.asarray(np.array(self.values)[np.minimum((fractions * len(self.values)).astype(int), len(self.values) - 1)])
         low, high = self.values
         return np.asarray(low * (high / low) ** fractions if self.log else low + (high - low) * fractions, dtype=float)
@@ -214,6 +215,7 @@ class Varied(FileEntry[DesignVariable]):
         """Return the entry of a file that states the value."""
 
         def format_number(number: float) -> Any:
+            """Return a number itself if it has no unit, else as text with its unit."""
             return number if self.quantity is NUMBER_QUANTITY else self.quantity.format_value(number)
 
         if value.fixed:
@@ -226,9 +228,10 @@ class Varied(FileEntry[DesignVariable]):
         return bounds | ({} if value.step is None else {"step": format_number(value.step)})
 
     def _read_values(self, entries: object, min_count: int, max_count: int, units_required: bool) -> tuple[float, ...]:
-        """Return the values of a list; raise ``ValueError`` with the reason where it is none of the allowed length."""
+        """Return the numbers, SI, of a list of ``min_count`` to ``max_count`` entries; raise ``ValueError`` if it is none."""
         if not isinstance(entries, list | tuple) or not min_count <= len(entries) <= max_count:
             raise ValueError("not a list of two" if max_count == 2 else "not a list of values")
+        # numbers without a unit, such as an area ratio, never need one
         required = units_required and self.quantity is not NUMBER_QUANTITY
         if self.quantity is NUMBER_QUANTITY and any(isinstance(entry, str) for entry in entries):
             raise ValueError("a text, not a number")

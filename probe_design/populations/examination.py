@@ -104,7 +104,7 @@ class Examination:
         return self.select(np.arange(len(design.protocol.positions)), channels)._evaluate_observable(design, channels)
 
     def evaluate_all_channels(self, design: Design) -> Performance:
-        """Evaluate as ``evaluate`` does, and also for the ratio alone, the stiffness alone and both."""
+        """Evaluate the protocol's channels and, in ``by_observable``, the ratio alone, the stiffness alone and both."""
         by_observable: dict[Observable, Performance | None] = {}
         for observable in CHANNEL_INDICES:
             try:
@@ -118,7 +118,7 @@ class Examination:
         return replace(performance, by_observable=by_observable)
 
     def _evaluate_observable(self, design: Design, observable: Observable) -> Performance:
-        """Evaluate the readings of one observable."""
+        """Evaluate the readings, which ``select`` has restricted to one observable's channels."""
         draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.readings
         unknowns, blank = Unknowns.from_draw(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
         known = design.noise, protocol, draw.scene, blank
@@ -166,7 +166,20 @@ class Examination:
     def _correct_first_order(
         self, values: dict[Kind, Floats], first_order: dict[Kind, Floats]
     ) -> tuple[dict[Kind, Floats], dict[Kind, float]]:
-        """Return the values with the mean correction of eq. PO.13, and the standard error of the correction."""
+        """Correct the values of tumours without reflections by the mean change that reflections cause, eq. PO.13.
+
+        Parameters
+        ----------
+        values
+            Values of all n tumours by kind, with reflections where they are computed, shape (n,).
+        first_order
+            The same, all to first order.
+
+        Returns
+        -------
+        tuple[dict[Kind, Floats], dict[Kind, float]]
+            The corrected values and the standard error of the mean correction, by kind.
+        """
         n, r = len(self.draw), len(self.reflected)
         unreflected, standard_errors = np.setdiff1d(np.arange(n), self.reflected), {}
         for kind, best_values in values.items():
@@ -181,7 +194,23 @@ class Examination:
     def _compute_model_error(
         self, detector: Detector, probabilities: Floats, blank: bool
     ) -> tuple[float, float, dict[str, float]]:
-        """Return the errors of the mean P by threshold and draws, and by the evaluator, and the latter's fractions by cause."""
+        """Return the errors of the mean probability of detection.
+
+        Parameters
+        ----------
+        detector
+            The detector.
+        probabilities
+            Probability of detection of each tumour, shape (n,).
+        blank
+            Whether there is a baseline reading.
+
+        Returns
+        -------
+        tuple[float, float, dict[str, float]]
+            The standard error by the detector's threshold and by the draws of noise; the error bound by the evaluator; and the
+            fraction of the latter that each of its causes has.
+        """
         readings, reflected = self.readings, self.reflected
         derivatives, errors = detector.compute_derivatives(readings.signal), _bound_signal_errors(readings, blank)
         signal_errors = errors * np.sign(derivatives)  # eq. PO.11
@@ -239,6 +268,7 @@ def examine(
         control = ControlSample.from_draw(protocol, population, draw) if len(draw) > 1 else None
     else:
         readings = compute_closed_form_readings(draw, protocol, names)
+    # seed + 1: reference tumours that are not among those of the draw
     known_tumours = replace(population, seed=population.seed + 1).draw_tumours(DETECTOR_TUMOURS)
     reference = compute_closed_form_readings(known_tumours, protocol).signal
     evaluator = "equivalent-inclusion" if unseen else "closed-form"
@@ -260,7 +290,7 @@ def _evaluate_tumours(
 
 
 def _average_tissue_derivatives(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:
-    """Return s_j t_j of eq. PO.3, averaged over the tissues, shape (m, q)."""
+    """Return s_j t_j of eq. PO.3 of the tissue's q unknowns, averaged over the tissues, shape (m, q); None without any."""
     columns = [
         deviation * readings.repeat_over_positions(readings.blank_derivatives[name].mean(axis=0))
         for name, deviation in zip(unknowns.names, unknowns.deviations, strict=True)
@@ -270,7 +300,7 @@ def _average_tissue_derivatives(unknowns: Unknowns, readings: ScanReadings) -> F
 
 
 def _compute_error_fractions(readings: ScanReadings, blank: bool) -> Floats:
-    """Return the relative error bound of each tumour's signals, at most 1, shape (n,)."""
+    """Return the error bound of each tumour's signals over its largest signal, at most 1, shape (n,)."""
     largest = np.maximum(np.abs(readings.signal).max(axis=1), 1e-300)
     return np.asarray(_bound_signal_errors(readings, blank).max(axis=1) / largest)
 

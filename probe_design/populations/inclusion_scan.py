@@ -72,7 +72,7 @@ class InclusionScan:
 
     @classmethod
     def from_draw(cls, draw: TumourDraw, protocol: Protocol, number: int) -> InclusionScan:
-        """Solve the probe on one tissue; its bounds are those of the position farthest from the middle.
+        """Solve the probe on one tissue; its error bounds are those of the position farthest from the tissue's middle.
 
         Raises
         ------
@@ -80,9 +80,14 @@ class InclusionScan:
             The evaluator cannot model the scene.
         """
         scene = draw.tissues[number]
-        far = Placement(x=float(np.abs(protocol.places).max()), y=abs(scene.placement.y), tilt=scene.placement.tilt)
+        farthest_placement = Placement(
+            x=float(np.abs(protocol.places).max()), y=abs(scene.placement.y), tilt=scene.placement.tilt
+        )
         return cls(
-            draw, protocol, number, EquivalentInclusion().prepare(scene.model_copy(update={"placement": far}), BASE_ACCURACY)
+            draw,
+            protocol,
+            number,
+            EquivalentInclusion().prepare(scene.model_copy(update={"placement": farthest_placement}), BASE_ACCURACY),
         )
 
     @property
@@ -91,74 +96,124 @@ class InclusionScan:
         return self.draw.find_members(self.number)
 
     def list_distinct(self) -> tuple[Ints, Floats, Ints]:
-        """Return the distinct pairs of tumour and distance, shape (u,) each, and the pair of each position, shape (k, p)."""
-        x_distances, across = self._x_distances, self.draw.lateral_offset
-        offset = np.round(np.hypot(x_distances, across), 12)
+        """List the distinct pairs of a tumour and its lateral distance from the probe, so that each is computed only once.
+
+        Returns
+        -------
+        tuple[Ints, Floats, Ints]
+            Of u pairs the index of the tumour in ``draw`` and the distance, m, shape (u,) each; and for each of k tumours in
+            this tissue at each of p positions the index of its pair, shape (k, p).
+        """
+        x_distances, lateral_offset = self._x_distances, self.draw.lateral_offset
+        offset = np.round(np.hypot(x_distances, lateral_offset), 12)
         pairs = np.stack([np.repeat(self.members, x_distances.shape[1]), offset.ravel()], axis=1)
+        # np.round above: equal distances on both sides of a tumour may differ in the last digits
         rows, indices = np.unique(pairs, axis=0, return_inverse=True)
         return rows[:, 0].astype(int), rows[:, 1], indices.reshape(x_distances.shape)
 
     def build_tumours(self, which: Ints, offset: Floats) -> Tumours:
-        """Return tumours at distances from the probe, shape (u, 1)."""
+        """Return the tumours with u indices in ``draw`` at lateral distances ``offset`` from the probe, m; fields (u, 1)."""
         draw = self.draw
         columns = (offset, 0.0, draw.depth[which], draw.diameter[which], draw.youngs_modulus[which], draw.poisson_ratio)
         return Tumours(*(np.asarray(column)[..., None] for column in columns))
 
     @property
     def _x_distances(self) -> Floats:
+        """The x of each tumour in this tissue less that of the probe at each position, m, shape (k, p)."""
         return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
 
     def compute_readings(self, tumours: Tumours, tolerance: Floats, allowed: Bools) -> tuple[Readings, Readings]:
         """Return readings to first order, and those of the allowed tumours with reflections where these matter.
 
-        Reflections matter if they may change a signal by more than ``tolerance``, shape (2,); ``allowed`` has shape (u,).
+        Reflections are the fields of a tumour that surface, blocks and floor send back to it.
+
+        Parameters
+        ----------
+        tumours
+            The tumours at their distances from the probe, shape (u, 1).
+        tolerance
+            Change of ln ratio and of ln stiffness up to which reflections are neglected, shape (2,).
+        allowed
+            Which tumours may have reflections computed, shape (u,).
         """
         first = compute_readings(self.base, tumours, 0, True, reflect=False)
         best = deepcopy(first)
+        # error bounds of both films' forces due to the tumour alone: those of the probe without it are subtracted
         change_bounds = np.maximum(best.bound - self.base.films.bound.totals, 0.0)
-        left_out = np.stack(
+        neglected_changes = np.stack(
             [(change_bounds / np.abs(best.totals)).sum(axis=1), change_bounds.sum(axis=1) / best.stiffness], axis=1
         )
-        chosen = np.flatnonzero(allowed & np.any(left_out > tolerance, axis=1))
+        chosen = np.flatnonzero(allowed & np.any(neglected_changes > tolerance, axis=1))
         if not len(chosen):
             return first, first
-        better = compute_readings(self.base, tumours.select(chosen), 0, True, reflect=True)
+        reflected_readings = compute_readings(self.base, tumours.select(chosen), 0, True, reflect=True)
         for field in fields(best):
             if field.name not in ("areas", "derivatives"):
-                getattr(best, field.name)[chosen] = getattr(better, field.name)
+                getattr(best, field.name)[chosen] = getattr(reflected_readings, field.name)
         for key, derivatives in best.derivatives.items():
-            derivatives[chosen] = better.derivatives[key]
+            derivatives[chosen] = reflected_readings.derivatives[key]
         return first, best
 
     def compute_tumour_derivatives(self, readings: Readings, indices: Ints, name: str) -> Floats:
-        """Return the derivatives of the signals with respect to a number of the tumours, shape (k, m)."""
+        """Return the derivatives of the signals with respect to a number of the tumours.
+
+        Parameters
+        ----------
+        readings
+            Readings at u distinct pairs of a tumour and a distance.
+        indices
+            Index of the pair for each tumour and position, shape (k, p), see ``list_distinct``.
+        name
+            One of ``TARGET_KEYS``.
+
+        Returns
+        -------
+        Floats
+            Derivatives of the m signals of k tumours, shape (k, m).
+        """
         film_derivatives = readings.derivatives[TARGET_KEYS[name]].sum(axis=2)
-        parts = [
+        channel_derivatives = [
             film_derivatives[:, 0] / readings.totals[:, 0] - film_derivatives[:, 1] / readings.totals[:, 1],
             film_derivatives.sum(axis=1) / readings.stiffness,
         ]
-        if name == "x":
-            toward = self._x_distances / np.maximum(np.hypot(self._x_distances, self.draw.lateral_offset), 1e-300)
-            return np.concatenate([part[indices] * toward for part in parts[: self.protocol.channels]], axis=1)
-        return np.concatenate([part[indices] for part in parts[: self.protocol.channels]], axis=1)
+        # ln ratio, then ln stiffness; with only one channel read, the slices below keep ln ratio
+        if name == "x":  # the readings know only the distance: chain rule, with 0 in place of 0 / 0 on the axis
+            d_offset_by_x = self._x_distances / np.maximum(np.hypot(self._x_distances, self.draw.lateral_offset), 1e-300)
+            return np.concatenate(
+                [part[indices] * d_offset_by_x for part in channel_derivatives[: self.protocol.channels]], axis=1
+            )
+        return np.concatenate([part[indices] for part in channel_derivatives[: self.protocol.channels]], axis=1)
 
     def select_reflected(self, count: int) -> Ints:
-        """Return the numbers of the tumours in this tissue that get reflections; ``count`` is the total over all tissues."""
-        t, k = len(self.draw.tissues), len(self.members)
-        return self.members[: max(min(k, -(-MIN_REFLECTED // t)), count // t)]
+        """Return the indices of the tumours in this tissue whose reflections are computed: the first ones, see the module.
+
+        Each of the tissues has an equal part of ``count``, the number over all tissues; but at least its part of
+        ``MIN_REFLECTED``, rounded up, or all its k tumours if these are fewer.
+        """
+        tissue_count, k = len(self.draw.tissues), len(self.members)
+        return self.members[: max(min(k, -(-MIN_REFLECTED // tissue_count)), count // tissue_count)]
 
     def compute_tissue_derivatives(self, tumours: Tumours, indices: Ints, name: str) -> tuple[Floats, Floats]:
-        """Return derivatives with respect to a number of the tissue: of signals (k, m), and of readings without tumours (c,)."""
+        """Return derivatives with respect to the logarithm of a number of the tissue, by central differences to first order.
+
+        The tumours are at their distances from the probe, (u, 1), ``indices`` those of ``list_distinct``; the name is one of
+        ``ScenePopulation.ranges``. The derivatives are those of the signals, (k, m), and of readings without tumours, (c,).
+        """
         scene, key = self.base.scene, get_scene_key(name)
-        size, sides = list_values(scene)[key], []
+        start_value, step_results = list_values(scene)[key], []
         for step in (LOG_DIFFERENCE_STEP, -LOG_DIFFERENCE_STEP):
-            base = solve_other_tissue(self.base, ScenePopulation.replace_tissue_numbers(scene, {name: size * math.exp(step)}))
+            base = solve_other_tissue(
+                self.base, ScenePopulation.replace_tissue_numbers(scene, {name: start_value * math.exp(step)})
+            )
             totals = compute_readings(base, tumours, 0, reflect=False).totals
-            sides.append((self._take_logarithms(totals[indices]), self._take_logarithms(base.films.totals[None])))
-        derivatives, blank_slopes = ((upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*sides, strict=True))
+            step_results.append((self._take_logarithms(totals[indices]), self._take_logarithms(base.films.totals[None])))
+        derivatives, blank_slopes = (
+            (upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*step_results, strict=True)
+        )
         return derivatives - np.repeat(blank_slopes, len(self.protocol.positions)), blank_slopes
 
     def _take_logarithms(self, totals: Floats) -> Floats:
+        """Return ln ratio and, if it is read, ln stiffness of film forces, shape (..., p, 2): shape (..., m)."""
         return np.asarray(compute_logarithms(totals, self.protocol.stiffness))
 
 
@@ -214,53 +269,75 @@ def compute_inclusion_readings(
     ScanLine(draw.scene, "x", draw.scene.placement.y, BASE_ACCURACY).check_positions(protocol.places)
     best, first = (_create_empty_readings(draw, protocol, names) for _ in range(2))
     allowed = (MAX_LAYERED_REFLECTED_READINGS if draw.scene.tissue.layer else MAX_REFLECTED_READINGS) // len(protocol.positions)
-    reflected, t = [], len(draw.tissues)
-    for number in range(t):
+    reflected, tissue_count = [], len(draw.tissues)
+    for number in range(tissue_count):
         scan = InclusionScan.from_draw(draw, protocol, number)
         reflected.append(scan.select_reflected(allowed))
         _fill_tissue(best, first, scan, noise, reflected[-1])
         if progress is not None:
-            progress(number + 1, t)
-    for scan_readings in (best, first):
+            progress(number + 1, tissue_count)
+    for scan_readings in (best, first):  # ``_write_signals`` has summed the logarithms of the forces over the tumours
         scan_readings.mean_forces[:] = np.exp(scan_readings.mean_forces / len(draw))
     return InclusionReadings(best, first, np.concatenate(reflected))
 
 
 def _create_empty_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...]) -> ScanReadings:
     """Return readings filled with zeros, of n tumours in t tissues from p positions in c channels."""
-    n, c, t, p = len(draw), protocol.channels, len(draw.tissues), len(protocol.positions)
+    n, c, tissue_count, p = len(draw), protocol.channels, len(draw.tissues), len(protocol.positions)
     return ScanReadings(
         np.zeros((n, p * c)), {cause: np.zeros((n, p * c)) for cause in ERROR_CAUSES}, draw.tissue,
-        np.zeros((t, 2)), np.zeros((p, 2)), np.zeros((t, c)),
-        {name: np.zeros((n, p * c)) for name in names}, {name: np.zeros((t, c)) for name in names if not is_of_tumour(name)},
+        np.zeros((tissue_count, 2)), np.zeros((p, 2)), np.zeros((tissue_count, c)),
+        {name: np.zeros((n, p * c)) for name in names},
+        {name: np.zeros((tissue_count, c)) for name in names if not is_of_tumour(name)},
     )  # fmt: skip
 
 
 def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, noise: NoiseModel, reflected: Ints) -> None:
-    """Write the readings of one tissue into the arrays of all tumours."""
+    """Compute the readings of one tissue and write them into the arrays of all tumours.
+
+    ``best`` has the readings with reflections, ``first`` those to first order; ``reflected`` are the indices of the tumours
+    whose reflections are computed, unless they are far below the noise.
+    """
     which, offset, indices = scan.list_distinct()
     tumours, number = scan.build_tumours(which, offset), scan.number
     films, scene = scan.base.films, scan.draw.tissues[number]
     check_films_compressed(films.totals, scene)
     tolerance = NEGLECTED_CHANGE_PER_NOISE * compute_reading_deviations(noise, scan.protocol, scene, films.totals)
     first_and_best = scan.compute_readings(tumours, tolerance, np.isin(which, reflected))
-    added = scan.compute_tumour_derivatives(first_and_best[1], indices, "object") - scan.compute_tumour_derivatives(
+    reflection_change = scan.compute_tumour_derivatives(first_and_best[1], indices, "object") - scan.compute_tumour_derivatives(
         first_and_best[0], indices, "object"
     )
-    by_tissue = {
+    tissue_derivatives = {
         name: scan.compute_tissue_derivatives(tumours, indices, name) for name in best.derivatives if not is_of_tumour(name)
     }
     for target, readings in ((first, first_and_best[0]), (best, first_and_best[1])):
         check_films_compressed(readings.totals, scene)
         _write_signals(target, scan, readings, indices, scene)
-        for name, (derivatives, blank) in by_tissue.items():
-            hosted = np.array([name_host_modulus(scan.draw, member) == name for member in scan.members.tolist()])
-            target.derivatives[name][scan.members] = derivatives - (hosted[:, None] * added if target is best else 0.0)
+        # eq. PO.9: what reflections add to d/d ln E_object, they take from d/d ln E_host
+        for name, (derivatives, blank) in tissue_derivatives.items():
+            is_host = np.array([name_host_modulus(scan.draw, member) == name for member in scan.members.tolist()])
+            target.derivatives[name][scan.members] = derivatives - (
+                is_host[:, None] * reflection_change if target is best else 0.0
+            )
             target.blank_derivatives[name][number] = blank
 
 
 def _write_signals(target: ScanReadings, scan: InclusionScan, readings: Readings, indices: Ints, scene: Scene) -> None:
-    """Write the signals of one tissue, their errors and their derivatives by the tumours' numbers into the common arrays."""
+    """Write the signals of one tissue, their errors and their derivatives by the tumours' numbers into the common arrays.
+
+    Parameters
+    ----------
+    target
+        Readings of all tumours; the rows of this tissue's tumours are filled, and its forces added to the means.
+    scan
+        The tissue with its tumours.
+    readings
+        Readings at u distinct pairs of a tumour and a distance.
+    indices
+        Index of the pair for each tumour and position, shape (k, p).
+    scene
+        The scene with this tissue, without tumours.
+    """
     films, rows, number, channels = scan.base.films, scan.members, scan.number, range(target.channels)
     blank = scan._take_logarithms(films.totals[None])
     target.mean_forces[:] += np.log(readings.totals[indices]).sum(
@@ -268,10 +345,11 @@ def _write_signals(target: ScanReadings, scan: InclusionScan, readings: Readings
     )  # of logarithms; ``compute_inclusion_readings`` takes the mean
     target.signal[rows] = scan._take_logarithms(readings.totals[indices]) - np.repeat(blank, len(scan.protocol.positions))
     for cause, errors in bound_film_errors(scan.base, readings).items():
+        # ln ratio errs by at most the sum of both films' errors, ln stiffness by at most the larger
         stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)
         target.errors[cause][rows] = np.concatenate([stated[indices, k] for k in channels], axis=1)
-    by_load = np.tile(_bound_load_change(scene, readings)[indices], (1, target.channels))
-    target.errors[LOAD_CAUSE][rows] = by_load * np.abs(target.signal[rows])
+    load_changes = np.tile(_bound_load_change(scene, readings)[indices], (1, target.channels))
+    target.errors[LOAD_CAUSE][rows] = load_changes * np.abs(target.signal[rows])
     target.blank[number] = films.totals
     target.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: target.channels]
     for name in target.derivatives:
@@ -296,7 +374,7 @@ def check_films_compressed(totals: Floats, scene: Scene) -> None:
 
 
 def _bound_load_change(scene: Scene, readings: Readings) -> Floats:
-    """Return a bound on the relative change of each signal by the load, shape (u,): that of the log-sensitivity.
+    """Return a bound on the relative change of each signal by finite strain under the load: that of the log-sensitivity, (u,).
 
     Raises
     ------

@@ -77,13 +77,14 @@ def build_difference_noise(
         A reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
     """
     p = len(protocol.positions)
+    # film forces at the place of the baseline reading, then at the p positions
     places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
     channels = CHANNEL_INDICES[observable or protocol.observable]
-    white_variances, together = (
+    white_variances, gain_variances = (
         _compute_channel_variances(noise, channels, scene, places),
         _compute_common_variances(noise, channels, blank),
     )
-    common = white_variances[:, 0] if protocol.blank else together
+    common = white_variances[:, 0] if protocol.blank else gain_variances
     shared = np.repeat(np.diag(np.sqrt(common)), p, axis=0)
     if tissue is not None and not protocol.blank:
         shared = np.hstack([shared, tissue])
@@ -127,7 +128,24 @@ def compute_reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Sce
 
 
 def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], scene: Scene, places: Floats) -> Floats:
-    """Return w_c^2 of some channels, shape (c, k), at film forces of shape (k, 2)."""
+    """Return the variances w_c^2 of some channels at k places, shape (c, k).
+
+    Parameters
+    ----------
+    noise
+        Noise of the design file.
+    channels
+        Indices of the channels: 0 for the ratio, 1 for the stiffness.
+    scene
+        Scene with films and load.
+    places
+        Film forces per unit indentation at each place, N/m, shape (k, 2).
+
+    Raises
+    ------
+    InputError
+        A reading would have less noise than ``MIN_NOISE``.
+    """
     variances = _compute_both_variances(noise, scene, places)
     for channel in channels:
         variance = float(variances[channel].min())
@@ -138,7 +156,7 @@ def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], sce
 
 
 def _compute_both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
-    """Return w_c^2 of ratio and stiffness, shape (2, k)."""
+    """Return the variances w_c^2 of ratio and stiffness at k places with film forces (k, 2), shape (2, k)."""
     charges = compute_film_charges(scene, places) if noise.charge else np.ones(places.shape)
     ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
     return np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])
@@ -150,7 +168,20 @@ def _compute_common_variances(noise: NoiseModel, channels: tuple[int, ...], blan
 
 
 def compute_film_charges(scene: Scene, places: Floats) -> Floats:
-    """Return the charge of each film under the scene's load, C, shape (k, 2)."""
+    """Return the charge of each film under the scene's load at k places, C, shape (k, 2).
+
+    Parameters
+    ----------
+    scene
+        Scene with films and load.
+    places
+        Film forces per unit indentation at each place, N/m, shape (k, 2).
+
+    Raises
+    ------
+    InputError
+        The load is 0.
+    """
     load = scene.load
     indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
     charges = find_charge_per_force(scene.probe) * np.abs(places) * indentation[:, None]
@@ -161,7 +192,11 @@ def compute_film_charges(scene: Scene, places: Floats) -> Floats:
 
 
 def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
-    """Return the variance of ln ratio by the gain matrix M: of y = M f, d ln(y1 / y2) with respect to the entries of M."""
+    """Return the variance of ln ratio due to the gains, from the calibration file if there is one, else 2 gain^2.
+
+    The calibrated channels read y = M f with the gain matrix M and the film forces f. The variance of ln(y1 / y2) follows from
+    its derivatives with respect to the four entries of M and from their covariance.
+    """
     if noise.calibration is None:
         return 2 * noise.gain**2
     matrix, entries = _read_calibration(noise.calibration)

@@ -58,8 +58,12 @@ class ControlSample:
 
     @classmethod
     def from_draw(cls, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSample:
-        """Compute the signals. Raises ``Refusal`` where the closed form fails for the scene's probe."""
+        """Compute the signals of the verified tumours of ``draw`` and of other tumours of the population by the closed form.
+
+        Raises ``Refusal`` where the closed form fails for the scene's probe.
+        """
         count = min(max(MIN_CONTROL_TUMOURS, CONTROL_TUMOURS_PER_TUMOUR * len(draw)), MAX_CONTROL_TUMOURS)
+        # seed + 2: neither the verified tumours (seed) nor the detector's reference tumours (seed + 1)
         control_draw = replace(population, seed=population.seed + 2).draw_tumours(count, unseen=True, tissues=CONTROL_TISSUES)
         same, others = (compute_closed_form_readings(tumours, protocol).signal for tumours in (draw, control_draw))
         return cls(same, others, control_draw.tissue)
@@ -69,13 +73,17 @@ class ControlSample:
         return ControlSample(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)
 
     def compute_probabilities(self, detector: Detector) -> ControlSample:
-        """Return the probabilities of detection from signals, under the same draws as those of the verified tumours."""
+        """Return the probabilities of detection from these signals, of the verified tumours and of the others.
+
+        The verified tumours are scanned under the same draws of noise as in their verification, so that these cancel in the
+        difference; the many others under fewer draws each.
+        """
         same = detector.compute_probabilities(self.same_tumours)
         others = detector.compute_probabilities(self.other_tumours, scans=SCANS_PER_CONTROL_TUMOUR)
         return ControlSample(same, others, self.tissue)
 
     def subtract(self, reference: ControlSample) -> ControlSample:
-        """Return the difference of the values of two probes for the same tumours."""
+        """Return these values less those of another probe for the same tumours."""
         same, others = self.same_tumours - reference.same_tumours, self.other_tumours - reference.other_tumours
         return ControlSample(same, others, self.tissue)
 
@@ -99,6 +107,7 @@ def estimate_statistic(values: Floats, tissue: Ints, objective: Objective, contr
         return plain
     plain = plain[0], max(plain[1], float(np.std(control.other_tumours, ddof=1)) / math.sqrt(len(values)))
     differences = values - control.same_tumours
+    # standard errors of the two means of eq. PO.10, which are independent
     error = math.hypot(
         objective.compute_error(differences, tissue), objective.compute_error(control.other_tumours, control.tissue)
     )
@@ -174,9 +183,10 @@ class Performance:
     by_observable: dict[Observable, Performance | None] = field(default_factory=dict)
 
     def compute_gain(self, reference: Performance, objective: Objective) -> tuple[float, float]:
-        """Return the gain over another probe for the same tumours, and its error.
+        """Return the gain in the objective over another probe for the same tumours, and the error of the gain.
 
-        Tumours and draws are the same, so that the error of a mean is given by the scatter of the differences.
+        Tumours and draws are the same, so that the sampling error of a mean is given by the scatter of the differences. A
+        quantile has no such differences: the sampling errors of both probes are combined.
         """
         kind: Kind = objective.maximise
         values, reference_values = self.values[kind], reference.values[kind]

@@ -39,11 +39,11 @@ class TumourDraw:
     scene
         Scene with the values that the population does not give.
     depth, diameter, youngs_modulus, x
-        Numbers of the tumours, m and Pa, shape (n,).
+        Depth of the centre, diameter, Young's modulus and x of each tumour, m and Pa, shape (n,).
     poisson_ratio
         Poisson's ratio of all tumours.
     tissue
-        Number of each tumour's tissue, shape (n,).
+        Index in ``tissues`` of each tumour's tissue, shape (n,).
     tissues
         The scene without tumours, with each tissue.
     misfits
@@ -66,7 +66,7 @@ class TumourDraw:
 
     @property
     def lateral_offset(self) -> float:
-        """Distance of the tumours from the line of readings, m."""
+        """Distance of the tumours from the line of readings along y, m; negative if they lie on the other side."""
         body, line = self.scene.inclusion, self.scene.placement.y
         return (body[0].y if body else line) - line
 
@@ -85,7 +85,7 @@ class TumourDraw:
         return replace(self, scene=with_it[0], tissues=with_it[1:])
 
     def find_members(self, number: int) -> Ints:
-        """Return the numbers of the tumours in one tissue."""
+        """Return the indices of the tumours in the tissue with this number, shape (k,)."""
         return np.flatnonzero(self.tissue == number)
 
 
@@ -113,25 +113,25 @@ class ScenePopulation:
 
     @classmethod
     def from_scene(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
-        """Complete the ranges of a design file by a scene's values."""
+        """Complete the ranges of a design file: a quantity that the file leaves out has the scene's value as its only one."""
         inclusion, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
-        usual: JsonObject = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
+        scene_values: JsonObject = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
         if inclusion is not None:
-            usual |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
+            scene_values |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
         stated = {key: getattr(given, key) for key in (*TUMOUR_PARAMETERS, "tissue")}
         for number, layer in enumerate(tissue.layer):
             stated_layer = given.layer[number] if number < len(given.layer) else None
-            usual |= {f"layer_{number}_thickness": layer.thickness, f"layer_{number}_modulus": layer.youngs_modulus}
+            scene_values |= {f"layer_{number}_thickness": layer.thickness, f"layer_{number}_modulus": layer.youngs_modulus}
             stated |= {f"layer_{number}_{key}": getattr(stated_layer, key, None) for key in ("thickness", "modulus")}
         ranges = {
-            key: value_range if value_range is not None else Range((usual[key],), log=key != "x")
+            key: value_range if value_range is not None else Range((scene_values[key],), log=key != "x")
             for key, value_range in stated.items()
         }
         return cls(scene, ranges, given.least_cover, given.samples, given.seed)
 
     @property
     def tissue_parameters(self) -> tuple[str, ...]:
-        """Names of the ranges of the tissue."""
+        """Names of the ranges that describe the tissue and its layers, not the tumours."""
         return tuple(key for key in self.ranges if key not in TUMOUR_PARAMETERS)
 
     def draw_tumours(self, samples: int | None = None, *, unseen: bool = False, tissues: int | None = None) -> TumourDraw:
@@ -164,9 +164,25 @@ class ScenePopulation:
         return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissue_scenes, misfits)
 
     def _draw_bodies(self, tissues: tuple[Scene, ...], counts: list[int], seed: int) -> tuple[Floats, int]:
-        """Return tumours that fit their tissues, as ``TUMOUR_PARAMETERS``, (n, 4), and the number drawn that did not fit.
+        """Draw tumours until enough fit their tissues.
 
-        Each tissue has blocks of consecutive points, as every fourth point of a Sobol sequence covers only part of the range.
+        Each tissue takes whole blocks of consecutive Sobol points, as every fourth point of a Sobol sequence, for instance,
+        covers only part of the range.
+
+        Parameters
+        ----------
+        tissues
+            The scene without tumours, with each tissue.
+        counts
+            Number of tumours wanted in each tissue, the largest first.
+        seed
+            Seed of the Sobol sequence.
+
+        Returns
+        -------
+        tuple[Floats, int]
+            The tumours, tissue by tissue, with columns as in ``TUMOUR_PARAMETERS``, shape (n, 4), and the number drawn that did
+            not fit.
         """
         sobol, block = qmc.Sobol(len(TUMOUR_PARAMETERS), seed=seed), _find_power_of_two(counts[0])
         chosen, misfits = [np.empty((0, len(TUMOUR_PARAMETERS))) for _ in tissues], 0
@@ -176,19 +192,34 @@ class ScenePopulation:
                 bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
                 misfits_by_reason = self.find_misfits(tissue, bodies).values()
                 fitting = np.flatnonzero(~np.any(list(misfits_by_reason), axis=0))[:missing]
+                # points after the last tumour needed are not counted as tried
                 tried = 0 if not missing else block if len(fitting) < missing else int(fitting[-1]) + 1
                 misfits += tried - len(fitting)
                 chosen[number] = np.concatenate([chosen[number], bodies[fitting]])
             if sum(map(len, chosen)) == sum(counts):
                 return np.concatenate(chosen), misfits
         fit = Words(f"{sum(map(len, chosen))} of {MAX_DRAWS_PER_TUMOUR * block * len(tissues)} tumours fit")
+        # one more block, from which the commonest reason is determined for the message
         bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
         reasons = self.find_misfits(tissues[0], bodies)
         reason = max(reasons, key=lambda key: np.mean(reasons[key]))
         raise InputError("population", fit, f"ranges of which more fit: most of these {reason}")
 
     def find_misfits(self, scene: Scene, bodies: Floats) -> dict[str, Bools]:
-        """Return by reason which tumours, shape (n, 4), do not lie within one layer of a scene's tissue under the least cover."""
+        """Return which tumours do not fit a scene's tissue, by reason: too near the surface, an interface, a side or the floor.
+
+        Parameters
+        ----------
+        scene
+            Scene with the tissue.
+        bodies
+            Tumours with columns as in ``TUMOUR_PARAMETERS``, shape (n, 4).
+
+        Returns
+        -------
+        dict[str, Bools]
+            Whether each tumour does not fit, shape (n,), by the reason as a message states it.
+        """
         tissue, (depth, diameter, _, x) = scene.tissue, bodies.T
         radius, cover = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
         shallow, across, outside = depth - radius < cover, np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
@@ -209,10 +240,12 @@ class ScenePopulation:
 
     @property
     def _y(self) -> float:
+        """The y of every tumour, m: that of the scene's inclusion, or without one that of the line of readings."""
         return self.scene.inclusion[0].y if self.scene.inclusion else self.scene.placement.y
 
     @property
     def _poisson_ratio(self) -> float:
+        """Poisson's ratio of every tumour: that of the scene's inclusion, or without one that of the tissue."""
         return self.scene.inclusion[0].poisson_ratio if self.scene.inclusion else self.scene.tissue.poisson_ratio
 
     def _draw_tissues(self, n: int, seed: int, max_count: int) -> tuple[Scene, ...]:
@@ -247,7 +280,7 @@ class ScenePopulation:
 
     @staticmethod
     def replace_tissue_numbers(scene: Scene, numbers: Mapping[str, float]) -> Scene:
-        """Return a scene with other numbers of its tissue. Raises ``InputError`` if it is not valid."""
+        """Return a scene with these numbers of its tissue, by names of ``ranges``; raise ``InputError`` if it is not valid."""
         try:
             return scene.replace({get_scene_key(name): value for name, value in numbers.items()})
         except InputError as fault:
@@ -255,12 +288,12 @@ class ScenePopulation:
 
 
 def is_of_tumour(name: str) -> bool:
-    """Return whether a range is one of the tumours; otherwise it is one of the tissue."""
+    """Return whether the range of this name describes the tumours; otherwise it describes the tissue."""
     return name in TUMOUR_PARAMETERS
 
 
 def get_scene_key(name: str) -> str:
-    """Return the scene's key of a range of the tissue: tissue, layer_0_thickness, layer_0_modulus and so on."""
+    """Return the key in a scene, as "tissue.layer[0].thickness", for the name of a tissue's range, as "layer_0_thickness"."""
     if name == "tissue":
         return "tissue.youngs_modulus"
     _, number, what = name.split("_")
@@ -268,7 +301,20 @@ def get_scene_key(name: str) -> str:
 
 
 def _draw_values(ranges: Sequence[Range], fractions: Floats) -> Floats:
-    """Return the quantiles of quantities at fractions of the population, shape (n, quantities)."""
+    """Return the value of each quantity at the given fractions of its range.
+
+    Parameters
+    ----------
+    ranges
+        Range of each of q quantities.
+    fractions
+        Fraction of the population below each value, 0 to 1, shape (n, q).
+
+    Returns
+    -------
+    Floats
+        Values, shape (n, q).
+    """
     return np.stack(
         [value_range.compute_quantiles(column) for value_range, column in zip(ranges, fractions.T, strict=True)], axis=1
     )
@@ -281,6 +327,7 @@ def _find_power_of_two(n: int) -> int:
 
 def name_host_modulus(draw: TumourDraw, number: int) -> str:
     """Return the name in ``ScenePopulation.ranges`` of the modulus of the tissue or layer around a tumour."""
+    # interfaces are depths, so that the number of those above the tumour's centre is the index of its layer
     faces = draw.tissues[draw.tissue[number]].tissue.interfaces
     layer_index = sum(face <= draw.depth[number] for face in faces)
     return "tissue" if layer_index == len(faces) else f"layer_{layer_index}_modulus"

@@ -68,15 +68,29 @@ class Unknowns:
 
     @property
     def contrast(self) -> Floats:
-        """Coefficients of ln contrast, the object's modulus less the host's, shape (n, q)."""
+        """Coefficients of ln contrast = ln E_object - ln E_host in the unknowns: 1, -1 for an unknown host, else 0; (n, q)."""
         hosts = (self.host[:, None] == np.arange(len(self.names))) & (self.host[:, None] > 0)
         return np.asarray(np.eye(len(self.names))[0] - hosts)
 
     def build_derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
-        """Return J of all readings, those of the baseline reading (if any) last, shape (n, m or m + c, q)."""
+        """Return the derivatives J of all readings with respect to the q unknowns.
+
+        Parameters
+        ----------
+        readings
+            Readings over n tumours, m each.
+        blank
+            Whether there is a baseline reading, whose c channels are appended.
+
+        Returns
+        -------
+        Floats
+            J, shape (n, m, q), with a baseline reading (n, m + c, q).
+        """
         columns = []
         for name in self.names:
             baseline = readings.blank_derivatives.get(name, np.zeros_like(readings.blank_error))
+            # the signal is a difference: the baseline is added to obtain the reading over the tumour itself
             derivative = readings.derivatives[name] + readings.repeat_over_positions(baseline)[readings.tissue]
             columns.append(np.concatenate([derivative, baseline[readings.tissue]], axis=1) if blank else derivative)
         return np.stack(columns, axis=-1)
@@ -94,11 +108,15 @@ def compute_contrast_sd(unknowns: Unknowns, J: Floats, noise: LinearGaussian) ->
     noise
         Noise of the m readings.
     """
+    # inf: the object's modulus, which comes first, has no prior
     return noise.add_unknowns(J, np.array([np.inf, *unknowns.deviations[1:]])).compute_posterior_sd(unknowns.contrast)
 
 
 def compute_informations(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:
-    """Return ln(prior / posterior standard deviation) of ln contrast, eq. PO.7, shape (n,)."""
+    """Return the information gained: ln(prior / posterior standard deviation) of ln contrast, eq. PO.7, nats, shape (n,).
+
+    The parameters are those of ``compute_contrast_sd``.
+    """
     prior = np.linalg.norm(unknowns.contrast * unknowns.deviations, axis=1)
     posterior = noise.add_unknowns(J, unknowns.deviations).compute_posterior_sd(unknowns.contrast)
     return np.asarray(np.maximum(np.log(prior / posterior), 0.0))
@@ -110,7 +128,15 @@ def is_resolved(deviations: Floats) -> Floats:
 
 
 def is_undecided(deviations: Floats, fraction: Floats) -> Floats:
-    """Return 1 for tumours resolved with derivatives larger by this fraction but not with smaller ones, shape (n,)."""
+    """Return 1 for tumours that are resolved or not depending on the model's error, 0 for the others, shape (n,).
+
+    Parameters
+    ----------
+    deviations
+        Standard deviations of ln contrast, shape (n,).
+    fraction
+        Relative error bound of the derivatives, at most 1: deviations are smaller by it, or larger, at 1 without limit.
+    """
     with np.errstate(divide="ignore"):
         return is_resolved(deviations / (1 + fraction)) - is_resolved(deviations / (1 - fraction))
 

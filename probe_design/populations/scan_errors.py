@@ -60,15 +60,22 @@ def bound_groove_change(scene: Scene, forces: Floats) -> Floats:
     detail = next((item for item in iterate_details(probe) if item.name == "groove"), None)
     if detail is None or probe.groove is None:
         return np.zeros(2)
-    slender = probe.groove.width / (probe.tube_height - probe.groove.depth)
+    # w / t and eta of eq. PO.14
+    width_per_thickness = probe.groove.width / (probe.tube_height - probe.groove.depth)
     stiffest = max(item.youngs_modulus for item in (scene.tissue, *scene.tissue.layer))
-    give = stiffest / probe.outer.youngs_modulus * (5 / 32 * slender**3 + 0.45 * slender)
-    lost = min(detail.lost_share, GROOVE_FLOOR_FACTOR * probe.groove_footprint / probe.outer_area * give / (1 + give))
-    return np.asarray(np.abs(forces @ detail.compliance @ totals / totals) + lost)
+    deflection_ratio = stiffest / probe.outer.youngs_modulus * (5 / 32 * width_per_thickness**3 + 0.45 * width_per_thickness)
+    lost_fraction = min(
+        detail.lost_share,
+        GROOVE_FLOOR_FACTOR * probe.groove_footprint / probe.outer_area * deflection_ratio / (1 + deflection_ratio),
+    )
+    return np.asarray(np.abs(forces @ detail.compliance @ totals / totals) + lost_fraction)
 
 
 def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
-    """Return the groove's part of the error bounds of the base states' totals, N/m, shape (2,)."""
+    """Return the groove's part of the error bounds of both films' forces in the base states, N/m, shape (2,).
+
+    The base states are the two solutions in which one block's base is displaced by one unit and the other held.
+    """
     return np.asarray(
         sum(
             (detail.compute_bound(forces).totals for detail in iterate_details(scene.probe) if detail.name == "groove"),
@@ -78,7 +85,15 @@ def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
 
 
 def bound_film_errors(base: Undisturbed, readings: Readings) -> dict[str, Floats]:
-    """Return the bound of eq. PO.12 for both films, by cause except the load, shape (u, 2) each."""
+    """Return the bound of eq. PO.12 for both films at u readings, by cause except the load, shape (u, 2) each.
+
+    Parameters
+    ----------
+    base
+        The probe on the tissue without tumours.
+    readings
+        Readings over the tumours.
+    """
     films, totals = base.films, np.abs(readings.totals)
     effect = np.abs(readings.totals - films.totals) / totals
     base_errors = np.maximum(films.bound.totals - _bound_groove_total(base.scene, films.forces), 0.0) / np.abs(films.totals)
@@ -88,5 +103,6 @@ def bound_film_errors(base: Undisturbed, readings: Readings) -> dict[str, Floats
         GROOVE_CAUSE: GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, films.forces) * effect,
     }
     total_error = np.asarray(sum(parts.values()))
-    stretched = -np.log1p(-np.minimum(total_error, MAX_RELATIVE_ERROR)) / np.maximum(total_error, 1e-300)
-    return {cause: part * stretched for cause, part in parts.items()}
+    # -ln(1 - sum) over the sum: distributes the logarithm of eq. PO.12 over the causes in proportion
+    logarithm_factor = -np.log1p(-np.minimum(total_error, MAX_RELATIVE_ERROR)) / np.maximum(total_error, 1e-300)
+    return {cause: part * logarithm_factor for cause, part in parts.items()}

@@ -50,7 +50,7 @@ class ScanReadings:
     Attributes
     ----------
     signal
-        eq. PO.1 with the tumour less that without, shape (n, m).
+        Readings of eq. PO.1 with the tumour less those without, shape (n, m).
     errors
         Error bounds of the signal by cause, see ``scan_errors.ERROR_CAUSES``, shape (n, m); may be empty.
     tissue
@@ -93,11 +93,14 @@ class ScanReadings:
         return np.asarray(sum(self.errors.values(), np.zeros_like(self.signal)))
 
     def list_columns(self, positions: Ints, channels: Sequence[int]) -> Ints:
-        """Return the indices among the m readings of some channels at some positions, by number."""
+        """Return the indices, among the m readings, of some channels at some positions, both given by their numbers.
+
+        The readings are ordered by channel, then by position.
+        """
         return np.asarray((np.asarray(channels)[:, None] * self.positions + positions).ravel())
 
     def select(self, positions: Ints, channels: Sequence[int]) -> ScanReadings:
-        """Return the readings of some channels at some positions, by number, shape (p,)."""
+        """Return the readings of some channels at some positions only, both given by their numbers."""
         columns, chosen = self.list_columns(positions, channels), list(channels)
         return replace(
             self,
@@ -153,7 +156,8 @@ class Columns:
     def compute_totals(self, stepped: str = "") -> Any:
         """Return the forces on both films per unit indentation, N/m, shape (*index.shape, 2).
 
-        With the name of a range of ``ScenePopulation.ranges``, they have a complex step of its logarithm, or of x itself.
+        With ``stepped``, the name of a range of ``ScenePopulation.ranges``, they are complex: the imaginary part over
+        ``COMPLEX_STEP_RELATIVE`` is the derivative by the logarithm of that number, or by x itself. "" takes no step.
         """
         with np.errstate(all="ignore"):  # the caller refuses values that are not finite
             parts = [
@@ -164,7 +168,16 @@ class Columns:
 
 
 def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...] = ()) -> ScanReadings:
-    """Return readings over a population, and their derivatives by the names of ``ScenePopulation.ranges``.
+    """Return readings over a population, and their derivatives.
+
+    Parameters
+    ----------
+    draw
+        The tumours.
+    protocol
+        The readings.
+    names
+        Names of ``ScenePopulation.ranges`` with respect to which derivatives are computed.
 
     Raises
     ------
@@ -179,6 +192,7 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
     tumours, tissues = _build_tumour_columns(draw, offset), _build_tissue_columns(draw.tissues)
 
     def repeat_over_positions(values: Floats) -> Floats:
+        """Repeat numbers of each tissue and channel, shape (t, c), for all readings of each tumour, shape (n, m)."""
         return np.repeat(values, len(protocol.positions), axis=1)[draw.tissue]
 
     totals, blank = tumours.compute_totals(), tissues.compute_totals()
@@ -190,7 +204,7 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
     derivatives, blank_derivatives = {}, {}
     for name in names:
         reading_derivatives = compute_logarithms(tumours.compute_totals(name), protocol.stiffness).imag / COMPLEX_STEP_RELATIVE
-        if name == "x":  # the complex step is one of the offset
+        if name == "x":  # the complex step is one of the lateral offset: chain rule, with 0 in place of 0 / 0 on the axis
             reading_derivatives = reading_derivatives * np.tile(x_distance / np.maximum(offset, 1e-300), (1, protocol.channels))
         elif not is_of_tumour(name):
             blank_slopes = compute_logarithms(tissues.compute_totals(name)[:, None], protocol.stiffness).imag
@@ -205,7 +219,9 @@ def _build_tumour_columns(draw: TumourDraw, offset: Floats) -> Columns:
     """Return the columns of tumours at lateral offsets from the probe, shape (n, p); each distinct offset is one column."""
     grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
     for number in range(len(draw)):
+        # of the tumour's farthest position, where the closed form needs most nodes
         shape, values = build_parameters(_build_tumour_scene(draw, number, float(offset[number].max())), merged=False)
+        # nodes are rounded up to a multiple of NODE_ROUNDING
         grouped[replace(shape, nodes=-(-shape.nodes // NODE_ROUNDING) * NODE_ROUNDING)].append((number, values))
     groups, index, count = [], np.empty(offset.shape, dtype=int), 0
     for shape, members in grouped.items():
@@ -232,17 +248,28 @@ def _build_tumour_scene(draw: TumourDraw, number: int, offset: float) -> Scene:
 
 
 def _build_tissue_columns(tissues: tuple[Scene, ...]) -> Columns:
-    """Return the columns of tissues without tumours."""
+    """Return the columns of tissues without tumours, one for each tissue."""
     grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
     for number, scene in enumerate(tissues):
         shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}), merged=False)
         grouped[shape].append((number, values))
     groups = tuple((shape, np.stack([values for _, values in members], axis=1)) for shape, members in grouped.items())
+    # argsort inverts the order in which grouping has put the tissues
     return Columns(groups, np.argsort([number for members in grouped.values() for number, _ in members]))
 
 
 def _add_complex_step(shape: Shape, values: Floats, name: str) -> Any:
-    """Return the columns with a complex step of the logarithm of a parameter; for x, of the offset itself."""
+    """Return the columns with a complex step of the logarithm of a parameter; for x, of the lateral offset itself.
+
+    Parameters
+    ----------
+    shape
+        Structure of the columns.
+    values
+        Parameters of k columns, shape (parameters, k).
+    name
+        Name of the parameter in ``ScenePopulation.ranges``.
+    """
     if name in SPHERE_PARAMETER_NAMES:
         row = FIRST_SPHERE_ROW + SPHERE_PARAMETERS.index(SPHERE_PARAMETER_NAMES[name])
     elif name == "tissue":

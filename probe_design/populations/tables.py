@@ -34,6 +34,7 @@ Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=MAX_NOISE, allow_inf_na
 
 
 def _describe_relative(what: str) -> str:
+    """Return the description of a key with a relative noise of the given kind."""
     return f"{what}: a number from 0 to {MAX_NOISE:g} or a percentage, relative, one standard deviation"
 
 
@@ -91,7 +92,10 @@ class PopulationRanges(Frozen):
 
 
 def _expand_positions(entry: object, units_required: bool) -> Any:
-    """Expand ``[from, to, number]`` to a list of positions."""
+    """Expand an entry ``[from, to, number]`` to a list of positions as texts; return any other entry unchanged.
+
+    A whole number as the third of three entries is the number of positions, as a position would be a text with its unit.
+    """
     if not isinstance(entry, Sequence) or isinstance(entry, str) or len(entry) != 3:
         return entry
     low, high, number = entry
@@ -130,6 +134,7 @@ class Protocol(Frozen):
     @field_validator("positions", mode="before")
     @classmethod
     def _expand_positions(cls, entry: object, info: ValidationInfo) -> Any:
+        """Expand ``[from, to, number]``, see the function of this name, before pydantic checks the positions."""
         return _expand_positions(entry, bool(info.context and info.context.get("units_required")))
 
     @property
@@ -273,6 +278,7 @@ class Objective(Frozen):
 
     @model_validator(mode="after")
     def _refuse_quantile_of_fraction(self) -> Self:
+        """Refuse a quantile of "resolved", which is 0 or 1 for each tumour."""
         if self.maximise == "resolved" and self.statistic != "mean":
             raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a fraction of the tumours")
         return self
@@ -305,6 +311,7 @@ class Objective(Frozen):
             return 0.0
         if self.statistic == "mean":
             return float(np.std(values, ddof=1) / math.sqrt(n))
+        # of the fraction of values below a quantile: half the difference of the quantiles at both ends is the error
         spread = math.sqrt(self.statistic * (1 - self.statistic) / n)
         ends = np.quantile(values, np.clip([self.statistic - spread, self.statistic + spread], 0, 1))
         return float(np.ptp(ends) / 2)

@@ -55,6 +55,7 @@ def _format_keys(model: type[BaseModel]) -> Iterator[str]:
         if default in ([], {}, None) and field.examples:
             yield f"# {key} = {format_toml(field.examples[0])}   # {field.description}"
         elif default != []:
+            # the default positions are a long list: the example [from, to, number] expands to the same
             value = field.examples[0] if key == "positions" and field.examples else default
             yield f"{key} = {format_toml(value)}   # {field.description}"
 
@@ -69,4 +70,5 @@ def format_toml(value: object) -> str:
 
 
 def _read_first_sentence(model: type[BaseModel]) -> str:
+    """Return the first paragraph of a table's docstring as one line without its full stop."""
     return " ".join((model.__doc__ or "").split("\n\n")[0].split()).rstrip(".")

@@ -28,7 +28,10 @@ Mesh = tuple[Floats, Ints]
 
 
 def build_bodies(scene: Scene) -> tuple[dict[str, object], ...]:
-    """Build the bodies of a ``page.TurningView``; inclusions with a surface file are left out."""
+    """Build the bodies of a ``page.TurningView`` in mm: the parts of the probe where the scene places it, and the inclusions.
+
+    Inclusions with a surface file are left out.
+    """
     placement, rotation = scene.placement, _build_rotation(scene.placement.tilt)
     shift = np.array([placement.x, placement.y, 0.0])
     meshes = [(name, mesh[0] @ rotation.T + shift, mesh[1]) for name, mesh in iterate_probe_meshes(scene.probe)]
@@ -52,6 +55,7 @@ def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
     depth = 0.0 if groove is None else groove.depth
     sizes = base_sizes(probe)
     flange = top + sizes.step_height
+    # radii and heights of each ring, and the angle at which it begins: rings at the groove's depth begin at its side
     for name, inner, outer, low, high, begin in (
         ("inner", 0.0, r, 0.0, core, 0.0),
         ("outer", hole, outer_radius, 0.0, tube - depth, 0.0),
@@ -73,15 +77,15 @@ def build_ring(inner: float, outer: float, low: float, high: float, *, begin: fl
     Parameters
     ----------
     inner
-        Radius, m; 0 for a full disc.
+        Inner radius, m; 0 for a full disc.
     outer
-        Radius, m.
+        Outer radius, m.
     low
         Lower z, m.
     high
         Upper z, m.
     begin
-        First angle, rad, from x towards y; the last leaves out a quarter of the turn.
+        First angle, rad, from x towards y; the last is ``END_ANGLE_RAD``, which leaves out a quarter of the turn.
 
     Returns
     -------
@@ -94,6 +98,7 @@ def build_ring(inner: float, outer: float, low: float, high: float, *, begin: fl
     places = np.concatenate(
         [profile[None, :, :1] * directions[:, None], np.broadcast_to(profile[:, 1:], (len(angles), 4, 1))], axis=2
     )
+    # four vertices at each angle: a and b at one angle, d and c beside them at the next
     first = 4 * np.arange(len(angles) - 1)[:, None]
     k, following = np.arange(4), (np.arange(4) + 1) % 4
     a, b, c, d = first + k, first + following, first + 4 + following, first + 4 + k
@@ -104,7 +109,7 @@ def build_ring(inner: float, outer: float, low: float, high: float, *, begin: fl
 
 
 def build_sphere() -> Mesh:
-    """Build a sphere of radius 1."""
+    """Build a sphere of radius 1 about the origin, with vertices on a grid of polar angle and azimuth."""
     count = round(math.pi / MAX_ANGLE_STEP_RAD / 2)
     polar, azimuth = np.meshgrid(np.linspace(0, math.pi, count + 1), np.linspace(0, 2 * math.pi, 2 * count + 1), indexing="ij")
     places = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1).reshape(-1, 3)

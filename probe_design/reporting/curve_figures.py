@@ -11,7 +11,10 @@ from solver.results.result import Curve, LoadCurve
 
 
 def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
-    """Draw a curve with its error band, and mark the moduli of the scene's own inclusion and tissue, Pa."""
+    """Draw ratio, with its error band, and log-sensitivity over the inclusion's modulus; return the figure.
+
+    The moduli of the scene's own inclusion and of its tissue, Pa, are marked if they are given and within the curve.
+    """
     figure = Figure(figsize=(8.0, 7.0), dpi=150, facecolor="white", layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     modulus = np.array(curve.youngs_modulus)

@@ -25,11 +25,12 @@ COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the th
 
 
 def draw_detectability(maps: Detectability, scene: Scene) -> Figure:
-    """Draw both maps; return the figure."""
+    """Draw the map of the ratio's change and that of the standard deviation of ln E_object, side by side; return the figure."""
     figure = Figure(figsize=(11.0, 5.6), dpi=130, facecolor="white", layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     change, deviation = np.array(maps.change, dtype=float) * 100, np.array(maps.standard_deviation, dtype=float)
     threshold, max_deviation = maps.seen_threshold * 100, maps.resolved_threshold
+    # the colours reach at least three times the threshold, even if no tumour changes the ratio so much
     max_change = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
     norms = (
         SymLogNorm(threshold / 3, vmin=-max_change, vmax=max_change),
@@ -72,7 +73,7 @@ def _compute_offset(scene: Scene) -> float:
 
 
 def _draw_map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: Any, colours: str, label: str) -> None:
-    """Draw values at all depths and diameters in colours, with their scale."""
+    """Draw values at all depths and diameters in colours, grey where none, with their scale labelled ``label``."""
     axes.set_facecolor("0.85")
     palette = colormaps[colours].copy()
     image = axes.pcolormesh(
@@ -83,13 +84,13 @@ def _draw_map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, no
 
 
 def _draw_contour(axes: Axes, maps: Detectability, values: Floats, limit: float) -> None:
-    """Draw the line on which values equal the limit."""
-    inside = np.log(np.maximum(values, 1e-300) / limit)
-    if np.any(inside < 0) and np.any(inside > 0):
+    """Draw the line on which values equal the limit, interpolated in their logarithm; none if all are on one side."""
+    log_ratio_to_limit = np.log(np.maximum(values, 1e-300) / limit)
+    if np.any(log_ratio_to_limit < 0) and np.any(log_ratio_to_limit > 0):
         axes.contour(
             _convert_to_mm(maps.diameter),
             _convert_to_mm(maps.depth),
-            np.ma.masked_invalid(inside),
+            np.ma.masked_invalid(log_ratio_to_limit),
             levels=[0.0],
             colors="black",
             linewidths=1.6,
@@ -97,7 +98,10 @@ def _draw_contour(axes: Axes, maps: Detectability, values: Floats, limit: float)
 
 
 def _hatch_open_verdicts(axes: Axes, maps: Detectability, verdicts: Any) -> None:
-    """Hatch the cells where the error bound leaves the verdict open, or is above the change."""
+    """Hatch the cells where the error bound leaves the verdict open, or is above the change.
+
+    ``verdicts`` are whether tumours are detected, or resolved, at each depth (rows) and diameter: true, false, or None for open.
+    """
     fits = np.isfinite(np.array(maps.change, dtype=float))
     hidden = fits & (np.isnan(np.array(verdicts, dtype=float)) | (np.array(maps.above_error, dtype=float) == 0))
     x, y = (_compute_edges(_convert_to_mm(values)) for values in (maps.diameter, maps.depth))
@@ -108,7 +112,7 @@ def _hatch_open_verdicts(axes: Axes, maps: Detectability, verdicts: Any) -> None
 
 
 def _compute_edges(centres: Floats) -> Floats:
-    """Return the edges of cells around evenly spaced centres."""
+    """Return the n + 1 edges of cells around n evenly spaced centres."""
     middles = (centres[1:] + centres[:-1]) / 2
     return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
 

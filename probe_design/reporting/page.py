@@ -121,11 +121,11 @@ def build_page(title: str, headline: str, sections: Sequence[Chapter], answer: J
     Parameters
     ----------
     title
-        Of the page.
+        Title of the page.
     headline
         The result in a sentence.
     sections
-        In their order.
+        Chapters of the page, in their order.
     answer
         The JSON object that the command prints, with its ``provenance``, which is the last table of the page.
     is_positive
@@ -144,7 +144,7 @@ def build_page(title: str, headline: str, sections: Sequence[Chapter], answer: J
 
 
 def _build_provenance_table(block: JsonObject) -> Table:
-    """Build the table of provenance."""
+    """Build the table of provenance from its JSON object: command, versions, input files and so on, without empty entries."""
     entries = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
     entries["command"] = None if command is None else shlex.join(["probe-design", *command])

@@ -61,7 +61,10 @@ def draw_scan(scan: Scan, scene: Scene) -> Figure:
 
 
 def _choose_window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
-    """Return lower and upper end of the picture along the line, and its depth, mm."""
+    """Return lower and upper end of the picture along the line of the scan, and its depth, mm.
+
+    It shows the probe at all positions and the inclusions below them; the margins are some per cent of their sizes.
+    """
     reach = scene.probe.tube_radius
     low, high = min(scan.position) - 1.15 * reach, max(scan.position) + 1.15 * reach
     bodies = [body for body in scene.inclusion if low - _get_radius(body) < getattr(body, scan.along) < high + _get_radius(body)]
@@ -146,7 +149,7 @@ def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
         axes.add_patch(
             Circle(centre, radius * MM_PER_M, facecolor="none", linestyle="-" if lateral_offset == 0 else "--", **edge)
         )
-        if lateral_offset < radius:
+        if lateral_offset < radius:  # the line crosses the sphere: its section is a smaller circle
             cut = math.sqrt(radius**2 - lateral_offset**2) * MM_PER_M
             axes.add_patch(Circle(centre, cut, facecolor=colour, alpha=0.55, edgecolor="none"))
         _write_label(axes, centre, radius * MM_PER_M, _describe_body(body, lateral_offset, is_target), colour)
@@ -157,7 +160,7 @@ def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
 
 
 def _write_label(axes: Axes, centre: tuple[float, float], radius: float, text: str, colour: str) -> None:
-    """Write a text below an inclusion."""
+    """Write a text below an inclusion with its centre and radius in mm."""
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8}
     axes.annotate(
         text, (centre[0], centre[1] - radius), xytext=(0, -3), textcoords="offset points", ha="center", va="top", fontsize=8,
@@ -175,7 +178,7 @@ def _describe_body(body: Inclusion, lateral_offset: float, is_target: bool) -> s
 
 
 def _find_sides(scan: Scan, scene: Scene, far_side: float) -> tuple[float, float]:
-    """Return the coordinates along the line at which it leaves the tissue, mm."""
+    """Return the coordinates along the line at which it leaves the tissue, mm; ± ``far_side`` in a half-space."""
     tissue = scene.tissue
     if tissue.shape == "cylinder":
         half = math.sqrt(tissue.radius**2 - scan.at**2) * MM_PER_M

@@ -96,7 +96,7 @@ def _build_plan(scene: Scene) -> Iterator[Part]:
 
 
 def _build_loads(scene: Scene) -> Iterator[Part]:
-    """Build the table of load limits."""
+    """Build the table of the scene's load and of the loads that limits allow."""
     rows = [
         (item.question, format_maximum(item.force, 3), format_maximum(1e3 * item.indentation, 3), item.by, item.basis_text)
         for item in plan(scene, NUMBER_ACCURACY).load_limits.available_limits
@@ -122,7 +122,7 @@ def _build_curve(scene: Scene) -> Iterator[Part]:
 
 
 def _build_map(scene: Scene, noise: float) -> Iterator[Part]:
-    """Draw maps of detection and stiffness over diameter and depth."""
+    """Draw maps of tumours detected and of tumours whose stiffness is resolved over diameter and depth, with their warnings."""
     depths, diameters = choose_sizes(scene, MAP_POINTS)
     tumour_map = detectability(scene, depths, diameters, Thresholds(noise), accuracy=DRAWING_ACCURACY, linear=True)
     caption = "maps over diameter and depth: change of the ratio, standard deviation of ln E_object"
@@ -132,7 +132,7 @@ def _build_map(scene: Scene, noise: float) -> Iterator[Part]:
 
 
 def _build_sensitivities(scene: Scene) -> Iterator[Part]:
-    """Build the table of sensitivities."""
+    """Build the table of the changes of ratio, stiffness and log-sensitivity by 1 % more of each number of the scene."""
     derivatives = _compute_gradients(scene)
     rows = tuple(_build_sensitivity_row(scene, derivatives, k) for k in range(len(derivatives.variables)))
     yield Text("Change of ratio and stiffness in per cent, and of the log-sensitivity, for an increase of each number by 1 %.")
@@ -158,6 +158,7 @@ def _build_sensitivity_row(scene: Scene, derivatives: Gradients, k: int) -> tupl
     """Build the row of number ``k`` in the table of sensitivities."""
     name = derivatives.variables[k]
     size = list_values(scene)[name]
+    # for 1 % more: ratio and stiffness change by derivative * size / value in per cent, the log-sensitivity by itself
     changes = (
         derivatives.derivatives[output][0, k] * size / (100 if output == "log_sensitivity" else derivatives.values[output][0])
         for output in ("ratio", "stiffness", "log_sensitivity")
@@ -166,9 +167,11 @@ def _build_sensitivity_row(scene: Scene, derivatives: Gradients, k: int) -> tupl
 
 
 def _build_stresses(scene: Scene) -> Iterator[Part]:
-    """Draw the vertical pressure in the meridian plane."""
-    upright = scene.model_copy(update={"inclusion": ()}) if Axisymmetric().refusal(scene) is not None else scene
-    states = Axisymmetric().compute_converged(upright, NUMBER_ACCURACY).sample.states
-    yield Picture.from_figure(draw_stress_figure(states, upright), "vertical pressure in the meridian plane under the load")
-    if upright is not scene:
+    """Draw the vertical pressure in the meridian plane, without the tumours if these are not on the probe's axis."""
+    axisymmetric_scene = scene.model_copy(update={"inclusion": ()}) if Axisymmetric().refusal(scene) is not None else scene
+    states = Axisymmetric().compute_converged(axisymmetric_scene, NUMBER_ACCURACY).sample.states
+    yield Picture.from_figure(
+        draw_stress_figure(states, axisymmetric_scene), "vertical pressure in the meridian plane under the load"
+    )
+    if axisymmetric_scene is not scene:
         yield Text("Without the tumours, which are off the probe's axis.")

@@ -23,6 +23,7 @@ def compute_pressures(states: BaseStates, scene: Scene) -> Floats:
     Its average over a block is the block's film stress, as every section of a block carries the force on its film.
     """
     model, total = states.model, float(states.forces.sum())
+    # n elements with s shape functions each
     n, s = len(model.mesh.body), len(model.shapes.degrees)
     displacements = states.values.sum(axis=2).reshape(n, 2, s, 1)  # both blocks lowered by 1 m
     (rr, _, _, zz), hoop_strain = compute_gradients(model.geometry, model.shapes, displacements)
@@ -33,7 +34,10 @@ def compute_pressures(states: BaseStates, scene: Scene) -> Floats:
 
 
 def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
-    """Draw the pressures within three outer radii of the axis."""
+    """Draw the vertical pressures within three outer radii of the axis; return the figure.
+
+    The colours reach the 98 % quantile of the pressures shown, as those at the edges of the blocks are singular.
+    """
     model, pressure = states.model, compute_pressures(states, scene)
     corners = MM_PER_M * np.asarray(compute_nodes(model.section, model.mesh, ELEMENT_CORNERS))  # (n, 4, 2)
     radius = 3 * MM_PER_M * scene.probe.tube_radius

@@ -22,13 +22,13 @@ class Table:
     Attributes
     ----------
     headings
-        Of the columns.
+        Headings of the columns.
     rows
         Cells, as many in each row as there are headings.
     title
-        Stands above the table on a terminal.
+        Title above the table on a terminal.
     caption
-        Stands below it on a terminal.
+        Caption below the table on a terminal.
     left
         The columns that are aligned left; the others, which contain numbers, are aligned right.
     """
@@ -49,15 +49,16 @@ class Table:
         Parameters
         ----------
         title
-            Of the table.
+            Title of the table.
         columns
             Values by heading, each with the number of significant digits.
         max_rows
-            The largest number of rows.
+            Maximum number of rows.
         keep_last
-            Whether the last row is kept, and not the first.
+            Whether thinning starts from the last row, which is then kept in place of the first.
         """
         rows = list(zip(*(values for values, _ in columns.values()), strict=True))
+        # -(-a // b): a / b rounded up
         step = max(-(-len(rows) // max_rows), 1)
         shown = rows[::-1][::step][::-1] if keep_last else rows[::step]
         digits = [count for _, count in columns.values()]
@@ -95,7 +96,7 @@ class Table:
 
 
 def format_unit(name: str) -> str:
-    """Return the SI unit of a field of results; nothing for a pure number."""
+    """Return the SI unit of a field of results; an empty text for a pure number, whose unit is "1", and for unknown names."""
     return SI_UNITS.get(name, "").replace("1", "")
 
 
