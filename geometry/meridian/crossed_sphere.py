@@ -246,7 +246,8 @@ def _expand_radii(values: Numeric, lines: Ints, kind: Numeric) -> Numeric:
 def _place_cap(cap: Cap, radii: Numeric, heights: Numeric, radius: Numeric) -> tuple[Numeric, Numeric]:
     """Return where the columns at one pole stand: the angles at which they meet the sphere, and their radii on the terrain.
 
-    A column at which an interface begins stands where that interface meets the sphere; those between are moved in proportion.
+    The terrain is the sphere's cap and, outside it, the interfaces that begin on the cap. A column at which an interface begins
+    stands where that interface meets the sphere; those between are moved in proportion.
     Angles, above the horizontal, are 0 for columns beyond the last interface's beginning, which do not meet the sphere.
 
     Parameters

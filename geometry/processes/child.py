@@ -40,6 +40,7 @@ class Died(Failure):
     """The process ended before its result, with an exit code and, where it was kept, a last line of standard error."""
 
     def __init__(self, exit_code: int, last_line: str) -> None:
+        # negative codes are signals; others are hexadecimal, as Windows states them
         names = {-known: known.name for known in signal.Signals}
         how = (
             f"was ended by {names.get(exit_code, f'signal {-exit_code}')}" if exit_code < 0 else f"ended with code {exit_code:#x}"
@@ -123,8 +124,10 @@ class Child:
 
         Raises
         ------
-        Died, TooLong
+        Died
             The process has ended.
+        TooLong
+            It was ended at its time limit.
         """
         assert self._process.stdin is not None
         try:

@@ -337,12 +337,11 @@ def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...
         return math.sqrt(low * high), math.log(high / low) / 2, explanation
     if "tolerance" in entry:
         return low, entry["tolerance"]["value"], entry["tolerance"]["source"]
-    # the smallest and the largest gap: the first of the sorted ones, and the last by a step of their number less 1
-    ends = " to ".join(
-        f"{math.exp(abs(gap)):.2g}" for gap in sorted(_compute_method_gaps(), key=abs)[:: len(_compute_method_gaps()) - 1]
-    )
+    gaps = sorted(map(abs, _compute_method_gaps()))
+    ends = " to ".join(f"{math.exp(gap):.2g}" for gap in (gaps[0], gaps[-1]))
     explanation = f"one method only; products that were pulled and compressed differ by a factor of {ends}"
-    return low, math.sqrt(sum(gap**2 for gap in _compute_method_gaps()) / (2 * len(_compute_method_gaps()))), explanation
+    # a gap is the difference of two methods, with twice the variance of one
+    return low, math.sqrt(sum(gap**2 for gap in gaps) / (2 * len(gaps))), explanation
 
 
 @cache

@@ -215,8 +215,10 @@ def find_body_faces(
     if not layout.interfaces:
         return faces, chosen
     layer_faces, upper_layer, lower_layer = find_interfaces(cells, np.where(body >= 0, layer, AIR_LABEL))
+    # a face with a corner on the tissue's surface, z = 0, is none between layers
     layer_faces = layer_faces[(upper_layer >= 0) & (lower_layer >= 0) & (points[layer_faces, 2].max(axis=1) < 0)]
     first = len(surfaces) - len(layout.interfaces)  # the planes between layers are the last surfaces
+    # interfaces are depths, positive downwards: the plane at z = -depth that is nearest to the face's middle
     planes = first + np.abs(points[layer_faces, 2].mean(axis=1)[:, None] + np.array(layout.interfaces)).argmin(axis=1)
     return np.vstack([faces, layer_faces]), np.concatenate([chosen, planes])
 

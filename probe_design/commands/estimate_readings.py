@@ -163,7 +163,7 @@ def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: li
 
 
 def join_reading_texts(texts: tuple[str, ...], other_files: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the texts of all readings: those of --reading, and the further files that follow the last of these options.
+    """Return the readings of a command line: the values of --reading (a file's name and its place), then further files.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class ReadRequest(SourceRequest):
         from probe_design.terminal.live import compute_live_window, show_live
 
         setup, length = HardwareSetup.from_files(self.scene, self.bench, self.calibration), self.duration
-        (recording,) = list_new_recordings(self, 1)
+        (recording,) = list_new_recordings(self, 1)  # of the only source: a new file's path, or None
         (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, self.accuracy),), 1, sys.stderr.isatty())
         with opener() as reader:  # a missing device or another probe is refused before anything is computed
             serial = read_board_serial(reader.header.source)
@@ -239,9 +239,9 @@ class DoctorRequest(SourceRequest):
             raise SystemExit(1)
 
     def _test_channels(self, setup: HardwareSetup, is_plugged: bool) -> list[Finding]:
-        """Return the findings of a test of a probe's channels; none where no probe is connected.
+        """Return the findings of a test of a probe's channels; none if the default, a probe on USB, is not there.
 
-        ``is_plugged`` states whether a probe was detected on USB.
+        Without a device or a recording the probe is a virtual one. ``is_plugged`` states whether a probe was detected on USB.
         """
         from hw.common.errors import HardwareError, InvalidSource
         from probe_design.commands.hardware_sources import build_openers, list_new_recordings

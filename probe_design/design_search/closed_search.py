@@ -100,8 +100,9 @@ def screen(space: SearchSpace, count: int) -> Floats:
     """Return the designs from which a search starts: admissible designs that fill the space evenly.
 
     For each shell of outer radii (``SHELLS_PER_OCTAVE`` in each doubling) a Sobol sequence of ``count`` designs is spread
-    uniformly over the logarithms of the variables; those within the bounds and constraints are kept. The design at the lower
-    bounds comes first, and the one in the middle of all bounds if the sequences give none; both have the thinnest wall allowed.
+    uniformly over the logarithms of the variables; those within the bounds and constraints are kept. Before them come the design
+    at the lower bounds and, if the sequences give none, the one in the middle of all bounds, as far as they are admissible; both
+    have the thinnest wall allowed. Without free variables the only design is returned as it is.
 
     Returns
     -------

@@ -132,7 +132,7 @@ def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) ->
     bases = tuple(CoarseModel.from_scene(tissue, details=False).base_states for tissue in draw.replace_probe(scene).tissues)
 
     def replace_tumours(tumours: ManyTumours) -> Any:
-        """Return the same tumours with their readings computed by equivalent-inclusion in place of the closed form."""
+        """Return the same draws of tumours, whose readings follow from ``bases``, the base states on each tissue."""
         return InclusionTumours(bases, tumours.draws, draw.tissue, objective.design.protocol.places, scene.placement.y)
 
     moved = {name: (replace_tumours(smaller), replace_tumours(larger)) for name, (smaller, larger) in objective.moved.items()}

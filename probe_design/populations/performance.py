@@ -73,10 +73,10 @@ class ControlSample:
         return ControlSample(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)
 
     def compute_probabilities(self, detector: Detector) -> ControlSample:
-        """Return the probabilities of detection from these signals, of the verified tumours and of the others.
+        """Return the probabilities of detection from these signals, by the closed form, of verified tumours and others.
 
         The verified tumours are scanned under the same draws of noise as in their verification, so that these cancel in the
-        difference; the many others under fewer draws each.
+        difference between both evaluators; the many others, which serve as the control variate, under fewer draws each.
         """
         same = detector.compute_probabilities(self.same_tumours)
         others = detector.compute_probabilities(self.other_tumours, scans=SCANS_PER_CONTROL_TUMOUR)

@@ -139,7 +139,7 @@ def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> floa
 
 
 def list_undetected(deviation: Deviation) -> tuple[str, ...]:
-    """List the variables whose deviation of ``DETECTED_TOLERANCES`` is detected with a probability below ``MIN_POWER``."""
+    """List variables: a change by ``DETECTED_TOLERANCES`` tolerances is detected with a probability below ``MIN_POWER``."""
     return tuple(name for name in _list_movable(deviation) if compute_power(deviation, {name: DETECTED_TOLERANCES}) < MIN_POWER)
 
 

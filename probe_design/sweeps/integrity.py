@@ -44,7 +44,7 @@ def seal_row(*values: Any) -> StoredRow:
 
 
 def seal_result(key: bytes, row: Row) -> StoredRow:
-    """Return a result as a sealed row. Numbers become floats without -0.0, as SQLite returns them."""
+    """Return a result with its design's key and a checksum; numbers are floats without -0.0, as SQLite returns them."""
     numbers = {name: float(row[name]) + 0.0 for name in COLUMN_UNITS if row[name] is not None}
     return seal_row(key, *(numbers.get(name, row[name]) for name in ROW_COLUMNS))
 

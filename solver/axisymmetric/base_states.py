@@ -198,7 +198,8 @@ def solve_base_states(model: MeridianModel) -> BaseStates:
     """Solve both base states: a unit displacement of the inner block's base with the outer one fixed, then the reverse.
 
     The film forces F_ij are the energy products u_i^T K u_j of these two states, shape (2, 2). A direct solution usually
-    suffices; otherwise it is repeated with one step of iterative refinement.
+    suffices; otherwise it is repeated with one step of iterative refinement. ``lift`` prescribes the displacements of the bases;
+    ``values`` are the elements' displacements on corners and edges, ``shift`` their rigid shifts, ``unbalanced`` is K u - f.
 
     Raises
     ------

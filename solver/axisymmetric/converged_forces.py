@@ -52,15 +52,15 @@ class Converged:
 def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
     """Return film forces on the first mesh that meets ``accuracy``, or on the finest.
 
-    First the effects of all features beyond blocks and tissue are bounded with a solution on the coarsest mesh. Films and base
-    that matter are then modelled; the effects of the others are added to the error bounds.
+    First the effects of all features beyond blocks and tissue are bounded with a solution on the coarsest mesh. If films or base
+    matter, both are modelled; the effects of all other features are added to the error bounds.
 
     Parameters
     ----------
     scene
         Of a kind that ``axisymmetric`` takes.
     accuracy
-        Relative, of the ratio, the stresses and the stiffness.
+        Relative, of the stresses, their ratio and the stiffness.
     moduli
         Young's moduli of the inclusion, Pa, shape (k,); None for its own.
 
@@ -69,7 +69,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
     SolveError
         The scene's equations cannot be solved in double precision.
     LimitReached
-        Not even the meshes that an error bound needs are within the limits of memory and time.
+        Even the coarsest meshes that give an error bound exceed the limits of memory or time.
     """
     get_workspace().begin()
     bare_sections = build_sections(scene)

@@ -141,9 +141,11 @@ def compute_surface_values(ell: Ints, nu: complex, side: Side) -> Values:
 def _match_pairs(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
     """Return S, inside and dS of the pairs of spheroidal modes, from their surface values (l, 4, 2) on each side.
 
+    S are the outgoing amplitudes per unit incident one, ``inside`` the sphere's own, dS the derivative of S by ln ratio.
+
     With U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
-    (D U_in - ratio t_in) inside = D U_reg - t_reg (IN.13). Both terms on the left have one sign as forms: no contrast makes
-    them cancel. Then U_out S = U_in inside - U_reg, and dS, the derivative of S with respect to ln ratio, follows from these two.
+    (D U_in - ratio t_in) inside = D U_reg - t_reg (IN.13). Both terms on the left are quadratic forms of the same sign: no
+    contrast makes them cancel. Then U_out S = U_in inside - U_reg, and dS follows from these two equations.
     ``ratio`` is the shear modulus of the sphere over that of the matrix. Indices in, reg and out are for the sphere's own modes
     (``inner``), the incident regular ones and the outgoing ones.
     """

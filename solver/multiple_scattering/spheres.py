@@ -143,12 +143,13 @@ def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, sphe
 
 
 def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
-    """Estimate which fraction of each sphere's images lies in degrees above the largest degree l of its modes, shape (t,).
+    """Estimate which fraction of the work of each sphere's images lies in degrees above the largest degree l of its modes, (t,).
 
     Images are the parts of the sphere's field that surface, floor and interfaces (walls) reflect back to it. For a sphere of
     radius R at a gap d from a wall the fraction is at most (1 + 2 d / R)^(-2 l). If they almost touch, that is close to 1 for any
-    l, and another bound is lower. The field is reflected between sphere and wall again and again: after the k-th time a fraction
-    q^k of it is left, of which the part in degree l is (k / (k + 1))^l. Works are squares of fields, so that the bound is
+    l, and another bound is lower. The field is reflected between sphere and wall again and again. After the k-th time a fraction
+    q^k of it is left; its source then lies at k / (k + 1) of the radius, so that its part in degree l is (k / (k + 1))^l. Works
+    are squares of fields, so that the bound is
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 

@@ -31,7 +31,7 @@ def find_refusal(scene: Scene, kinds: tuple[Kind, ...]) -> str | None:
 
 
 def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
-    """Yield the kinds to which a scene belongs, each with the evaluator that takes it."""
+    """Yield the kinds to which a scene belongs, each with the words of a refusal: the evaluator for it, and "for" what."""
     if scene.contact.interface == "unilateral":
         yield "contact", "contact for contact.interface = 'unilateral'"
     if scene.contact.edge_radius > 0:

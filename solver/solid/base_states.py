@@ -97,7 +97,7 @@ class FactorisedStates(SolidStates):
 
     @property
     def bare_states(self) -> SolidStates:
-        """The states without the factor, which takes most of their memory."""
+        """The states alone, without the factorised stiffness matrix, which takes most of their memory."""
         return SolidStates(self.problem, self.v, self.energies)
 
 

@@ -167,7 +167,7 @@ def test_mains_show_a_wrong_sample_rate(true: float) -> None:
     t = np.arange(5000) / true
     wave = np.cos(2 * np.pi * LOAD * t)[:, None] * TRUE + 4e-4 * np.cos(2 * np.pi * 50.01 * t)[:, None]
     measurement = measure_volts(wave + 1e-5 * np.random.default_rng(2).standard_normal((5000, 3)))
-    assert any("the sample rate may be off" in warning for warning in measurement.warnings)
+    assert any("the sample rate may be in error" in warning for warning in measurement.warnings)
 
 
 def test_anything_not_a_number_is_refused() -> None:
