@@ -45,7 +45,7 @@ class TestSurvival:
 
     @pytest.mark.slow
     def test_twenty_kills_leave_what_no_kill_leaves(self, tmp_path: Path) -> None:
-        chance, folder, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=3000)  # so many that no kill comes too late
+        chance, folder, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=12000)  # so many that no kill comes too late
         kills, counts = 0, [0]
         begin = "from probe_design.sweeps import batches, run\nbatches.BATCH_TIME_S = 0.02\n"
         for kill in range(20):
@@ -67,7 +67,7 @@ class TestSurvival:
         assert kills == 20
         assert counts[-1] > 30  # they came in the middle of the work
         results = sweep(path, folder, workers=2)
-        assert results.answered < 3000
+        assert results.answered < 12000
         sweep(path, tmp_path / "whole", workers=2)
         assert stored(folder) == stored(tmp_path / "whole")
 
