@@ -16,7 +16,8 @@ Numbers are in SI units. CAD (``geometry.cad.solids``, ``geometry.cad.export``) 
 """
 
 from geometry.common.errors import ExportError, InputError, MissingLibrary, ProbeError, Refusal, SolveError
-from geometry.scenes.probe import Base, Film, Groove, Material, Probe
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Groove, Material, Probe
 from geometry.scenes.scene import (
     BlockTissue,
     Contact,

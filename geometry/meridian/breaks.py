@@ -17,6 +17,7 @@ FOLDS_PER_CELL = 1.8  # e-folds by which cells may grow from one to the next on 
 # columns from each radius to the next: in all, and on either side of a box's edge between them
 MIN_COLUMNS = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
 MIN_COLUMNS |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
+MIN_COLUMNS |= {f"{wall} electrode": MIN_COLUMNS[f"{wall} edge"] for wall in ("inner", "hole", "tube")}
 LEAN_COLUMN_SLACK = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
 SURFACE_ROW_SURPLUS = (
     1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4

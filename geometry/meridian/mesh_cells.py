@@ -24,13 +24,12 @@ def list_cells(layout: MeshTopology) -> Iterator[Cell]:
     """Yield all cells, before those at corners are cut."""
     column = layout.column
     yield from _list_tissue_cells(layout)
-    layers = (None, Body.FILM, Body.ADHESIVE)
     inner, outer = range(column["inner"] + 1), range(column["hole"], column["tube"] + 1)
     blocks = ((Body.INNER, inner, layout.inner), (Body.OUTER, outer, layout.outer))
-    for (block, radii, levels), rows in zip(blocks, layout.blocks, strict=True):
-        ends = [0, *(rows + k * layout.layer for k in range(layout.kind.films + 1))]
-        for body, (first, last) in zip(layers, pairwise(ends), strict=False):
-            yield from _list_grid_cells(body or block, radii, levels[first : last + 1])
+    for (block, radii, levels), rows, stack in zip(blocks, layout.blocks, layout.kind.stacks, strict=True):
+        ends = [0, *(rows + k * layout.layer for k in range(len(stack) + 1))]
+        for body, (first, last) in zip((block, *stack), pairwise(ends), strict=True):
+            yield from _list_grid_cells(body, radii, levels[first : last + 1])
     if layout.kind.base is not None:
         yield from _list_base_cells(layout)
 

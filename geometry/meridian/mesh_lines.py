@@ -24,7 +24,7 @@ from geometry.meridian.breaks import (
 )
 from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_box_lines, spread_apart
 from geometry.meridian.grading import grade_nodes, smooth_min
-from geometry.meridian.section import Section
+from geometry.meridian.section import Body, Section
 from geometry.meridian.sphere_box import Breaks, SphereBox
 
 MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
@@ -44,8 +44,8 @@ class Kind:
         Rings of cells between sphere and box, and between core and sphere.
     box
         How many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
-    edges
-        Whether the blocks' edges are round.
+    radii
+        Names of the section's ``block_radii``, from the axis outwards.
     lean
         Whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across the box
         and below it, round the core; rows under the surface as many as their growth requires.
@@ -58,10 +58,10 @@ class Kind:
         Whether cells are cut towards each interface's end at the tissue's side, from the surface downwards.
     thin
         Whether the tissue above sphere or floor is thin.
-    films
-        Layers between block and base: 0, 1 (film) or 2 (film and adhesive).
+    stacks
+        The layers on the inner and on the outer block, from the block upwards.
     base
-        None for a rigid one, else the sign of inner less outer height.
+        None for a rigid one, else the sign of inner less outer height, layers included.
     flange
         Whether an elastic base reaches beyond the tube.
     """
@@ -73,10 +73,10 @@ class Kind:
     box: int | None
     layers: tuple[int, int, int]
     thin: bool
-    films: int
+    stacks: tuple[tuple[Body, ...], ...]
     base: int | None
     flange: bool
-    edges: bool = False
+    radii: tuple[str, ...] = ("inner", "hole", "tube")
     lean: bool = False
     ends: tuple[bool, ...] = ()
     caps: tuple[tuple[CapPlace, ...], ...] = ((), ())
@@ -162,7 +162,7 @@ class MeshTopology:
         """Assign numbers to the lines of all meshes of a kind that have this fineness."""
         n = fineness.count
         self.kind, self.fineness = kind, fineness
-        names, levels = ["axis", *_list_block_names(kind.edges), "side"], _list_level_names(kind.layers, kind.box is not None)
+        names, levels = ["axis", *kind.radii, "side"], _list_level_names(kind.layers, kind.box is not None)
         if kind.box is not None:
             names.insert(kind.box + 1, "box")
         gap = range(names.index("inner"), names.index("hole"))
@@ -178,11 +178,17 @@ class MeshTopology:
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
-        self.layer = n(3)
+        self.layer = n(1)
         top = self._number_levels(self.row["surface"] + 1)
         self.merged = self._find_merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
         self.crossed = self._build_crossed_box() if kind.layers[1] else None
+
+    @property
+    def electrodes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Numbers of the radii at which the electrodes of the inner and the outer film begin and end."""
+        inner, hole, tube = (self.column.get(f"{name} electrode", self.column[name]) for name in ("inner", "hole", "tube"))
+        return (self.column["axis"], inner), (hole, tube)
 
     @property
     def faces(self) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -227,7 +233,7 @@ class MeshTopology:
     def _number_levels(self, first: int) -> int:
         """Assign numbers to levels above the surface, from ``first``, and radii beyond the tissue's; return the next level."""
         n, kind = self.fineness.count, self.kind
-        middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
+        middle, top = (first + sum(self.blocks[:k]) + sum(map(len, kind.stacks[:k])) * self.layer for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))
         self.outer = (first - 1, *range(middle, top))
         # rows of the boss and of the step, rows of the flange's thickness, columns from the tube to the flange's edge
@@ -250,11 +256,6 @@ class MeshTopology:
         return top + self.step + self.thick
 
 
-def _list_block_names(edges: bool) -> tuple[str, ...]:
-    """Return the names of ``Section.block_radii``, from the axis; ``edges``: whether the blocks' edges are round."""
-    return ("inner edge", "inner", "hole", "hole edge", "tube edge", "tube") if edges else ("inner", "hole", "tube")
-
-
 def _list_level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
     """Return the names of the tissue's breaks (levels that lines must meet) from the floor upwards.
 
@@ -275,9 +276,9 @@ def find_kind(section: Section, lean: bool = False) -> Kind:
     """
     s, sphere = section, SphereBox.from_section(section)
     box = None if sphere is None else sphere.find_widest_interval(s)
-    films, base = int(s.film > 0) + int(s.adhesive > 0), None
+    base, (inner_top, outer_top) = None, s.top_heights
     if s.flange_thickness > 0:
-        base = 0 if isclose(s.inner_height, s.outer_height) else 1 if s.inner_height > s.outer_height else -1
+        base = 0 if isclose(inner_top, outer_top) else 1 if inner_top > outer_top else -1
     blocks = tuple(count_cells(find_block_breaks(s, height))[0] for height in (s.inner_height, s.outer_height))
     rings = (0, 0) if sphere is None else tuple(count_cells(ring)[0] for ring in sphere.build_rings())
     thin = bool(s.under_blocks < THIN_TISSUE_FEATURES * s.block_size)
@@ -300,10 +301,10 @@ def find_kind(section: Section, lean: bool = False) -> Kind:
         box=box,
         layers=layers,
         thin=thin,
-        films=films,
+        stacks=s.stacks,
         base=base,
         flange=bool(s.flange_radius > 0),
-        edges=bool(s.edge_radius > 0),
+        radii=tuple(s.block_radii),
         lean=lean and sphere is not None,
         ends=find_cut_ends(s, levels, _list_level_names(layers, sphere is not None)),
         caps=caps,
@@ -314,9 +315,9 @@ def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
     s, sphere, box = section, SphereBox.from_section(section), layout.kind.box
     levels = [_join_intervals(find_tissue_breaks(s, sphere), layout.rows)]
-    for height, cells in zip((s.inner_height, s.outer_height), layout.blocks, strict=True):
+    for height, cells, stack in zip((s.inner_height, s.outer_height), layout.blocks, layout.kind.stacks, strict=True):
         levels.append(_join_intervals(find_block_breaks(s, height), (cells,))[..., 1:])
-        levels += _place_film_levels(s, layout, height)
+        levels += _place_stack_levels(s, layout, height, stack)
     radii = [_join_intervals(find_radial_breaks(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
         levels += _place_base_levels(s, layout)
@@ -371,15 +372,17 @@ def _place_bridge(s: Section, layout: MeshTopology) -> Numeric:
     """Return the radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
     # ``sign``, as ``Kind.base``: the step is as high as the blocks' heights differ, and needs cells no larger than that
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
-    step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
+    inner_top, outer_top = s.top_heights
+    step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (inner_top - outer_top))
     breaks = Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
     return _join_intervals(breaks, (layout.half, layout.half))[..., 1:-1]
 
 
-def _place_film_levels(s: Section, layout: MeshTopology, height: Numeric) -> list[Numeric]:
-    """Return the levels of the layers of film and adhesive on a block whose top is at ``height``; none without a film."""
+def _place_stack_levels(s: Section, layout: MeshTopology, height: Numeric, stack: tuple[Body, ...]) -> list[Numeric]:
+    """Return the levels of the layers of a stack on a block whose top is at ``height``."""
     levels, top = [], height
-    for thickness in (s.film, s.adhesive)[: layout.kind.films]:
+    for body in stack:
+        thickness = getattr(s, body.name.lower())
         levels.append(grade_nodes(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
         top = top + thickness
     return levels
@@ -390,10 +393,9 @@ def _place_base_levels(s: Section, layout: MeshTopology) -> list[Numeric]:
 
     The boss, absent where both films are level, fills the height by which one block is lower than the other.
     """
-    low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
-    films, corner = s.film + s.adhesive, s.corner_size
-    step = high + films
-    boss = [] if layout.kind.base == 0 else [grade_nodes(low + films, step, layout.step, corner, corner)[..., 1:-1]]
+    low, step = s.top_heights[::-1] if layout.kind.base == 1 else s.top_heights
+    corner = s.corner_size
+    boss = [] if layout.kind.base == 0 else [grade_nodes(low, step, layout.step, corner, corner)[..., 1:-1]]
     flange = step + s.step_height
     top = grade_nodes(flange, flange + s.flange_thickness, layout.thick, smooth_min(s.step_height, corner))
     return [*boss, grade_nodes(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]

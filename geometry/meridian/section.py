@@ -24,29 +24,40 @@ class Body(IntEnum):
     INNER = 1
     OUTER = 2
     INCLUSION = 3
-    FILM = 4
-    ADHESIVE = 5
-    BASE = 6
-    LAYER_0 = 7
-    LAYER_1 = 8
-    LAYER_2 = 9
-    LAYER_3 = 10
-    LAYER_4 = 11
-    LAYER_5 = 12
-    LAYER_6 = 13
-    LAYER_7 = 14
+    BASE = 4
+    INNER_BOND_TO_BLOCK = 5
+    INNER_FILM = 6
+    INNER_BOND_TO_BASE = 7
+    OUTER_BOND_TO_BLOCK = 8
+    OUTER_FILM = 9
+    OUTER_BOND_TO_BASE = 10
+    LAYER_0 = 11
+    LAYER_1 = 12
+    LAYER_2 = 13
+    LAYER_3 = 14
+    LAYER_4 = 15
+    LAYER_5 = 16
+    LAYER_6 = 17
+    LAYER_7 = 18
 
 
 LAYERS = tuple(body for body in Body if body >= Body.LAYER_0)
 TISSUES = (Body.TISSUE, *LAYERS)
+BLOCKS, FILMS = (Body.INNER, Body.OUTER), (Body.INNER_FILM, Body.OUTER_FILM)
+STACKS = (
+    (Body.INNER_BOND_TO_BLOCK, Body.INNER_FILM, Body.INNER_BOND_TO_BASE),
+    (Body.OUTER_BOND_TO_BLOCK, Body.OUTER_FILM, Body.OUTER_BOND_TO_BASE),
+)  # layers on the inner and the outer block, from the block to the base
 
 
 @dataclass(frozen=True)
 class Section:
     """Lengths in m, each a float or, for many designs at once, an array (real or complex) of shape (n,).
 
-    ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``; 0 where there is no sphere, film,
-    adhesive or elastic base. ``layer_0`` to ``layer_7`` are thicknesses of the tissue's layers from the surface downwards; those
+    ``inner_radius`` < ``hole_radius`` < ``tube_radius`` < ``tissue_radius``; 0 where there is no sphere, layer
+    or elastic base. The layers of ``STACKS`` lie on the blocks; ``inner_inset`` and ``outer_inset`` are the distances from the
+    films' free edges to their electrodes.
+    ``layer_0`` to ``layer_7`` are thicknesses of the tissue's layers from the surface downwards; those
     that are not zero come first. A sphere's centre lies on the axis. ``flange_thickness`` and ``step_height`` are the base's,
     see ``geometry.scenes.base_sizes.BaseSizes``. ``edge_radius`` is that of the blocks' lower edges: their faces end as far from
     their walls. ``mesh_size``, if not zero, takes the place of ``corner_size``.
@@ -61,8 +72,14 @@ class Section:
     tissue_depth: Numeric
     sphere_radius: Numeric = 0.0
     sphere_depth: Numeric = 0.0
-    film: Numeric = 0.0
-    adhesive: Numeric = 0.0
+    inner_bond_to_block: Numeric = 0.0
+    inner_film: Numeric = 0.0
+    inner_bond_to_base: Numeric = 0.0
+    outer_bond_to_block: Numeric = 0.0
+    outer_film: Numeric = 0.0
+    outer_bond_to_base: Numeric = 0.0
+    inner_inset: Numeric = 0.0
+    outer_inset: Numeric = 0.0
     flange_radius: Numeric = 0.0
     flange_thickness: Numeric = 0.0
     step_height: Numeric = 0.0
@@ -85,17 +102,36 @@ class Section:
 
     @cached_property
     def block_radii(self) -> JsonObject:
-        """Radii of the blocks' walls and, if their edges are round, of the ends of their faces: rising, by name."""
-        inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
-        if not _is_present(edge):
-            return {"inner": inner, "hole": hole, "tube": tube}
-        inside = {"inner edge": inner - edge, "inner": inner, "hole": hole, "hole edge": hole + edge}
-        return inside | {"tube edge": tube - edge, "tube": tube}
+        """Radii of the blocks' walls, of the ends of faces with round edges and of electrodes inside films: rising, by name."""
+        walls = {"inner": (self.inner_radius, -1), "hole": (self.hole_radius, 1), "tube": (self.tube_radius, -1)}
+        insets = {"inner": self.inner_inset, "hole": self.outer_inset, "tube": self.outer_inset}
+        radii: JsonObject = {}
+        for wall, (radius, inwards) in walls.items():
+            radii[wall] = radius
+            if _is_present(self.edge_radius):
+                radii[f"{wall} edge"] = radius + inwards * self.edge_radius
+            if _is_present(insets[wall]):
+                radii[f"{wall} electrode"] = radius + inwards * insets[wall]
+        return dict(sorted(radii.items(), key=lambda entry: float(np.min(np.real(entry[1])))))
+
+    @cached_property
+    def stacks(self) -> tuple[tuple[Body, ...], ...]:
+        """The layers that lie on the inner and on the outer block, from the block upwards."""
+        return tuple(tuple(body for body in stack if _is_present(getattr(self, body.name.lower()))) for stack in STACKS)
+
+    @cached_property
+    def top_heights(self) -> tuple[Numeric, Numeric]:
+        """Heights of the upper ends of the inner and the outer block with the layers on them."""
+        inner, outer = (
+            height + sum(getattr(self, body.name.lower()) for body in stack)
+            for height, stack in zip((self.inner_height, self.outer_height), self.stacks, strict=True)
+        )
+        return inner, outer
 
     @property
     def has_details(self) -> bool:
-        """Whether there is a film or an elastic base."""
-        return _is_present(self.film) or _is_present(self.flange_thickness)
+        """Whether there are layers on the blocks or an elastic base."""
+        return any(self.stacks) or _is_present(self.flange_thickness)
 
     @cached_property
     def interfaces(self) -> list[Numeric]:

@@ -4,47 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
 from geometry.scenes.catalogue import CatalogueMaterial, fill_in, find_material
-from geometry.scenes.units import MODULUS_QUANTITY, Quantity
+from geometry.scenes.film import Film
+from geometry.scenes.quantities import Frozen, LossFactor, MaterialName, Modulus, PartLength, PoissonRatio, build_quiet_field
 
-LENGTH_QUANTITY = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
-Length = Annotated[float, LENGTH_QUANTITY]
-PartLength = Annotated[float, replace(LENGTH_QUANTITY, bare=0.2)]
-Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
-POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)
-Position = Annotated[float, POSITION_QUANTITY]
-Modulus = Annotated[float, MODULUS_QUANTITY]
-ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
-PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
-LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
-Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
 Law = Literal["neo-hookean", "yeoh"]
 LawConstant = Annotated[float, Field(ge=-1e4, le=1e4, description="a number from -10000 to 10000")]
 LAW_CONSTANTS = ("c2_over_c1", "c3_over_c1")
-MaterialName = Annotated[str, Field(min_length=1, max_length=100)]
 CATALOGUE_NAME_FIELD = Field(
     default=None, description="a name that `probe-design material list` shows", exclude_if=lambda name: name is None
 )
 AreaRatio = Annotated[float, Field(ge=1e-4, le=1e4)]
 Interface = Literal["bonded", "frictionless", "unilateral"]
-
-
-class Frozen(BaseModel):
-    """A frozen model: unknown keys, NaN, infinity and silent conversions are refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-def _build_quiet_field(default: object) -> Any:
-    """Return a field that is not written to files where it has its default."""
-    return Field(default=default, exclude_if=lambda value: value == default)
 
 
 class Material(Frozen):
@@ -70,9 +47,9 @@ class Material(Frozen):
     poisson_ratio: PoissonRatio
     loss_factor: LossFactor = 0.0
     material: MaterialName | None = CATALOGUE_NAME_FIELD
-    law: Law = _build_quiet_field("neo-hookean")
-    c2_over_c1: LawConstant = _build_quiet_field(0.0)
-    c3_over_c1: LawConstant = _build_quiet_field(0.0)
+    law: Law = build_quiet_field("neo-hookean")
+    c2_over_c1: LawConstant = build_quiet_field(0.0)
+    c3_over_c1: LawConstant = build_quiet_field(0.0)
 
     @model_validator(mode="before")
     @classmethod
@@ -162,45 +139,6 @@ class Groove(Frozen):
 
     width: PartLength
     depth: PartLength
-
-
-class Film(Frozen):
-    """A PVDF film with its adhesive, the same under both blocks.
-
-    The defaults are the paper's: 110 um (section 2.1), Table 1 for ``d31``, ``d32``, ``d33``. It
-    gives no ``psi1``, ``psi2`` of eq. (12): zero means that lateral stresses add no charge.
-    The adhesive counts in the solvers only: it is not part of the CAD model's stack.
-
-    Attributes
-    ----------
-    thickness
-        Of the film.
-    youngs_modulus
-        Of the film.
-    d31, d32, d33
-        Charge per force along length, breadth and thickness.
-    psi1, psi2
-        Lateral over vertical stress in the film, the paper's eq. (12).
-    adhesive_thickness
-        Of the layer that holds the film, between block and base together.
-    adhesive_modulus
-        Of it; left out: the film's.
-    """
-
-    thickness: PartLength = 110e-6
-    youngs_modulus: Modulus = 2.5e9
-    d31: ChargePerForce = 20e-12
-    d32: ChargePerForce = 2e-12
-    d33: ChargePerForce = -20e-12
-    psi1: Number = 0.0
-    psi2: Number = 0.0
-    adhesive_thickness: Thickness = 0.0
-    adhesive_modulus: Modulus | None = None
-
-    @property
-    def charge_per_force(self) -> float:
-        """Charge per compressive force (C/N): psi1 d31 + psi2 d32 + d33, the paper's eq. (12)."""
-        return self.psi1 * self.d31 + self.psi2 * self.d32 + self.d33
 
 
 class Probe(Frozen):

@@ -12,7 +12,8 @@ from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, mode
 from geometry.common.errors import InputError, Words
 from geometry.scenes import fit_check as placement
 from geometry.scenes.keys import Value, find_key, replace_values
-from geometry.scenes.probe import Frozen, Interface, Length, Material, Position, Probe, Thickness
+from geometry.scenes.probe import Interface, Material, Probe
+from geometry.scenes.quantities import Frozen, Length, Position, Thickness
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import convert_error
 

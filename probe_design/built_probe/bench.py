@@ -15,7 +15,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.common.text_files import parse_tables, read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.probe import Frozen, Length, Modulus
+from geometry.scenes.quantities import Frozen, Length, Modulus
 from geometry.scenes.units import PERCENTAGE, Quantity
 from geometry.scenes.validation_messages import convert_error
 from hw.signal.amplifier import ChargeAmplifier, FilmAmplifiers

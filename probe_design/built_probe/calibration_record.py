@@ -19,7 +19,7 @@ from geometry.common.json_types import JsonObject
 from geometry.common.text_files import read_tables
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
-from geometry.scenes.probe import Frozen
+from geometry.scenes.quantities import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from geometry.scenes.validation_messages import convert_error

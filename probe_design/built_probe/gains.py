@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.special import chdtrc
 
 from geometry.common.arrays import Floats
-from geometry.scenes.probe import Frozen
+from geometry.scenes.quantities import Frozen
 from probe_design.built_probe.bench import Bench, Reference
 
 ENTRY_NAMES = ("inner gain", "inner from outer", "outer from inner", "outer gain")

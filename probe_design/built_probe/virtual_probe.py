@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.scenes.probe import Film
+from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
-from geometry.scenes.probe import POSITION_QUANTITY
+from geometry.scenes.quantities import POSITION_QUANTITY
 from geometry.scenes.scene import Load, Scene
 from hw.files.columns import ColumnMap
 from hw.reader import Reader

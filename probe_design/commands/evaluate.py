@@ -10,7 +10,7 @@ from pydantic import Field
 
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import format_modulus
-from geometry.scenes.probe import Modulus
+from geometry.scenes.quantities import Modulus
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource

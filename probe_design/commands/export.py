@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from geometry.scenes.probe import Length
+from geometry.scenes.quantities import Length
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from geometry.scenes.units import Quantity

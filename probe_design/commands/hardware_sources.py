@@ -12,7 +12,7 @@ from pathlib import Path
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.files import check_writable_file
 from geometry.common.resources import get_limits
-from geometry.scenes.probe import LENGTH_QUANTITY
+from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.units import MODULUS_QUANTITY, read_number

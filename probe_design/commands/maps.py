@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 from pydantic import Field
 
 from geometry.common.errors import InputError
-from geometry.scenes.probe import Length, Position, format_mm
+from geometry.scenes.probe import format_mm
+from geometry.scenes.quantities import Length, Position
 from geometry.scenes.scene import Force, Indentation, Scene
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Linear, Noise, Picture, SceneSource

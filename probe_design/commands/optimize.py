@@ -11,7 +11,7 @@ from pydantic import Field
 
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonMapping
-from geometry.scenes.probe import Length
+from geometry.scenes.quantities import Length
 from geometry.scenes.scene import Scene
 from probe_design.commands.fields import Force, LimitedRequest, Noise
 from probe_design.commands.output import print_json, report_assumed_sizes

@@ -6,7 +6,8 @@ Noise is the relative standard deviation of one reading of the ratio. Both chann
 from __future__ import annotations
 
 from geometry.common.errors import InputError
-from geometry.scenes.probe import Film, Probe
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Probe
 
 DEFAULT_NOISE = 0.05  # the paper's "about 5 %", section 3
 DEFAULT_CHARGE_NOISE_C = 0.01e-12  # C: of a good charge amplifier over a second

@@ -22,7 +22,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.scenes.probe import Film
+from geometry.scenes.film import Film
 from geometry.scenes.scene import Load, Scene
 from probe_design.data.noise import (
     DEFAULT_CHARGE_NOISE_C,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats, Numeric
-from geometry.scenes.probe import LENGTH_QUANTITY
+from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MODULUS_QUANTITY
 

@@ -10,7 +10,8 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.limits import format_minimum_mm
-from geometry.scenes.probe import LENGTH_QUANTITY, format_mm
+from geometry.scenes.probe import format_mm
+from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Inclusion, Scene
 from solver.inclusions.tumours import Tumours
 

@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import parse_tables, read_tables, read_text
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.probe import Frozen
+from geometry.scenes.quantities import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.units import Quantity

@@ -18,7 +18,7 @@ import numpy as np
 from geometry.common.errors import InputError, describe_choices
 from geometry.common.json_types import JsonMapping
 from geometry.scenes.catalogue import find_material
-from geometry.scenes.probe import LENGTH_QUANTITY
+from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import read_fraction
 from geometry.scenes.variables import list_values

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.base_sizes import base_sizes, has_flange
-from geometry.scenes.probe import LENGTH_QUANTITY, Probe, format_mm
+from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import Result, evaluate

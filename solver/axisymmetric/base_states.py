@@ -1,5 +1,8 @@
 """Solve the two base states of a scene: the base of one block displaced by one unit, the base of the other fixed.
 
+A third and a fourth state, the film states, belong to probes with films: a film acts as an actuator, by which its charge is
+the energy of its film state with a base state (``solver.axisymmetric.film_states``).
+
 Film forces are energies of pairs of states,
 F_ij = u_i^T K u_j: consistent reactions, which converge at twice the rate of the displacements. K is affine in every
 Young's modulus, so that the derivative of F_ij by ln of a body's modulus is the part of that energy inside the body (the
@@ -23,6 +26,7 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import MAX_RESIDUAL_RELATIVE, System
 from solver.axisymmetric.dofs import Interface, number_unknowns, select_subspace
+from solver.axisymmetric.film_states import Films, build_film_lift
 from solver.elements.quadrilateral import (
     Blocks,
     Condensed,
@@ -64,6 +68,8 @@ class MeridianModel:
         The elements' stiffness with the functions inside them eliminated.
     system
         The equations of the unknowns on corners and edges, factorised.
+    films
+        The films whose charges are wanted, inner and outer; None where none are, and then there are no film states.
     """
 
     section: Section
@@ -75,6 +81,15 @@ class MeridianModel:
     law: Isotropic
     condensed: Condensed
     system: System
+    films: Films | None = None
+
+    @cached_property
+    def lift(self) -> Floats:
+        """The elements' given displacements in each of the s states, see ``Numbering.lift``, shape (n, 8 p, s)."""
+        if self.films is None:
+            return self.system.numbering.lift
+        film_lift = build_film_lift(self.section, self.mesh, self.shapes.skeleton, self.films)
+        return np.concatenate([self.system.numbering.lift, film_lift], axis=2)
 
     @cached_property
     def recovery(self) -> Floats:
@@ -99,52 +114,66 @@ class MeridianModel:
 
 @dataclass(frozen=True)
 class BaseStates:
-    """The two base states of a model, and from them the film forces per unit displacement of each block's base.
+    """The s states of a model: two base states and, with films, two film states.
+
+    State 0 displaces the base of the inner block by one unit, state 1 that of the outer. States 2 and 3 are those of the inner
+    and the outer film. From the states follow the forces on both films and their charges per unit displacement of each base.
 
     Attributes
     ----------
     model
         The model that was solved.
     v
-        The unknowns of both states, shape (unknowns, 2): state 0 displaces the base of the inner block, state 1 of the outer.
+        The unknowns of the states, shape (unknowns, s).
     edge
-        The elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
+        The elements' values on corners and edges, without rigid shifts, shape (n, 8 p, s).
     shift
-        These shifts along z, shape (n, 2).
-    forces
-        F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
+        These shifts along z, shape (n, s).
+    products
+        Energies of all states with the base states, shape (s, 2): F_ij, force on block i (0 inner, 1 outer) per unit displacement
+        of base j, N/m, and below it the charges Q_ij of film i likewise, ``CHARGE_UNIT`` per m.
     rounding
-        Bound on the rounding error of ``forces``, shape (2, 2).
+        Bound on the rounding error of ``products``, shape (s, 2).
     residual
-        The larger of the residuals of both solutions, relative to |K| |u|.
+        The largest of the residuals of the solutions, relative to |K| |u|.
     """
 
     model: MeridianModel
     v: Floats
     edge: Floats
     shift: Floats
-    forces: Floats
+    products: Floats
     rounding: Floats
     residual: float
 
+    @property
+    def forces(self) -> Floats:
+        """F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2)."""
+        return self.products[:2]
+
     @cached_property
     def values(self) -> Floats:
-        """All values of the elements, without rigid shifts, shape (n, 2 s, 2)."""
+        """All values of the elements, without rigid shifts, shape (n, 2 functions, s)."""
         return self.model.recover_values(self.edge)
 
     def compute_modulus_derivative(self, body: Body = Body.INCLUSION) -> Floats:
-        """Return dF_ij / d ln E of a body, N/m, shape (2, 2): the part of the energy F_ij inside the body."""
+        """Return the derivatives of ``products`` by ln E of a body of blocks or tissue, shape (s, 2): their parts inside it."""
         inside = np.flatnonzero(self.model.mesh.body == body)
         u = self.edge[inside]
-        return sum_products(u, self.model.system.stiffness[inside] @ u)
+        return sum_products(u, self.model.system.stiffness[inside] @ u[..., :2])
 
 
 def build_model(
-    section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, kind: Kind | None = None
+    section: Section,
+    materials: Materials,
+    interface: Interface,
+    fineness: MeridianFineness,
+    kind: Kind | None = None,
+    films: Films | None = None,
 ) -> MeridianModel:
     """Build the model of a section on one mesh: integrate, condense and factorise the stiffness.
 
-    ``kind`` is the topology of the mesh; None for that which fits the section.
+    ``kind`` is the topology of the mesh; None for that which fits the section. ``films`` are those whose charges are wanted.
 
     Raises
     ------
@@ -173,6 +202,7 @@ def build_model(
         law=law,
         condensed=condensed,
         system=system,
+        films=films,
     )
 
 
@@ -195,9 +225,9 @@ def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, la
 
 
 def solve_base_states(model: MeridianModel) -> BaseStates:
-    """Solve both base states: a unit displacement of the inner block's base with the outer one fixed, then the reverse.
+    """Solve the base states and, with films, the film states.
 
-    The film forces F_ij are the energy products u_i^T K u_j of these two states, shape (2, 2). A direct solution usually
+    The film forces F_ij are the energy products u_i^T K u_j of the two base states, shape (2, 2). A direct solution usually
     suffices; otherwise it is repeated with one step of iterative refinement. ``lift`` prescribes the displacements of the bases;
     ``values`` are the elements' displacements on corners and edges, ``shift`` their rigid shifts, ``unbalanced`` is K u - f.
 
@@ -209,22 +239,23 @@ def solve_base_states(model: MeridianModel) -> BaseStates:
     system = model.system
     # 1: a direct solution; 2: with one step of refinement, after which a residual above the maximum is an error
     for passes, max_residual in ((1, np.inf), (2, MAX_RESIDUAL_RELATIVE)):
-        solution = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, max_residual)
+        lift = model.lift
+        solution = system.solve(np.zeros((system.numbering.unknowns, lift.shape[2])), lift, passes, max_residual)
         values, unbalanced = solution.values, solution.unbalanced
-        forces = sum_products(values, solution.loads)
-        # energy products of both states' remaining errors: changes of the forces if the equations were met exactly
-        residual_effects = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
-        is_negligible = np.all(residual_effects <= MAX_RESIDUAL_EFFECT_RELATIVE * np.abs(forces))
+        products = sum_products(values, solution.loads[..., :2])
+        # energy products of the states' remaining errors: changes of the products if the equations were met exactly
+        residual_effects = np.abs(unbalanced.T @ system.factor.solve(unbalanced[:, :2]))
+        is_negligible = np.all(residual_effects <= MAX_RESIDUAL_EFFECT_RELATIVE * np.abs(products))
         if solution.residual <= MAX_RESIDUAL_RELATIVE and is_negligible:
             break
-    rounding = _bound_rounding(system.stiffness, values, forces) + residual_effects
+    rounding = _bound_rounding(system.stiffness, values, products) + residual_effects
     return BaseStates(
-        model, solution.v, edge=values, shift=solution.shift, forces=forces, rounding=rounding, residual=solution.residual
+        model, solution.v, edge=values, shift=solution.shift, products=products, rounding=rounding, residual=solution.residual
     )
 
 
-def _bound_rounding(stiffness: Floats, values: Floats, forces: Floats) -> Floats:
-    """Return ten standard deviations of the film forces, shape (2, 2), for independent rounding errors of all matrix entries.
+def _bound_rounding(stiffness: Floats, values: Floats, products: Floats) -> Floats:
+    """Return ten standard deviations of the products, shape (s, 2), for independent rounding errors of all matrix entries.
 
     An entry of a positive definite matrix is at most the root of the product of its two diagonal entries. That gives a looser
     bound from the diagonals alone, which is returned where it is below ``MAX_LOOSE_BOUND_RELATIVE``.
@@ -234,57 +265,58 @@ def _bound_rounding(stiffness: Floats, values: Floats, forces: Floats) -> Floats
     stiffness
         Of the elements, shape (n, 8 p, 8 p).
     values
-        Elements' values in both states, shape (n, 8 p, 2).
-    forces
-        F_ij, N/m, shape (2, 2).
+        Elements' values in the states, shape (n, 8 p, s).
+    products
+        Energies of the states with the base states, shape (s, 2).
     """
     ten_roundings = 10 * np.finfo(float).eps
     diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), values**2)
-    loose_bound = ten_roundings * np.sqrt(diagonal.T @ diagonal)
-    if np.all(loose_bound <= MAX_LOOSE_BOUND_RELATIVE * np.abs(forces)):
+    loose_bound = ten_roundings * np.sqrt(diagonal.T @ diagonal[:, :2])
+    if np.all(loose_bound <= MAX_LOOSE_BOUND_RELATIVE * np.abs(products)):
         return np.asarray(loose_bound)
-    return np.asarray(ten_roundings * np.sqrt(sum_products(values**2, stiffness**2 @ values**2)))
+    return np.asarray(ten_roundings * np.sqrt(sum_products(values**2, stiffness**2 @ values[..., :2] ** 2)))
 
 
 def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, max_modulus_ratio: float = 1.0) -> Floats:
     """Project states and vectors, in energy, to the space of functions on corners and edges up to a polynomial degree.
 
-    Returns the elements' values (n elements of order p), shape (n, 8 p, 2 + m) or, with ``max_modulus_ratio`` above 1,
-    (n, 8 p, 2 + m + 2).
+    Returns the elements' values (n elements of order p), shape (n, 8 p, s + m) or, with ``max_modulus_ratio`` above 1,
+    (n, 8 p, s + m + s).
 
     Parameters
     ----------
     states
-        The base states on the whole space; their projections come first.
+        The s states on the whole space; their projections come first.
     vectors
         Elements' values of m vectors without a lift (the rigid shift of a block, see ``Numbering.lift``), shape (n, 8 p, m).
     degree
         The highest degree that is kept, at least 1.
     max_modulus_ratio
-        A modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved there, too, and their
+        A modulus of the inclusion, as a multiple of that of ``states``. Above 1 the states are solved there, too, and their
         differences from the first come last: they describe the strain of a nearly rigid inclusion.
     """
-    system, lift = states.model.system, states.model.system.numbering.lift
+    system, lift = states.model.system, states.model.lift
+    count = lift.shape[2]
     space = select_subspace(system.numbering, degree)
     lift_forces = -system.compute_lift_forces(lift)[space.unknowns]
     forces = system.assemble_forces(system.stiffness @ vectors)[space.unknowns]
     solution = space.factor(system.matrix).solve(np.hstack([lift_forces, forces]))
     if max_modulus_ratio > 1:
         matrix = system.numbering.assemble(system.stiffness * scale_inclusion(states.model, max_modulus_ratio))
-        solution = np.hstack([solution, space.factor(matrix).solve(lift_forces) - solution[:, :2]])
+        solution = np.hstack([solution, space.factor(matrix).solve(lift_forces) - solution[:, :count]])
     v = np.zeros((system.numbering.unknowns, solution.shape[1]))
     v[space.unknowns] = solution
-    return np.concatenate([system.compute_values(v[:, :2], lift), system.compute_values(v[:, 2:])], axis=2)
+    return np.concatenate([system.compute_values(v[:, :count], lift), system.compute_values(v[:, count:])], axis=2)
 
 
 def approximate_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
-    """Approximate the projection of both states to a lower degree (``project_to_lower_order``) without another factorisation.
+    """Approximate the projection of the states to a lower degree (``project_to_lower_order``) without another factorisation.
 
     Returns the elements' values of the approximate states, and the elements' forces of their difference from ``states``, both of
-    shape (n, 8 p, 2).
+    shape (n, 8 p, s).
 
     From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent reduces the distance
-    in energy of both at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
+    in energy of all at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
     space by the coupling between the last degree and the others; this is small unless Poisson's ratio is near 1/2.
     """
     system, removed = states.model.system, states.model.system.numbering.degrees > degree

@@ -10,6 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.axisymmetric.lower_order import bound_by_descent, bound_by_last_degree, bound_by_lower_order, is_graded_everywhere
 from solver.axisymmetric.omitted_details import IN_PLANE_DETAILS, Change, bound_omitted_changes
 from solver.axisymmetric.refinement import CROSSED_SPHERE_ORDERS, MESH_LEVELS, ONE_MESH_ORDERS, SampleErrors, refine
@@ -21,6 +22,7 @@ from solver.results.result import Decision
 from solver.results.warnings import Note
 
 NEGLIGIBLE_SHARE = 0.05  # of the accuracy: films and base with a smaller effect are left out
+CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a feature changes the shear on a film, too
 UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: corners of films and base, layers' ends
 
 
@@ -77,7 +79,8 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
     feature_changes = list(bound_omitted_changes(scene, bare_sections, solve_coarsest, moduli))
     in_plane_changes = [change for change in feature_changes if change.feature in IN_PLANE_DETAILS]
     sections = bare_sections
-    if any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
+    charged = scene.probe.film is not None and not scene.probe.film.uses_psi
+    if charged or any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
         sections = add_details(scene, bare_sections)
         feature_changes = [replace(change, modelled=True) if change in in_plane_changes else change for change in feature_changes]
     omitted = [change for change in feature_changes if not change.modelled]
@@ -113,15 +116,45 @@ def _build_films(
     """Return the film forces at each modulus, corrected and with bounds widened by the features that are left out."""
     films = []
     for k, forces in enumerate(sample.forces):
-        bound = Bound.from_independent_errors(errors.totals[k], forces)
-        sensitivity_bound = float(errors.sensitivity[k])
+        bound = Bound.from_independent_errors(errors.totals[k, :2], forces)
+        sensitivity_bound = float(errors.sensitivity[k, 0])
+        charges = _build_charges(scene, sample, errors, k)
         for change in feature_changes:
             bound, sensitivity_bound = bound + change.bounds[k], sensitivity_bound + float(change.sensitivity[k])
-            forces = forces + np.broadcast_to(change.shift, sample.forces.shape)[k]
-        films.append(
-            FilmForces(forces, bound, sample.modulus_derivative[k] if scene.target is not None else None, sensitivity_bound)
-        )
+            shifted = forces + np.broadcast_to(change.shift, sample.forces.shape)[k]
+            charges = None if charges is None else _change_charges(charges, change, k, shifted.sum(axis=1) / forces.sum(axis=1))
+            forces = shifted
+        derivative = sample.modulus_derivative[k] if scene.target is not None else None
+        films.append(FilmForces(forces, bound, derivative, sensitivity_bound, charges))
     return tuple(films)
+
+
+def _build_charges(scene: Scene, sample: MeshSample, errors: SampleErrors, k: int) -> FilmForces | None:
+    """Return the films' charges at the modulus k with their errors on the mesh, C/m; None where the sample has none."""
+    if sample.products.shape[1] == 2:
+        return None
+    charges, derivatives = (CHARGE_UNIT * products[k, 2:] for products in (sample.products, sample.product_derivatives))
+    bound = Bound.from_independent_errors(CHARGE_UNIT * errors.totals[k, 2:], charges)
+    return FilmForces(charges, bound, derivatives if scene.target is not None else None, float(errors.sensitivity[k, 1]))
+
+
+def _change_charges(charges: FilmForces, change: Change, k: int, factors: Floats) -> FilmForces:
+    """Return the films' charges changed by a feature as the film forces are, with their bounds widened.
+
+    ``factors`` are the relative changes of the forces that are known, shape (2,). A charge is assumed to change by at most
+    ``CHARGE_CHANGE_FACTOR`` times as much as the force.
+    """
+    relative_bound = CHARGE_CHANGE_FACTOR * change.bounds[k].totals / np.abs(change.totals[k, :2])
+    log_ratio = CHARGE_CHANGE_FACTOR * (change.bounds[k].log_ratio + abs(float(np.log(np.abs(factors)) @ [1.0, -1.0])))
+    shifts = np.abs(factors - 1) * (CHARGE_CHANGE_FACTOR - 1)
+    bound = Bound((relative_bound + shifts) * np.abs(charges.totals), log_ratio)
+    return replace(
+        charges,
+        forces=charges.forces * factors[:, None],
+        bound=charges.bound + bound,
+        modulus_derivative=None if charges.modulus_derivative is None else charges.modulus_derivative * factors[:, None],
+        sensitivity_error=charges.sensitivity_error + CHARGE_CHANGE_FACTOR * float(change.sensitivity[k]),
+    )
 
 
 def _write_notes(

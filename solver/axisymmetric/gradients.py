@@ -19,7 +19,7 @@ from solver.axisymmetric.sample import MeshSample
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 BODY_OF_MATERIAL = {
     "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
-    "probe.base": Body.BASE, "probe.film": Body.FILM, **{f"tissue.layer[{k}]": body for k, body in enumerate(LAYERS)},
+    "probe.base": Body.BASE, **{f"tissue.layer[{k}]": body for k, body in enumerate(LAYERS)},
 }  # fmt: skip
 
 
@@ -171,5 +171,5 @@ def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     indentation = (scene.load.force or 0.0) / stiffness if moved is None else np.full(len(totals), moved)
     stress = totals * indentation[:, None] / ends
     ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
-    columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivity)
+    columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivities[:, 0])
     return dict(zip(OUTPUT_NAMES, columns, strict=True))

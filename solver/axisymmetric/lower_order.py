@@ -9,13 +9,13 @@ orthogonality). With a_e the energy in element e, the sum of magnitudes over the
     e_i = sum over elements c_e d_e,   d_e = |a_e(w_i, W)| + 1/10 sqrt(a_e(w_i, w_i) a_e(W, W))        (AX.10)
     c_e = min(c, max(6/5, k q / (1 - q))),   q = d_e over that of the smaller state's part of degree p - 1        (AX.11)
 
-Here e_i bounds the error of film i's total, d_e is the size of the change in element e, and c_e is a safety factor. Errors at
-corners fall as p^-2 with the degree p: 16/9, 25/11 and 36/13 of the last change then remain at degrees 4 to 6, twice q / (1 - q).
-Where changes fall by the factor q with each degree, q / (1 - q) of the last change remains, and at least the change itself once
-only a corner's error is left. c = 5/2, 5/2 and 4 at degrees 4 to 6, and k = 12 at degree 4; above that degree c_e = c, as changes
-in elements that are much longer than wide then fall more slowly than before (``benchmarks/extremes/one_mesh.py``).
-Cells at an interface's end at the tissue's side, where a soft film is squeezed out under a stiff skin, are long and change
-little from degree to degree: c_e = 16 there.
+Here e_i bounds the error of film i's total (its charge, where w_i is the change of its film state), d_e is the size of the
+change in element e, and c_e is a safety factor. Errors at corners fall as p^-2 with the degree p: 16/9, 25/11 and 36/13 of the
+last change then remain at degrees 4 to 6, twice q / (1 - q). Where changes fall by the factor q with each degree, q / (1 - q)
+of the last change remains, and at least the change itself once only a corner's error is left. c = 5/2, 5/2 and 4 at degrees 4
+to 6, and k = 12 at degree 4; above that degree c_e = c, as changes in elements that are much longer than wide then fall more
+slowly than before (``benchmarks/extremes/one_mesh.py``). Cells at an interface's end at the tissue's side, where a soft film is
+squeezed out under a stiff skin, are long and change little from degree to degree: c_e = 16 there.
 
 From degree 5 on the state's own part of degree p gives nearly as good a bound without a factorisation: its energy is at least
 that of w, as the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
@@ -105,12 +105,12 @@ class _Change:
         return cls(model, values, model.system.stiffness @ values, lower, full)
 
     def compute_coefficients(self, ratios: Floats) -> Floats:
-        """Return the coefficients of both states' difference on the vectors at some ratios of the modulus, shape (k, m, 2)."""
+        """Return the coefficients of the states' differences on the vectors at some ratios of the modulus, shape (k, m, s)."""
         lower = self.lower.compute_states(ratios)[0]
         return lower if self.full.rational is None else np.hstack([lower, -self.full.compute_states(ratios)[0]])
 
     def compute_energies(self, ratios: Floats) -> Floats:
-        """Return energies a(w_i, w_j) at some ratios of the modulus, shape (k, 2, 2)."""
+        """Return energies a(w_i, w_j) at some ratios of the modulus, shape (k, s, s)."""
         coefficients = self.compute_coefficients(ratios)
         energies = np.asarray(coefficients.transpose(0, 2, 1) @ sum_products(self.values, self.loads) @ coefficients)
         if self.full.rational is None:
@@ -118,9 +118,10 @@ class _Change:
         return energies + (ratios[:, None, None] - 1) * _compute_inclusion_energies(self.model, self.values, coefficients)
 
     def compute_element_energies(self, ratios: Floats) -> Floats:
-        """Return energies a_e(w_i, w_j) by element, (k, n, 2, 2): w at ``ratios``, a_e with the model's own moduli."""
+        """Return energies a_e(w_i, w_j) by element, (k, n, s, s): w at ``ratios``, a_e with the model's own moduli."""
         coefficients = self.compute_coefficients(ratios)
-        return _multiply_pairs(_combine_vectors(self.values, coefficients), _combine_vectors(self.loads, coefficients))
+        values, loads = (_combine_vectors(vectors, coefficients) for vectors in (self.values, self.loads))
+        return _multiply_states(values, loads, coefficients.shape[2])
 
 
 def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
@@ -171,16 +172,17 @@ def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate
     ratios, lower, totals = sample.modulus_ratios, change.lower, sample.totals
     energies = change.compute_energies(ratios)
     bound = _compute_error_ratios(sample, change, error_factor, rate_factor) * _bound_products(energies)
-    sensitivities = _divide(sample.modulus_derivative.sum(axis=2), totals)  # of each film's force
+    sensitivities = _divide(sample.product_derivatives.sum(axis=2), totals)  # of each film's force and charge
     lower_energies = _compute_inclusion_energies(change.model, lower.edges, lower.compute_states(ratios)[0])
-    lower_sensitivities = _divide(ratios[:, None] * lower_energies.sum(axis=2), totals + energies.sum(axis=2))
+    lower_sensitivities = _divide(ratios[:, None] * _sum_bases(lower_energies), totals + _sum_bases(energies))
     # relative to the smallest force within the error; 0 without variation
     relative_bound = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)
     vanishing_guard = np.multiply(
         np.abs(sensitivities), relative_bound, out=np.zeros_like(relative_bound), where=sensitivities != 0
     )
     film_bounds = SENSITIVITY_FACTOR * np.abs(lower_sensitivities - sensitivities) + vanishing_guard
-    return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(film_bounds.sum(axis=1)))
+    # inner and outer film together, of forces and of charges
+    return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(film_bounds[:, ::2] + film_bounds[:, 1::2]))
 
 
 def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCurve:
@@ -190,15 +192,16 @@ def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCu
     states are given by eq. AX.8 again.
     """
     model = sample.states.model
-    values = project_to_lower_order(sample.states, full.edges[..., 2:], degree, float(sample.modulus_ratios.max()))
+    count = full.count
+    values = project_to_lower_order(sample.states, full.edges[..., count:], degree, float(sample.modulus_ratios.max()))
     if full.rational is None:
         return StateCurve(values)
-    states, vectors = values[..., :2], values[..., 2:]
+    states, vectors = values[..., :count], values[..., count:]
     sizes, turn = np.linalg.eigh(sum_products(vectors, model.system.stiffness @ vectors))
     independent = sizes > DEPENDENT_RELATIVE * sizes[-1]
     vectors = vectors @ (turn[:, independent] / np.sqrt(sizes[independent]))
     inclusion = np.flatnonzero(model.mesh.body == Body.INCLUSION)
-    loads, unused = model.system.stiffness[inclusion] @ vectors[inclusion], np.zeros((2, 2))
+    loads, unused = model.system.stiffness[inclusion] @ vectors[inclusion], np.zeros((count, 2))
     rational = RationalResponse.from_energies(
         sum_products(vectors[inclusion], loads), sum_products(loads, states[inclusion]), start=unused, inside=unused
     )
@@ -206,9 +209,9 @@ def _project_curve(sample: MeshSample, full: StateCurve, degree: int) -> StateCu
 
 
 def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficients: Floats) -> Floats:
-    """Return energies within the inclusion, at the model's own modulus, of k pairs of states, shape (k, 2, 2).
+    """Return energies within the inclusion, at the model's own modulus, of k sets of states, shape (k, s, s).
 
-    The states are sums of the vectors ``values``, (n, 8 p, m), with ``coefficients``, (k, m, 2).
+    The states are sums of the vectors ``values``, (n, 8 p, m), with ``coefficients``, (k, m, s).
     """
     inclusion = np.flatnonzero(model.mesh.body == Body.INCLUSION)
     vectors = values[inclusion]
@@ -217,7 +220,7 @@ def _compute_inclusion_energies(model: MeridianModel, values: Floats, coefficien
 
 
 def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: float, rate_factor: float | None) -> Floats:
-    """Return the first factor of eq. AX.12, e_i over the Cauchy-Schwarz bound of its energies, shape (k, 2).
+    """Return the first factor of eq. AX.12, e_i over the Cauchy-Schwarz bound of its energies, shape (k, s).
 
     It changes little with the modulus, so that it is computed at ``SAMPLED_MODULI`` moduli only. ``error_factor`` is c of eq.
     AX.10, ``rate_factor`` k of eq. AX.11, None where c_e = c.
@@ -244,36 +247,43 @@ def _compute_error_ratios(sample: MeshSample, change: _Change, error_factor: flo
 
 
 def _compute_degree_energies(model: MeridianModel, states: StateCurve, degree: int, ratios: Floats) -> Floats:
-    """Return the energies a_e, by element, of the parts of one degree of both states, shape (k, n, 2, 2).
+    """Return the energies a_e, by element, of the parts of one degree of the states, shape (k, n, s, s).
 
     The states are those at ``ratios`` of the modulus, shape (k,); a_e is taken with the model's own moduli.
     """
     chosen = find_values_of_degree(model, degree)
     parts = _combine_vectors(states.edges[:, chosen], states.compute_states(ratios)[0])
-    return _multiply_pairs(parts, model.system.stiffness[:, chosen[:, None], chosen] @ parts)
+    return _multiply_states(parts, model.system.stiffness[:, chosen[:, None], chosen] @ parts, states.count)
 
 
 def _combine_vectors(values: Floats, coefficients: Floats) -> Floats:
-    """Combine vectors (n, s, m) by k pairs of coefficients, (k, m, 2), to shape (n, s, 2 k)."""
+    """Combine vectors (n, f, m) by k sets of coefficients, (k, m, s), to shape (n, f, s k)."""
     return np.asarray(values @ coefficients.transpose(1, 0, 2).reshape(coefficients.shape[1], -1))
 
 
-def _multiply_pairs(values: Floats, loads: Floats) -> Floats:
-    """Return products of k pairs of values and loads, element by element, shape (k, n, 2, 2); both are (n, s, 2 k)."""
-    n, s, _ = values.shape
-    a, b = (array.reshape(n, s, -1, 2).transpose(2, 0, 1, 3) for array in (values, loads))
+def _multiply_states(values: Floats, loads: Floats, count: int) -> Floats:
+    """Return products of k sets of s = ``count`` states, element by element, (k, n, s, s), from values and loads (n, f, s k)."""
+    n, functions, _ = values.shape
+    a, b = (array.reshape(n, functions, -1, count).transpose(2, 0, 1, 3) for array in (values, loads))
     return np.asarray(a.transpose(0, 1, 3, 2) @ b)
 
 
+def _sum_bases(energies: Floats) -> Floats:
+    """Return a(w_i, W) from a(w_i, w_j), with W the sum of both base states' changes, the first two: (..., s, s) to (..., s)."""
+    return np.asarray(energies[..., :2].sum(axis=-1))
+
+
 def _bound_products(energies: Floats) -> Floats:
-    """Return the Cauchy-Schwarz bounds sqrt(a(w_i, w_i) a(W, W)) from a(w_i, w_j), (k, 2, 2) to (k, 2)."""
-    return np.asarray(np.sqrt(np.abs(np.diagonal(energies, axis1=1, axis2=2) * energies.sum(axis=(1, 2))[:, None])))
+    """Return the Cauchy-Schwarz bounds sqrt(a(w_i, w_i) a(W, W)) from a(w_i, w_j), (k, s, s) to (k, s)."""
+    total = _sum_bases(energies)[..., :2].sum(axis=-1)
+    return np.asarray(np.sqrt(np.abs(np.diagonal(energies, axis1=1, axis2=2) * total[:, None])))
 
 
 def _compute_sizes(energies: Floats) -> Floats:
-    """Return d_e of eq. AX.10, the size of the change in an element, from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
-    total, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
-    return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * total[..., None])))
+    """Return d_e of eq. AX.10, the size of the change in an element, from a_e(w_i, w_j), (..., s, s) to (..., s)."""
+    bases, single = _sum_bases(energies), np.diagonal(energies, axis1=-2, axis2=-1)
+    total = bases[..., :2].sum(axis=-1)
+    return np.asarray(np.abs(bases) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * total[..., None])))
 
 
 def _replace_nan(bounds: Floats) -> Floats:

@@ -25,7 +25,7 @@ MIN_NEW_ENERGY_SHARE = 1e-20  # outside the basis: vectors with less are dropped
 
 @dataclass(frozen=True)
 class StateCurve:
-    """Both base states as functions of a body's modulus, t = E / E_0.
+    """The s states as functions of a body's modulus, t = E / E_0.
 
     With G = u_i^T K_b u_j of the states at t = 1 and c_ki = v_k^T K_b u_i of the basis, K_b v_k = l_k K v_k in it:
 
@@ -34,8 +34,8 @@ class StateCurve:
     Attributes
     ----------
     edges
-        The elements' values of u_1, u_2 and of the basis v_1 ... v_m on corners and edges, without rigid shifts, shape
-        (n, 8 p, 2 + m).
+        The elements' values of the states u_1 ... u_s at t = 1 and of the basis v_1 ... v_m on corners and edges, without rigid
+        shifts, shape (n, 8 p, s + m).
     rational
         eq. AX.8, l_k, G and c; None for one modulus, t = 1, and no basis.
     """
@@ -43,25 +43,31 @@ class StateCurve:
     edges: Floats
     rational: RationalResponse | None = None
 
+    @property
+    def count(self) -> int:
+        """The number of states s."""
+        return self.edges.shape[2] if self.rational is None else self.rational.coupling.shape[1]
+
     def compute_states(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
+        """Return coefficients of the states on (u_1 ... u_s, v_1 ... v_m) and their derivatives by ln E, each (n, s + m, s).
 
         ``t`` are n moduli relative to that of the solved states, E / E_0.
         On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
         """
-        coefficients = np.zeros((2, len(t), self.edges.shape[2], 2))
-        coefficients[0, :, :2] = np.eye(2)
+        coefficients = np.zeros((2, len(t), self.edges.shape[2], self.count))
+        coefficients[0, :, : self.count] = np.eye(self.count)
         if self.rational is not None:
-            coefficients[0, :, 2:], coefficients[1, :, 2:] = self.rational.compute_amplitudes(t)
+            coefficients[0, :, self.count :], coefficients[1, :, self.count :] = self.rational.compute_amplitudes(t)
         return coefficients[0], coefficients[1]
 
 
 def compute_response(
     states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION
 ) -> tuple[RationalResponse, StateCurve]:
-    """Return film forces and states for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
+    """Return products and states for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
 
-    The basis grows step by step until the forces at both ends of the range change by less than the tolerance.
+    The products are those of ``BaseStates.products``, shape (k, s, 2) at k moduli.
+    The basis grows step by step until the film forces at both ends of the range change by less than the tolerance.
 
     Raises
     ------
@@ -72,13 +78,13 @@ def compute_response(
     if not inside.size:
         raise SolveError(f"the section has no {body.name.lower()}")
     space, ends = _build_space(states, inside), np.array([low, high])
-    tolerance = max(FORCE_TOLERANCE_RELATIVE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
+    tolerance = max(FORCE_TOLERANCE_RELATIVE, float(np.max(states.rounding[:2]) / np.max(np.abs(states.forces))))
     inside_energy = states.compute_modulus_derivative(body)
-    forces = space.build_response(states.forces, inside_energy).evaluate(ends)[0]
+    forces = space.build_response(states.products, inside_energy).evaluate(ends)[0][:, :2]
     for _ in range(MAX_STEPS):
         grown = space.grow()
-        response = space.build_response(states.forces, inside_energy)
-        previous, forces = forces, response.evaluate(ends)[0]
+        response = space.build_response(states.products, inside_energy)
+        previous, forces = forces, response.evaluate(ends)[0][:, :2]
         change = np.abs(forces - previous).max(axis=(1, 2)) / np.abs(forces).max(axis=(1, 2))
         if not grown or np.all(change < tolerance):
             return response, _build_curve(states, space, response)
@@ -92,7 +98,7 @@ def compute_tangent(states: BaseStates) -> StateCurve:
     """
     space = _build_space(states, np.flatnonzero(states.model.mesh.body == Body.INCLUSION))
     space.grow()
-    return _build_curve(states, space, space.build_response(states.forces, states.compute_modulus_derivative()))
+    return _build_curve(states, space, space.build_response(states.products, states.compute_modulus_derivative()))
 
 
 def _build_space(states: BaseStates, inside: Ints) -> BodySpace:

@@ -152,7 +152,7 @@ def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Float
         np.abs(bracket_log_ratios), axis=0
     ) * np.clip(2 * relative_widest.max(axis=1), 0.25, 1.0)
     sensitivity_bounds = BRACKET_MARGIN_FACTOR * np.max(
-        [np.abs(bracket_sample.log_sensitivity - rough.log_sensitivity) for bracket_sample in bracket_samples], axis=0
+        [np.abs(bracket_sample.log_sensitivities - rough.log_sensitivities)[:, 0] for bracket_sample in bracket_samples], axis=0
     )
     bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
     return Change("sides that are not round", bounds, sensitivity_bounds, rough.totals, shift=shift)

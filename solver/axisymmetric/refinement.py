@@ -39,7 +39,7 @@ MIN_PREVIOUS_CHANGE_SHARE = 0.1  # smallest error bound, times the change before
 
 @dataclass(frozen=True)
 class SampleErrors:
-    """Bounds on the errors of a sample: of each film's total, shape (k, 2), and of the log-sensitivities, shape (k,)."""
+    """Bounds on the errors of a sample: of its totals, shape (k, s), and of its log-sensitivities, shape (k, s / 2)."""
 
     totals: Floats
     sensitivity: Floats
@@ -163,19 +163,20 @@ def bound_errors(history: Sequence[MeshSample]) -> SampleErrors:
     both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness (AX.2). A part of it guards
     against changes that cancel in a total by chance.
     """
-    changes = [compute_total_change(b.forces - a.forces) for a, b in pairwise(history)]
-    sensitivity_changes = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
+    changes = [compute_total_change(b.products - a.products) for a, b in pairwise(history)]
+    sensitivity_changes = [np.abs(b.log_sensitivities - a.log_sensitivities) for a, b in pairwise(history)]
     return SampleErrors(_extrapolate_error(changes) + history[-1].rounding, _extrapolate_error(sensitivity_changes))
 
 
 def compute_total_change(change: Floats) -> Floats:
-    """Return a size of the change of both totals, shape (k, 2), from the change of F_ij, shape (k, 2, 2).
+    """Return a size of the change of all totals, shape (k, s), from the change of the products, shape (k, s, 2).
 
-    It is the change itself, or ``CANCELLATION_GUARD`` of the bound of eq. AX.2, sqrt(|dF_ii| |sum of all dF_ij|), if that is
-    larger.
+    It is the change itself, or ``CANCELLATION_GUARD`` of a bound if that is larger: of a force that of eq. AX.2,
+    sqrt(|dF_ii| |sum of all dF_ij|), of a charge |dQ_i1| + |dQ_i2|, as the error of a film state's own energy is not computed.
     """
-    own_change, sum_change = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
-    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), CANCELLATION_GUARD * np.sqrt(own_change * sum_change)))
+    own_change, sum_change = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change[:, :2].sum(axis=(1, 2)))[:, None]
+    guards = np.concatenate([np.sqrt(own_change * sum_change), np.abs(change[:, 2:]).sum(axis=2)], axis=1)
+    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), CANCELLATION_GUARD * guards))
 
 
 def _extrapolate_error(changes: Sequence[Floats]) -> Floats:

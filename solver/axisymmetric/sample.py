@@ -19,12 +19,12 @@ from solver.axisymmetric.sections import Sections
 
 @dataclass(frozen=True)
 class MeshSample:
-    """Film forces at one or several moduli on one mesh.
+    """Film forces and, of films whose charges are wanted, charges at one or several moduli on one mesh.
 
     Attributes
     ----------
-    forces, modulus_derivative
-        F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
+    products, product_derivatives
+        ``BaseStates.products`` and their derivatives by ln E_object, shape (k, s, 2): forces F_ij, below them charges Q_ij.
     states
         The base states from which they are computed.
     modulus_ratios
@@ -33,8 +33,8 @@ class MeshSample:
         The states as functions of the modulus; None where there is one modulus.
     """
 
-    forces: Floats
-    modulus_derivative: Floats
+    products: Floats
+    product_derivatives: Floats
     states: BaseStates
     modulus_ratios: Floats
     curve: StateCurve | None = None
@@ -45,21 +45,34 @@ class MeshSample:
         return self.curve or StateCurve(self.states.edge)
 
     @property
+    def forces(self) -> Floats:
+        """F_ij, shape (k, 2, 2)."""
+        return self.products[:, :2]
+
+    @property
+    def modulus_derivative(self) -> Floats:
+        """dF_ij / d ln E_object, shape (k, 2, 2)."""
+        return self.product_derivatives[:, :2]
+
+    @property
     def rounding(self) -> Floats:
-        """Bound on the rounding error of each film's total, shape (2,)."""
+        """Bound on the rounding error of each total, shape (s,)."""
         return np.asarray(self.states.rounding.sum(axis=1))
 
     @property
     def totals(self) -> Floats:
-        """Force on each film per unit displacement of both bases together, N/m, shape (k, 2)."""
-        return np.asarray(self.forces.sum(axis=2))
+        """Each film's force and, below, charge (``CHARGE_UNIT``) per unit displacement of both bases, 1/m, shape (k, s)."""
+        return np.asarray(self.products.sum(axis=2))
 
     @property
-    def log_sensitivity(self) -> Floats:
-        """Derivatives of ln(inner total / outer total) by ln E_object, shape (k,); a total of zero counts as constant."""
+    def log_sensitivities(self) -> Floats:
+        """Derivatives of ln(inner / outer total) by ln E_object, of forces and of charges, (k, 1) or (k, 2).
+
+        A total of zero counts as constant.
+        """
         totals = self.totals
-        films = np.divide(self.modulus_derivative.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
-        return np.asarray(films[:, 0] - films[:, 1])
+        films = np.divide(self.product_derivatives.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
+        return np.asarray(films[:, ::2] - films[:, 1::2])
 
 
 def solve_on_mesh(
@@ -99,12 +112,12 @@ def solve_on_mesh(
         middle = _choose_middle_modulus(moduli, scene.tissue.youngs_modulus)
         materials[Body.INCLUSION] = Material(youngs_modulus=middle, poisson_ratio=scene.inclusion[0].poisson_ratio)
     try:
-        states = solve_base_states(build_model(section, materials, interface, fineness, kind))
+        states = solve_base_states(build_model(section, materials, interface, fineness, kind, scene_sections.films))
     except np.linalg.LinAlgError as fault:  # Poisson's ratio within rounding of 1/2
         raise SolveError(f"an element's matrix cannot be inverted: {fault}") from fault
     if moduli is None:
-        derivative = states.compute_modulus_derivative() if scene.inclusion else np.zeros((2, 2))
-        return MeshSample(states.forces[None], derivative[None], states, np.ones(1))
+        derivative = states.compute_modulus_derivative() if scene.inclusion else np.zeros_like(states.products)
+        return MeshSample(states.products[None], derivative[None], states, np.ones(1))
     modulus_ratios = moduli / middle
     response, states_by_modulus = compute_response(states, modulus_ratios.min(), modulus_ratios.max())
     return MeshSample(*response.evaluate(modulus_ratios), states, modulus_ratios, states_by_modulus)

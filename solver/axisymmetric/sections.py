@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.meridian.section import LAYERS, Body, Section
+from geometry.meridian.section import LAYERS, STACKS, Body, Section
 from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.film import Film
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
+from solver.axisymmetric.film_states import Films
 
 OUTLINE_DIRECTIONS = 1440  # directions in which the distance of the tissue's sides is computed
 HALF_SPACE_SIZES = 1e6  # radius and depth of the model of a half-space, in sizes of probe and inclusion
 MIN_CUT_RELATIVE, TOUCHING_RELATIVE = 1e-7, 1e-6  # of the sphere's radius; nearer interfaces move to the cut
-FILM_POISSON_RATIO = 0.3  # of films and adhesive; it has little effect
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,15 @@ class Sections:
         The material of every body.
     outline
         Distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
+    films
+        The inner and the outer film, whose layers are in the sections; None where charges are not modelled.
     """
 
     section: Section
     bracket: tuple[Section, ...]
     materials: dict[Body, Material]
     outline: Floats
+    films: Films | None = None
 
 
 def build_sections(scene: Scene) -> Sections:
@@ -110,15 +114,8 @@ def add_details(scene: Scene, plain: Sections) -> Sections:
     InputError
         The base's flange is narrower than the tube.
     """
-    probe, layers, materials = scene.probe, {}, dict(plain.materials)
-    film, base = probe.film, probe.base
-    if film is not None:
-        materials[Body.FILM] = Material(youngs_modulus=film.youngs_modulus, poisson_ratio=FILM_POISSON_RATIO)
-        layers["film"] = film.thickness
-        if film.adhesive_thickness > 0:
-            modulus = film.adhesive_modulus or film.youngs_modulus
-            materials[Body.ADHESIVE] = Material(youngs_modulus=modulus, poisson_ratio=FILM_POISSON_RATIO)
-            layers["adhesive"] = film.adhesive_thickness
+    probe, base = scene.probe, scene.probe.base
+    layers, materials = _list_stack_layers(probe.film)
     if base.youngs_modulus is not None and base.poisson_ratio is not None:
         materials[Body.BASE] = Material(youngs_modulus=base.youngs_modulus, poisson_ratio=base.poisson_ratio)
         sizes = base_sizes(probe)
@@ -127,5 +124,22 @@ def add_details(scene: Scene, plain: Sections) -> Sections:
         layers |= {"flange_thickness": sizes.thickness, "step_height": sizes.step_height}
         layers["flange_radius"] = sizes.flange_radius if wide else 0.0
     return Sections(
-        replace(plain.section, **layers), tuple(replace(s, **layers) for s in plain.bracket), materials, plain.outline
+        replace(plain.section, **layers),
+        tuple(replace(s, **layers) for s in plain.bracket),
+        plain.materials | materials,
+        plain.outline,
+        None if probe.film is None or probe.film.uses_psi else probe.film.by_block,
     )
+
+
+def _list_stack_layers(film: Film | None) -> tuple[dict[str, float], dict[Body, Material]]:
+    """Return the thicknesses of the layers on both blocks and the insets of their electrodes, by length, and their materials."""
+    lengths: dict[str, float] = {}
+    materials: dict[Body, Material] = {}
+    for name, block_film, bodies in zip(("inner", "outer"), () if film is None else film.by_block, STACKS, strict=False):
+        lengths[f"{name}_inset"] = block_film.electrode_inset
+        for body, layer in zip(bodies, block_film.stack, strict=True):
+            if layer.thickness > 0 and layer.youngs_modulus is not None and layer.poisson_ratio is not None:
+                lengths[body.name.lower()] = layer.thickness
+                materials[body] = Material(youngs_modulus=layer.youngs_modulus, poisson_ratio=layer.poisson_ratio)
+    return lengths, materials

@@ -128,7 +128,7 @@ def find_lines(mesh: Topology, corners: Floats, order: int) -> dict[str, Boundar
         "hole lip": (outer, hole, hole_edge),
         "tube lip": (outer, tube_edge, tube),
     }
-    return {name: find_horizontal(*arguments) for name, arguments in lips.items() if mesh.layout.kind.edges} | {
+    return {name: find_horizontal(*arguments) for name, arguments in lips.items() if "inner edge" in mesh.layout.column} | {
         "inner wall": find_vertical(inner, "inner"),
         "hole wall": find_vertical(outer, "hole"),
         "tube wall": find_vertical(outer, "tube"),

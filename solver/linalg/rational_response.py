@@ -81,6 +81,7 @@ class BodySpace:
 class RationalResponse:
     """Products F_ij(t) = u_i(t)^T K(t) u_j(t) for every t > 0, of k solutions with imposed displacements, not loads.
 
+    The products may be those of all k solutions with the first j of them alone.
     With B w_k = l_k K w_k on the turned basis w, c_ki = w_k^T B u_i and G_ij = u_i^T B u_j, u at t = 1,
 
         F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k).
@@ -88,9 +89,9 @@ class RationalResponse:
     Attributes
     ----------
     start
-        F(1), shape (k, k).
+        F(1), shape (k, j).
     inside
-        G, shape (k, k).
+        G, shape (k, j).
     energy_fractions
         l_k, the part of w_k's energy that is B's, 0 to 1, shape (m,).
     coupling
@@ -127,10 +128,10 @@ class RationalResponse:
         return cls(start, inside, np.clip(fractions, 0.0, 1.0), turn.T @ coupling, turn=turn, weight=weight)
 
     def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return F(t) and dF / d ln t at n numbers t, shape (n,): two arrays of shape (n, k, k)."""
+        """Return F(t) and dF / d ln t at n numbers t, shape (n,): two arrays of shape (n, k, j)."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x[..., 0] * self.energy_fractions
-        products = self.weight * self.coupling[:, :, None] * self.coupling[:, None]
+        products = self.weight * self.coupling[:, :, None] * self.coupling[:, None, : self.start.shape[1]]
         total = np.einsum("nk,kij->nij", 1 / denominator, products)
         # d/dx of x^2 / (1 + x l) is x (2 + x l) / (1 + x l)^2; the last line multiplies by t = x + 1, for ln t
         derivative = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.energy_fractions) / denominator**2, products)

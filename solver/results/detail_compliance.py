@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.probe import Base, Film, Probe
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Probe
 from solver.results.film_forces import Bound
 
 
@@ -50,7 +51,8 @@ def iterate_details(probe: Probe) -> Iterator[Detail]:
     if probe.groove is not None:
         yield Detail("groove", _compute_groove_compliance(probe), lost_share=_compute_groove_loss(probe))
     if probe.film is not None:
-        yield Detail("film compliance", np.diag(_compute_film_compliance(probe.film) / areas), is_exact=True)
+        compliances = [_compute_stack_compliance(film) for film in probe.film.by_block]
+        yield Detail("film compliance", np.diag(compliances / areas), is_exact=True)
     if probe.base.youngs_modulus is not None:
         yield Detail("elastic base", _compute_base_compliance(probe.base, probe.tube_radius))
 
@@ -81,13 +83,9 @@ def _compute_groove_loss(probe: Probe) -> float:
     return -1.5 * float(np.log1p(-missing)) * probe.groove.depth / probe.tube_height
 
 
-def _compute_film_compliance(film: Film) -> float:
-    """Return the compliance of film and adhesive in series, times their area, m/Pa.
-
-    By default the adhesive has the film's modulus.
-    """
-    adhesive = film.adhesive_thickness / (film.adhesive_modulus or film.youngs_modulus)
-    return film.thickness / film.youngs_modulus + adhesive
+def _compute_stack_compliance(film: Film) -> float:
+    """Return the compliance of film and bonds in series, times their area, m/Pa."""
+    return sum(layer.thickness / layer.youngs_modulus for layer in film.stack if layer.youngs_modulus is not None)
 
 
 def _compute_base_compliance(base: Base, radius: float) -> Floats:

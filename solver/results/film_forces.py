@@ -73,12 +73,16 @@ class FilmForces:
         d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
     sensitivity_error
         Estimate of the absolute error of the log-sensitivity.
+    charges
+        The charges of the films in the same form, with Q_ij in C/m (not symmetric) in place of F_ij; None where no charge follows
+        from the films' stress.
     """
 
     forces: Floats
     bound: Bound
     modulus_derivative: Floats | None = None
     sensitivity_error: float = 0.0
+    charges: FilmForces | None = None
 
     @cached_property
     def totals(self) -> Floats:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from geometry.scenes.probe import Film
+from geometry.scenes.film import Film
 from probe_design.built_probe.bench import Amplifier, Channels, ReferenceForce, Sampling, Shaker, Workshop, read_builtin_bench
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE, find_charge_per_force

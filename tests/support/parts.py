@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids
-from geometry.scenes.probe import Base, Film, Material, Probe
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Material, Probe
 from geometry.scenes.units import SI_CONTEXT
 
 RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)

@@ -13,7 +13,8 @@ from scipy.integrate import quad
 from geometry.cad import export as step
 from geometry.cad import solids, step_check, step_writer
 from geometry.common.errors import ExportError, InputError, MissingLibrary
-from geometry.scenes.probe import Base, Film, Groove
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Groove
 from geometry.workshop import overview
 from tests.support.parts import FLANGE, make, read
 

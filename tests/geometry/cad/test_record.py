@@ -23,7 +23,8 @@ from geometry.cad.parts_record import (
     compute_digest,
 )
 from geometry.common.errors import InputError
-from geometry.scenes.probe import Film, Material, Probe
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Material, Probe
 
 RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
 FILM = Film(thickness=110e-6)

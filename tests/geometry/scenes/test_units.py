@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from geometry.scenes.probe import LENGTH_QUANTITY
+from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.units import UNIT_FACTORS, Quantity, find_factor_by_pint
 
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)

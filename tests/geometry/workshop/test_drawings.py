@@ -14,7 +14,8 @@ from pypdf import PdfReader
 
 from geometry.cad.parts_record import compute_design_digest
 from geometry.cad.stamp import build_stamp
-from geometry.scenes.probe import Base, Film, Material, Probe
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Material, Probe
 from geometry.workshop import drawings, pdf
 from geometry.workshop.parts import build_assembly_view, build_part_views, list_parts
 from geometry.workshop.tolerance import NO_BUDGET, Budget

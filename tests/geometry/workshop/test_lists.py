@@ -10,7 +10,8 @@ import pytest
 from pypdf import PdfReader
 
 from geometry.scenes.catalogue import find_material, list_materials
-from geometry.scenes.probe import Base, Film, Material
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Material
 from geometry.workshop.package import Casting, build_writers
 from geometry.workshop.tolerance import find_process, find_tolerance, format_deviation
 from tests.support.parts import make

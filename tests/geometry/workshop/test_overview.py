@@ -7,7 +7,8 @@ import pytest
 
 from geometry.cad import solids
 from geometry.scenes.base_sizes import assumed_sizes
-from geometry.scenes.probe import Base, Film
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base
 from geometry.workshop import overview
 from geometry.workshop.parts import build_section_outlines
 from geometry.workshop.sheet import format_number

@@ -12,7 +12,8 @@ from click.testing import CliRunner
 
 from geometry import Inclusion, Load, Scene, read_scene
 from geometry.common.errors import Refusal
-from geometry.scenes.probe import Base, Film, Groove
+from geometry.scenes.film import Film
+from geometry.scenes.probe import Base, Groove
 from geometry.scenes.scene import Contact
 from probe_design.commands.main import cli
 from solver import Decision, evaluate, evaluator, plan

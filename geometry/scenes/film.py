@@ -1,0 +1,200 @@
+"""Describe the PVDF films by numbers, with the bonds that hold each between its block and the base."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.bonds import fill_in_bond
+from geometry.scenes.quantities import (
+    ChargePerForce,
+    Frozen,
+    LossFactor,
+    MaterialName,
+    Modulus,
+    Number,
+    PartLength,
+    PoissonRatio,
+    Thickness,
+    build_optional_field,
+)
+
+ADHESIVE_KEYS = ("adhesive_thickness", "adhesive_modulus")  # of versions before 0.3: they are read as ``bond_to_base``
+ADHESIVE_POISSON_RATIO = 0.3  # that those versions computed the adhesive with
+
+
+class Bond(Frozen):
+    """A layer of glue or tape on one side of a film, by its numbers or by its name in the catalogue; rigid without thickness.
+
+    Attributes
+    ----------
+    thickness
+        Of the layer; 0 is a rigid bond, which has no modulus.
+    youngs_modulus
+        Of the layer, which is isotropic; a tape's is three times its shear modulus.
+    poisson_ratio
+        Of the layer.
+    loss_factor
+        Tan delta = E''/E' at the load's frequency.
+    name
+        In the catalogue of bonds; a number beside it is a measured one.
+    """
+
+    thickness: Thickness
+    youngs_modulus: Modulus | None = build_optional_field()
+    poisson_ratio: PoissonRatio | None = build_optional_field()
+    loss_factor: LossFactor = 0.0
+    name: MaterialName | None = Field(
+        default=None, description="a bond that `probe-design material list` shows", exclude_if=lambda name: name is None
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_catalogue(cls, table: object) -> object:
+        """Return a table with the numbers of the bond that it names; a text is a name."""
+        return fill_in_bond({"name": table} if isinstance(table, str) else table)
+
+    @model_validator(mode="after")
+    def _check_moduli(self) -> Self:
+        """Raise ``InputError`` unless a layer with a thickness has both elastic constants."""
+        for key in ("youngs_modulus", "poisson_ratio") if self.thickness > 0 else ():
+            if getattr(self, key) is None:
+                raise InputError(key, Words("missing"), "given for a bond with a thickness, or name = a bond of the catalogue")
+        return self
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the bond has no thickness."""
+        return self.thickness == 0
+
+
+RIGID_BOND = Bond(thickness=0.0)
+
+
+class OuterFilm(Frozen):
+    """What differs on the outer block's film; its keys are those of the film, and replace them there.
+
+    Attributes
+    ----------
+    thickness, youngs_modulus, poisson_ratio, d31, d32, d33, electrode_inset, psi1, psi2, bond_to_base, bond_to_block
+        As of the film.
+    """
+
+    thickness: PartLength | None = build_optional_field()
+    youngs_modulus: Modulus | None = build_optional_field()
+    poisson_ratio: PoissonRatio | None = build_optional_field()
+    d31: ChargePerForce | None = build_optional_field()
+    d32: ChargePerForce | None = build_optional_field()
+    d33: ChargePerForce | None = build_optional_field()
+    electrode_inset: Thickness | None = build_optional_field()
+    psi1: Number | None = build_optional_field()
+    psi2: Number | None = build_optional_field()
+    bond_to_base: Bond | None = build_optional_field()
+    bond_to_block: Bond | None = build_optional_field()
+
+
+class Film(Frozen):
+    """A PVDF film and what holds it, on both blocks; ``outer`` changes that of the outer block.
+
+    The defaults are the paper's: 110 um (section 2.1), Table 1 for ``d31``, ``d32``, ``d33``. Film and bonds fill the space
+    between block and base, from the block upwards: ``bond_to_block``, film, ``bond_to_base``.
+
+    Attributes
+    ----------
+    thickness
+        Of the film.
+    youngs_modulus
+        Of the film, which is elastically isotropic.
+    poisson_ratio
+        Of the film.
+    d31, d32, d33
+        Charge per force along length, breadth and thickness.
+    electrode_inset
+        How far the electrodes end within each free edge of the film.
+    psi1, psi2
+        Lateral over vertical stress in the film: the paper's eq. (12) then stands in place of the film's stress.
+    bond_to_base, bond_to_block
+        The bond on either side; left out, it is rigid.
+    outer
+        What differs on the outer block.
+    """
+
+    thickness: PartLength = 110e-6
+    youngs_modulus: Modulus = 2.5e9
+    poisson_ratio: PoissonRatio = 0.34
+    d31: ChargePerForce = 20e-12
+    d32: ChargePerForce = 2e-12
+    d33: ChargePerForce = -20e-12
+    electrode_inset: Thickness = 0.0
+    psi1: Number | None = build_optional_field()
+    psi2: Number | None = build_optional_field()
+    bond_to_base: Bond | None = build_optional_field()
+    bond_to_block: Bond | None = build_optional_field()
+    outer: OuterFilm | None = build_optional_field()
+    _has_adhesive_keys: bool = PrivateAttr(default=False)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _read_adhesive_keys(cls, table: Any, handler: ModelWrapValidatorHandler[Film]) -> Film:
+        """Read the adhesive of older versions as the bond to the base."""
+        if not isinstance(table, Mapping) or not any(key in table for key in ADHESIVE_KEYS):
+            return handler(table)
+        if "bond_to_base" in table:
+            raise InputError("adhesive_thickness", Words("beside bond_to_base"), "bond_to_base alone")
+        film = {key: value for key, value in table.items() if key not in ADHESIVE_KEYS}
+        thickness, modulus = (table.get(key) for key in ADHESIVE_KEYS)
+        if thickness is None:
+            raise InputError("adhesive_modulus", Words("without adhesive_thickness"), "both, or better bond_to_base")
+        modulus = table.get("youngs_modulus", "2.5 GPa") if modulus is None else modulus  # the film's own
+        bond = {"thickness": thickness, "youngs_modulus": modulus, "poisson_ratio": ADHESIVE_POISSON_RATIO}
+        read = handler(film | {"bond_to_base": bond})
+        read._has_adhesive_keys = True
+        return read
+
+    @property
+    def has_adhesive_keys(self) -> bool:
+        """Whether the bond to the base was written by the keys of an older version."""
+        return self._has_adhesive_keys
+
+    @property
+    def by_block(self) -> tuple[Film, Film]:
+        """The films of the inner and the outer block, each without ``outer``."""
+        inner = self.model_copy(update={"outer": None})
+        changes = {} if self.outer is None else {key: getattr(self.outer, key) for key in self.outer.model_fields_set}
+        return inner, inner.model_copy(update={key: value for key, value in changes.items() if value is not None})
+
+    @property
+    def has_bonds(self) -> bool:
+        """Whether a bond is given on either side of the inner block's film."""
+        return self.bond_to_base is not None or self.bond_to_block is not None
+
+    @property
+    def uses_psi(self) -> bool:
+        """Whether the charge follows from ``psi1`` and ``psi2`` in place of the film's stress."""
+        return self.psi1 is not None or self.psi2 is not None
+
+    @property
+    def stack(self) -> tuple[Bond, Film, Bond]:
+        """The layers of this film from the block to the base; bonds without thickness are rigid."""
+        return self.bond_to_block or RIGID_BOND, self, self.bond_to_base or RIGID_BOND
+
+    @property
+    def stack_height(self) -> float:
+        """Height of film and bonds together, m."""
+        return sum(layer.thickness for layer in self.stack)
+
+    @property
+    def charge_per_force(self) -> float:
+        """Charge per compressive force (C/N) of evenly pressed film: psi1 d31 + psi2 d32 + d33, the paper's eq. (12).
+
+        Without ``psi1`` and ``psi2`` it is d33, that of a free film.
+        """
+        return (self.psi1 or 0.0) * self.d31 + (self.psi2 or 0.0) * self.d32 + self.d33
+
+    @property
+    def mean_lateral_charge(self) -> float:
+        """(d31 + d32) / 2, C/N: the mean over all directions in the film's plane."""
+        return (self.d31 + self.d32) / 2

@@ -1,0 +1,39 @@
+"""Annotated types of the numbers in a scene: their units, their ranges, and the frozen models that hold them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from geometry.scenes.units import MODULUS_QUANTITY, Quantity
+
+LENGTH_QUANTITY = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
+Length = Annotated[float, LENGTH_QUANTITY]
+PartLength = Annotated[float, replace(LENGTH_QUANTITY, bare=0.2)]
+Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
+POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)
+Position = Annotated[float, POSITION_QUANTITY]
+Modulus = Annotated[float, MODULUS_QUANTITY]
+ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
+PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
+LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
+Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
+MaterialName = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class Frozen(BaseModel):
+    """A frozen model: unknown keys, NaN, infinity and silent conversions are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def build_quiet_field(default: object) -> Any:
+    """Return a field that is not written to files where it has its default."""
+    return Field(default=default, exclude_if=lambda value: value == default)
+
+
+def build_optional_field() -> Any:
+    """Return a field that may be left out, and then is not written to files."""
+    return Field(default=None, exclude_if=lambda value: value is None)

@@ -1,0 +1,59 @@
+"""Compute what the films' charges need: each film as an actuator, by which its charge is an energy of two states.
+
+The charge of a film of thickness t is the integral over its electrode of the mean stress over the thickness,
+
+    Q = Int (1/t) [d_p (s_r + s_t) + d33 s_z] dV,   d_p = (d31 + d32) / 2        (FS.1)
+
+with the stresses s_r, s_t and s_z along the radius, round the axis and along z; d31 and d32 are averaged over all directions as
+stresses do not depend on the angle. A displacement u* = (d_p r, d33 z) / t of the electrode's part of the film has the uniform
+strain (d_p, d_p, d33) / t there, so that Q = a_film(u*, u) is the energy of u* with the state u in that part alone. The film
+state is s = w - u*, with w the displacement that the probe has under the forces of u*: a(w, .) = a_film(u*, .). As a base state u
+is in equilibrium, a(w, u) = 0, and
+
+    Q = -a(s, u),        (FS.2)
+
+the same energy product as a film force, with an error that falls at twice the rate of the displacements. The toolkit's charge is
+-Q: it has the sign of d33 where a film is pressed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.meridian.mesh import Topology, compute_nodes
+from geometry.meridian.mesh_cells import UNIT_SQUARE
+from geometry.meridian.section import FILMS, Section
+from geometry.scenes.film import Film
+
+Films = tuple[Film, Film]  # of the inner and of the outer block
+CHARGE_UNIT = 1e-9  # C: in it film states are about as large as base states, and neither is lost beside the other
+
+
+def build_film_lift(section: Section, mesh: Topology, skeleton: int, films: Films) -> Floats:
+    """Return the elements' displacements -u* of both films, per ``CHARGE_UNIT``, for eq. FS.2.
+
+    Parameters
+    ----------
+    section, mesh
+        With layers on both blocks.
+    skeleton
+        Number of an element's functions on corners and edges.
+    films
+        The inner and the outer film.
+
+    Returns
+    -------
+    Floats
+        Values of u_r and u_z on corners and edges, of n elements, shape (n, 2 skeleton, 2); zero outside the film's electrode.
+    """
+    lift = np.zeros((len(mesh.body), 2, skeleton, 2))
+    columns = mesh.vertices[..., 0]
+    for k, (body, film, (start, end)) in enumerate(zip(FILMS, films, mesh.layout.electrodes, strict=True)):
+        under_electrode = (columns.min(axis=1) >= start) & (columns.max(axis=1) <= end)
+        chosen = np.flatnonzero((mesh.body == body) & under_electrode)
+        corners = compute_nodes(section, mesh, UNIT_SQUARE, chosen) / (film.thickness * CHARGE_UNIT)
+        # linear displacements are those of the corners' functions alone
+        lift[chosen, 0, :4, k] = -film.mean_lateral_charge * corners[..., 0]
+        lift[chosen, 1, :4, k] = -film.d33 * corners[..., 1]
+    return lift.reshape(len(mesh.body), -1, 2)
