@@ -142,10 +142,11 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
     """
     layers = layout.fineness.layers
     column, surface = layout.column, layout.row["surface"]
-    tops = layout.inner[layout.blocks[0]], layout.outer[layout.blocks[1]]
-    for radius, top in zip(("inner", "hole", "tube"), (tops[0], tops[1], tops[1]), strict=True):
+    inner_ends, outer_ends = _list_layer_ends(layout, 0, layout.inner), _list_layer_ends(layout, 1, layout.outer)
+    for radius, ends in (("inner", inner_ends), ("hole", outer_ends), ("tube", outer_ends)):
         yield ((column.get(f"{radius} edge", column[radius]), surface), False), layers
-        yield ((column[radius], top), False), layers
+        for end in ends:
+            yield ((column[radius], end), False), layers
     yield ((column["side"], layout.row["floor"]), False), layers
     for level, cut in zip(layout.interfaces, layout.kind.ends, strict=True):
         if cut:
@@ -164,6 +165,15 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
             max_layers = min(layers, layout.crossed.tips[line, level])
             yield ((line, cap.last), True), max_layers
             yield ((line, level), False), max_layers
+
+
+def _list_layer_ends(layout: MeshTopology, block: int, levels: Sequence[int]) -> list[int]:
+    """Return the levels at which a block and, where their corners have layers, films and bonds on it end.
+
+    ``block`` is 0 for the inner and 1 for the outer block, ``levels`` are those of the block and of the layers on it.
+    """
+    graded = layout.kind.stacks[block] if layout.layer > 1 else ()
+    return [levels[layout.blocks[block] + k * layout.layer] for k in range(len(graded) + 1)]
 
 
 def _list_corners(cell: Cell, rings: int) -> Iterator[Place]:

@@ -27,6 +27,7 @@ from geometry.meridian.grading import grade_nodes, smooth_min
 from geometry.meridian.section import Body, Section
 from geometry.meridian.sphere_box import Breaks, SphereBox
 
+MIN_STACK_CORNER_LAYERS = 3  # geometric layers at corners from which on the corners of films and bonds have them, too
 MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
 
 
@@ -178,7 +179,7 @@ class MeshTopology:
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
-        self.layer = n(1)
+        self.layer = 1 if fineness.layers < MIN_STACK_CORNER_LAYERS else n(2)
         top = self._number_levels(self.row["surface"] + 1)
         self.merged = self._find_merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))

@@ -14,6 +14,7 @@ from geometry.common.limits import format_minimum
 from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_own_workspace
+from solver.results.film_charges import compute_charge_fields
 from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
 from solver.results.result import Curve, Decision, ErrorKind, Result
 from solver.results.warnings import Note, select_notes
@@ -110,7 +111,7 @@ class FilmSolution:
 
     def build_result(self, name: str, scene: Scene, seconds: float) -> Result:
         """Return the result of evaluator ``name`` at the scene's own target modulus; ``seconds`` is the time that it took."""
-        fields = compute_result_fields(scene, self.films[0])
+        fields = compute_result_fields(scene, self.films[0]) | compute_charge_fields(scene, self.films[0])
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
         warnings = (*fields.pop("warnings"), *self.notes)  # those of the film forces first

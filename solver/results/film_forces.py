@@ -160,8 +160,6 @@ def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     indentation = compute_indentation(scene, float(films.totals.sum()))  # m
     stress = films.totals * indentation / areas
-    film = scene.probe.film
-    charge = stress * areas * film.charge_per_force if film is not None else (None, None)
     reasons = [] if films.modulus_derivative is not None else [explain_null_sensitivity(len(scene.inclusion))]
     if films.stress_below_error is not None:
         reason = f"ratio, log_sensitivity and error_estimate are null: {films.stress_below_error} is below its own error"
@@ -171,8 +169,6 @@ def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
         "stress_outer": float(stress[1]),
         "stiffness": float(films.totals.sum()),
         "stiffness_error": films.stiffness_error,
-        "charge_inner": None if charge[0] is None else float(charge[0]),
-        "charge_outer": None if charge[1] is None else float(charge[1]),
         **compute_ratio_fields(scene, films),
         "warnings": tuple(reasons),
     }

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 SI_UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "1", "log_sensitivity": "1", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "error_estimate": "1", "stress_inner_error": "1", "stress_outer_error": "1", "stiffness_error": "1",
+    "charge_outer": "C", "charge_per_force_inner": "C/N", "charge_per_force_outer": "C/N", "charge_ratio": "1",
+    "charge_log_sensitivity": "1", "charge_log_sensitivity_error": "1", "charge_inner_error": "1", "charge_outer_error": "1",
+    "charge_per_force_inner_error": "1", "charge_per_force_outer_error": "1", "charge_ratio_error": "1",
+    "error_estimate": "1", "stress_inner_error": "1", "stress_outer_error": "1", "stiffness_error": "1",
     "equivalent_modulus": "Pa", "residual": "1", "frequency": "Hz",
     "ratio_phase": "rad", "ratio_phase_error": "rad", "youngs_modulus": "Pa", "force": "N", "indentation": "m",
     "tangent_stiffness": "N/m", "closest_walls": "m", "contact_radius": "m", "largest_strain": "1", "position": "m", "at": "m",

@@ -13,7 +13,17 @@ from solver.results.warnings import Note
 
 ErrorKind = Literal["bound", "95 %"]
 """What a stated error is: a bound, or a quantile, which the true error is below in 95 % of scenes."""
-ERROR_FIELDS = ("error_estimate", "stress_inner_error", "stress_outer_error", "stiffness_error")
+ERROR_FIELDS = (
+    "error_estimate",
+    "stress_inner_error",
+    "stress_outer_error",
+    "stiffness_error",
+    "charge_inner_error",
+    "charge_outer_error",
+    "charge_per_force_inner_error",
+    "charge_per_force_outer_error",
+    "charge_ratio_error",
+)
 """Fields of a result that are relative errors, of the kind ``error_kind``."""
 MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
 
@@ -88,7 +98,17 @@ class Result(LoadedRecord):
     stiffness
         Force on the base per indentation, N/m.
     charge_inner, charge_outer
-        Film charges by the paper's eq. (12), C.
+        Charges of the films at the scene's load, C, with the sign of d33 where a film is pressed.
+    charge_per_force_inner, charge_per_force_outer
+        Charge of each film over the compressive force on its block, C/N.
+    charge_ratio
+        Ratio of inner to outer charge, each over the block's nominal end area.
+    charge_log_sensitivity
+        d ln(charge_ratio) / d ln(E_object) of the target inclusion.
+    charge_log_sensitivity_error
+        Estimate of its absolute error.
+    charge_inner_error, charge_outer_error, charge_per_force_inner_error, charge_per_force_outer_error, charge_ratio_error
+        Relative errors of these, like ``error_estimate``.
     error_estimate
         Relative error of ``ratio``; against linear elasticity if the evaluator was named.
     error_kind
@@ -132,6 +152,16 @@ class Result(LoadedRecord):
     stiffness: float | None = None
     charge_inner: float | None = None
     charge_outer: float | None = None
+    charge_per_force_inner: float | None = None
+    charge_per_force_outer: float | None = None
+    charge_ratio: float | None = None
+    charge_log_sensitivity: float | None = None
+    charge_log_sensitivity_error: float | None = None
+    charge_inner_error: float | None = None
+    charge_outer_error: float | None = None
+    charge_per_force_inner_error: float | None = None
+    charge_per_force_outer_error: float | None = None
+    charge_ratio_error: float | None = None
     error_estimate: float | None = None
     error_kind: ErrorKind = "bound"
     stress_inner_error: float | None = None
