@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.meridian.crossed_sphere import Cap, CrossedBox
 from geometry.meridian.mesh_lines import MeshTopology
-from geometry.meridian.section import LAYERS, Body
+from geometry.meridian.section import LAYERS, STACKS, Body
 
 TENSOR, OUTSIDE, INSIDE, CORE, ARCH, STRIP = range(6)
 LAYER_RATIO = 0.15  # ratio of sizes from one layer at a corner to the next
@@ -142,11 +142,12 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
     """
     layers = layout.fineness.layers
     column, surface = layout.column, layout.row["surface"]
-    inner_ends, outer_ends = _list_layer_ends(layout, 0, layout.inner), _list_layer_ends(layout, 1, layout.outer)
-    for radius, ends in (("inner", inner_ends), ("hole", outer_ends), ("tube", outer_ends)):
+    for radius, levels, rows in zip(
+        ("inner", "hole", "tube"), (layout.inner, layout.outer, layout.outer), (0, 1, 1), strict=True
+    ):
         yield ((column.get(f"{radius} edge", column[radius]), surface), False), layers
-        for end in ends:
-            yield ((column[radius], end), False), layers
+        for top in {levels[layout.blocks[rows]], levels[-1]}:  # of the block, and of the layers on it
+            yield ((column[radius], top), False), layers
     yield ((column["side"], layout.row["floor"]), False), layers
     for level, cut in zip(layout.interfaces, layout.kind.ends, strict=True):
         if cut:
@@ -167,13 +168,13 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
             yield ((line, level), False), max_layers
 
 
-def _list_layer_ends(layout: MeshTopology, block: int, levels: Sequence[int]) -> list[int]:
-    """Return the levels at which a block and, where their corners have layers, films and bonds on it end.
-
-    ``block`` is 0 for the inner and 1 for the outer block, ``levels`` are those of the block and of the layers on it.
-    """
-    graded = layout.kind.stacks[block] if layout.layer > 1 else ()
-    return [levels[layout.blocks[block] + k * layout.layer] for k in range(len(graded) + 1)]
+def _find_wall_side(cell: Cell, layout: MeshTopology) -> int | None:
+    """Return on which side, left (0) or right (1), a cell of a film or a bond ends at its block's wall; None for other cells."""
+    _, body, vertices, _ = cell
+    block = next((k for k, stack in enumerate(STACKS) if body in stack), None)
+    walls = (None, layout.column["inner"]) if block == 0 else (layout.column["hole"], layout.column["tube"])
+    ends = (vertices[0][0], vertices[1][0])
+    return None if block is None else next((side for side in (0, 1) if ends[side] == walls[side]), None)
 
 
 def _list_corners(cell: Cell, rings: int) -> Iterator[Place]:
@@ -195,28 +196,65 @@ def _find_point_side(cell: Cell, tips: Container[Vertex]) -> int | None:
     return next((end for end in (0, 1) if vertices[end] in tips), None) if shape == OUTSIDE else None
 
 
+def _cut_strips(side: int, layers: int) -> Floats:
+    """Cut the unit square into upright strips, ever thinner towards its left (0) or right (1) side; shape (strips, 4, 2)."""
+    ends = np.array([0.0, *(LAYER_RATIO**k for k in range(layers, -1, -1))])
+    pieces = [UNIT_SQUARE * [high - low, 1.0] + [low, 0.0] for low, high in pairwise(np.sort(np.abs(side - ends)))]
+    return np.stack(pieces)
+
+
 def cut_layers(cell: Cell, layout: MeshTopology, singular: dict[Place, int], tips: dict[Vertex, int]) -> tuple[Cell, Floats]:
-    """Cut a cell's unit square into geometric layers towards its singular corner or point, if any; shape (elements, 4, 2)."""
+    """Cut a cell's unit square into geometric layers towards its singular corner, point or wall, if any; shape (elements, 4, 2).
+
+    Films and bonds are thin, and singular at the wall where they end, see ``_cut_at_wall``.
+    """
+    wall = _find_wall_side(cell, layout)
+    if wall is not None:
+        return cell, _cut_at_wall(cell, layout, wall)
     point = _find_point_side(cell, tips)
     if point is not None:
         _, _, vertices, circles = cell
         tip = vertices[point] if vertices[point] in tips else (vertices[0][0], circles[1])
-        ends = np.array([0.0, *(LAYER_RATIO**k for k in range(min(layout.fineness.layers, tips[tip]), -1, -1))])
-        pieces = [UNIT_SQUARE * [high - low, 1.0] + [low, 0.0] for low, high in pairwise(np.sort(np.abs(point - ends)))]
-        return cell, np.stack(pieces)
+        return cell, _cut_strips(point, min(layout.fineness.layers, tips[tip]))
     corners = [(k, singular[place]) for k, place in enumerate(_list_corners(cell, layout.rings[1])) if place in singular]
     if not corners or not corners[0][1]:
         return cell, UNIT_SQUARE[None]
     ((k, layers),) = corners  # two cells at least lie between any two singular corners
+    return cell, _cut_corner(k, layers)
+
+
+def _cut_at_wall(cell: Cell, layout: MeshTopology, side: int) -> Floats:
+    """Cut the cell of a film or a bond that ends at a wall on its left (0) or right (1) side; shape (elements, 4, 2).
+
+    Cells are much wider than high: a layer of one row is cut into strips across its thickness. With more rows the strip at the
+    wall, about as wide as high, is cut further, towards the corner where the layer meets the next.
+    """
+    layers = layout.fineness.layers
+    if layout.layer == 1:
+        return _cut_strips(side, layers)
+    pieces = _cut_strips(side, 1)
+    _, _, vertices, _ = cell
+    low, high = vertices[0][1] in layout.layer_ends, vertices[3][1] in layout.layer_ends
+    if not (low or high):
+        return pieces
+    # the strip at the wall is the first on the left and the last on the right side; corners are counted as in UNIT_SQUARE
+    corner = (0, 1)[side] if low else (3, 2)[side]
+    start = 0.0 if side == 0 else 1 - LAYER_RATIO
+    near = _cut_corner(corner, layers - 1) * [LAYER_RATIO, 1.0] + [start, 0.0]
+    return np.concatenate([near, pieces[1:] if side == 0 else pieces[:-1]])
+
+
+def _cut_corner(corner: int, layers: int) -> Floats:
+    """Cut the unit square into geometric layers towards a corner, counted as in ``UNIT_SQUARE``; shape (elements, 4, 2)."""
     # towards the corner (0, 0): a small square, and round it L-shaped layers of two quadrilaterals each
     quads = [LAYER_RATIO**layers * UNIT_SQUARE]
     for layer in range(layers):
         x, y = LAYER_RATIO**layer, LAYER_RATIO ** (layer + 1)
         quads += [np.array([[y, 0.0], [x, 0.0], [x, x], [y, y]]), np.array([[0.0, y], [y, y], [x, x], [0.0, x]])]
     turned = np.stack(quads)
-    # mirrored to the corner k; a mirrored quadrilateral's corners are listed backwards to stay counter-clockwise
-    for axis, far in enumerate(UNIT_SQUARE[k]):
+    # mirrored to the corner; a mirrored quadrilateral's corners are listed backwards to stay counter-clockwise
+    for axis, far in enumerate(UNIT_SQUARE[corner]):
         if far:
             turned[..., axis] = 1 - turned[..., axis]
             turned = turned[:, ::-1]
-    return cell, turned
+    return turned

@@ -27,7 +27,7 @@ from geometry.meridian.grading import grade_nodes, smooth_min
 from geometry.meridian.section import Body, Section
 from geometry.meridian.sphere_box import Breaks, SphereBox
 
-MIN_STACK_CORNER_LAYERS = 3  # geometric layers at corners from which on the corners of films and bonds have them, too
+MIN_CORNER_LAYERS = 3  # layers at corners from which on films and bonds have two rows, each cut towards one corner
 MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
 
 
@@ -179,11 +179,17 @@ class MeshTopology:
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
-        self.layer = 1 if fineness.layers < MIN_STACK_CORNER_LAYERS else n(2)
+        self.layer = n(2) if fineness.layers >= MIN_CORNER_LAYERS else 1
         top = self._number_levels(self.row["surface"] + 1)
         self.merged = self._find_merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
         self.crossed = self._build_crossed_box() if kind.layers[1] else None
+
+    @property
+    def layer_ends(self) -> set[int]:
+        """Numbers of the levels where a block, a film or a bond ends, above the tissue."""
+        rows = zip((self.inner, self.outer), self.blocks, self.kind.stacks, strict=True)
+        return {levels[first + k * self.layer] for levels, first, stack in rows for k in range(len(stack) + 1)}
 
     @property
     def electrodes(self) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -26,6 +26,9 @@ Force = Annotated[float, Quantity("force", "N", "N", 0.0, 1e9)]
 Indentation = Annotated[float, Quantity("indentation", "m", "um", 0.0, 10.0)]
 
 
+Observable = Literal["charge", "stress"]
+
+
 class Layer(Material):
     """A layer of the tissue, bonded to what is above and below it.
 
@@ -259,6 +262,18 @@ class Load(Frozen):
         return self
 
 
+class Reading(Frozen):
+    """What a reading of the probe is.
+
+    Attributes
+    ----------
+    observable
+        The ratio of the films' charges or of the stresses on them; left out, charges where the films have bonds, else stresses.
+    """
+
+    observable: Observable | None = None
+
+
 MAX_INCLUSIONS = 1000
 Inclusions = Annotated[tuple[Inclusion, ...], Field(strict=False, max_length=MAX_INCLUSIONS)]
 
@@ -272,6 +287,14 @@ class Scene(Frozen):
     contact: Contact = Contact()
     placement: Placement = Placement()
     load: Load
+    reading: Reading = Field(default=Reading(), exclude_if=lambda reading: reading == Reading())
+
+    @model_validator(mode="after")
+    def _check_reading(self) -> Self:
+        """Raise ``InputError`` where charges are to be read without films."""
+        if self.reading.observable == "charge" and self.probe.film is None:
+            raise InputError("reading.observable", "charge", "'stress', or [probe.film] given")
+        return self
 
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
@@ -328,6 +351,12 @@ class Scene(Frozen):
         keys = [find_key(name, tables, Scene) for name in changes]
         values = [key.read_bare_value(value) for key, value in zip(keys, changes.values(), strict=True)]
         return self.from_tables(replace_values(tables, keys, values))
+
+    @property
+    def observable(self) -> Observable:
+        """What a reading is: the ratio of the films' charges, or of the stresses on them."""
+        film = self.probe.film
+        return self.reading.observable or ("charge" if film is not None and film.has_bonds else "stress")
 
     @property
     def target(self) -> int | None:

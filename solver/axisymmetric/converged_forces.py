@@ -12,11 +12,18 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.axisymmetric.lower_order import bound_by_descent, bound_by_last_degree, bound_by_lower_order, is_graded_everywhere
-from solver.axisymmetric.omitted_details import IN_PLANE_DETAILS, Change, bound_omitted_changes
+from solver.axisymmetric.omitted_details import (
+    IN_PLANE_DETAILS,
+    Change,
+    bound_detail,
+    bound_omitted_changes,
+    models_charges,
+)
 from solver.axisymmetric.refinement import CROSSED_SPHERE_ORDERS, MESH_LEVELS, ONE_MESH_ORDERS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.linalg.workspace import get_workspace
+from solver.results.detail_compliance import FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound, FilmForces, describe_shortfall
 from solver.results.result import Decision
 from solver.results.warnings import Note
@@ -79,8 +86,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
     feature_changes = list(bound_omitted_changes(scene, bare_sections, solve_coarsest, moduli))
     in_plane_changes = [change for change in feature_changes if change.feature in IN_PLANE_DETAILS]
     sections = bare_sections
-    charged = scene.probe.film is not None and not scene.probe.film.uses_psi
-    if charged or any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
+    if models_charges(scene) or any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
         sections = add_details(scene, bare_sections)
         feature_changes = [replace(change, modelled=True) if change in in_plane_changes else change for change in feature_changes]
     omitted = [change for change in feature_changes if not change.modelled]
@@ -106,6 +112,9 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
     )
     films = _build_films(scene, mesh_sample, errors, omitted)
+    if models_charges(scene):
+        stacks = next(detail for detail in iterate_details(scene.probe) if detail.name == FILM_DETAIL)
+        feature_changes.append(replace(bound_detail(stacks, mesh_sample), modelled=True))
     plan = tuple(change.build_decision(accuracy) for change in feature_changes)
     return Converged(films, mesh_sample, plan, tuple(_write_notes(scene, films, omitted, accuracy, reason)), reason)
 

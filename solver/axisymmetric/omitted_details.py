@@ -14,11 +14,11 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import HALF_SPACE_SIZES, Sections
-from solver.results.detail_compliance import iterate_details
+from solver.results.detail_compliance import FILM_DETAIL, Detail, iterate_details
 from solver.results.film_forces import Bound
 from solver.results.result import Decision, Effect
 
-IN_PLANE_DETAILS = "film compliance", "elastic base"  # details that the meridian plane can model
+IN_PLANE_DETAILS = FILM_DETAIL, "elastic base"  # details that the meridian plane can model
 OUTER_TISSUE = f"the tissue beyond {HALF_SPACE_SIZES:g} probe sizes"
 SECOND_ORDER_SHARE = 1 / 3  # remaining error, of the shift by the mean over cylinders
 BRACKET_MARGIN_FACTOR = 1.2  # on the bracket of sides that are not round: the ratio may not be monotone in it
@@ -91,7 +91,8 @@ def bound_omitted_changes(
     """
     zeros = np.zeros(1 if moduli is None else len(moduli))
     for detail in iterate_details(scene.probe):
-        yield Change(detail.name, tuple(detail.compute_bound(forces) for forces in rough().forces), zeros, rough().totals)
+        if detail.name != FILM_DETAIL or not models_charges(scene):
+            yield bound_detail(detail, rough())
     if plain.bracket:
         yield _bound_sides(scene, plain, rough(), moduli)
     if scene.tissue.shape == "half-space":
@@ -99,6 +100,17 @@ def bound_omitted_changes(
         relative_change = 4 / HALF_SPACE_SIZES
         bounds = tuple(Bound(relative_change * np.abs(totals), relative_change) for totals in rough().totals)
         yield Change(OUTER_TISSUE, bounds, zeros, rough().totals)
+
+
+def models_charges(scene: Scene) -> bool:
+    """Return whether the charges of a scene's films follow from their stress, so that films and bonds are always modelled."""
+    return scene.probe.film is not None and not scene.probe.film.uses_psi
+
+
+def bound_detail(detail: Detail, sample: MeshSample) -> Change:
+    """Return the change of a sample's film forces by a detail that the sample leaves out; or, nearly the same, that it has."""
+    bounds = tuple(detail.compute_bound(forces) for forces in sample.forces)
+    return Change(detail.name, bounds, np.zeros(len(bounds)), sample.totals[:, :2])
 
 
 def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:

@@ -17,6 +17,8 @@ from geometry.scenes.film import Film
 from geometry.scenes.probe import Base, Probe
 from solver.results.film_forces import Bound
 
+FILM_DETAIL = "film compliance"
+
 
 @dataclass(frozen=True)
 class Detail:
@@ -52,7 +54,7 @@ def iterate_details(probe: Probe) -> Iterator[Detail]:
         yield Detail("groove", _compute_groove_compliance(probe), lost_share=_compute_groove_loss(probe))
     if probe.film is not None:
         compliances = [_compute_stack_compliance(film) for film in probe.film.by_block]
-        yield Detail("film compliance", np.diag(compliances / areas), is_exact=True)
+        yield Detail(FILM_DETAIL, np.diag(compliances / areas), is_exact=True)
     if probe.base.youngs_modulus is not None:
         yield Detail("elastic base", _compute_base_compliance(probe.base, probe.tube_radius))
 

@@ -117,6 +117,20 @@ class FilmForces:
         """Return whether the error of the log-sensitivity is within what an accuracy promises."""
         return bool(self.sensitivity_error <= compute_sensitivity_tolerance(accuracy, self.log_sensitivity or 0.0))
 
+    def get_observable(self, scene: Scene) -> FilmForces:
+        """Return what a scene's readings are the ratio of: the charges, or where it reads stresses the forces themselves.
+
+        Raises
+        ------
+        Refusal
+            The scene reads charges, and these are not known.
+        """
+        if scene.observable == "stress":
+            return self
+        if self.charges is None:
+            raise Refusal("reading.observable", "charge", "'stress' for this evaluator, which computes no film's stress")
+        return self.charges
+
     @cached_property
     def film_log_sensitivities(self) -> tuple[float, float] | None:
         """Log-sensitivities of the inner and the outer film's force at a given indentation: d ln F_i / d ln E_object."""
@@ -145,8 +159,12 @@ class FilmForces:
         return inner, outer
 
     def compute_max_error(self, scene: Scene) -> float:
-        """Return the largest relative error of ratio, both stresses and stiffness, for the scene's kind of load."""
-        return max(self.ratio_error, *self.compute_stress_errors(scene), self.stiffness_error)
+        """Return the largest relative error of ratio, both stresses and stiffness, for the scene's kind of load.
+
+        Where a reading is the ratio of charges, and these are known, the error of that ratio counts, too.
+        """
+        read = self.charges.ratio_error if self.charges is not None and scene.observable == "charge" else 0.0
+        return max(self.ratio_error, *self.compute_stress_errors(scene), self.stiffness_error, read)
 
 
 def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
