@@ -177,7 +177,7 @@ def truth(scene: Scene) -> CrossedTruth:
     with use_limits(TRUTH_LIMITS):
         sample = solve_on_mesh(sections.section, sections, scene, TRUTH_FINENESS)
     inner, outer = sample.totals[0]
-    return CrossedTruth(float(inner / outer * _areas(scene)), float(sample.log_sensitivity[0]))
+    return CrossedTruth(float(inner / outer * _areas(scene)), float(sample.log_sensitivities[0, 0]))
 
 
 def _areas(scene: Scene) -> float:

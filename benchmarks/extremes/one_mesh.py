@@ -64,7 +64,7 @@ class TrueForces:
     @classmethod
     def from_sample(cls, sample: MeshSample) -> TrueForces:
         """Keep what is compared."""
-        return cls(sample.totals.tolist(), sample.rounding.tolist(), sample.log_sensitivity.tolist())
+        return cls(sample.totals.tolist(), sample.rounding.tolist(), sample.log_sensitivities[:, 0].tolist())
 
 
 Truths = dict[str, TrueForces]  # by "lone" and "curve"
@@ -133,7 +133,7 @@ def _moduli(scene: Scene) -> Floats:
 
 def _share(sample: MeshSample, bounds: SampleErrors, true: TrueForces) -> tuple[float, float, float, float]:
     differences = np.abs(sample.totals - true.totals) / (bounds.totals + true.rounding)
-    derivative = np.abs(sample.log_sensitivity - true.log_sensitivity) / np.maximum(bounds.sensitivity, SENSITIVITY_ACCURACY)
+    derivative = np.abs(sample.log_sensitivities[:, 0] - true.log_sensitivity) / np.maximum(bounds.sensitivity[:, 0], SENSITIVITY_ACCURACY)
     relative = bounds.totals / np.abs(sample.totals)
     return float(differences.max()), float(derivative.max()), float(relative.sum(axis=1).max()), float(relative.max())
 

@@ -53,7 +53,6 @@ from benchmarks.references.outline import (
 )
 from geometry import Material, Scene, read_scene
 
-FILM_POISSON = 0.3  # of film and adhesive
 SENSITIVITY_FLOOR = 1e-4  # below it the error of log_sensitivity counts relative to this, see ``difference``
 LADDER = (Refinement(0.9, 6, 6), Refinement(0.7, 8, 8), Refinement(0.55, 10, 10), Refinement(0.4, 12, 12))
 BLOCKS, ABOVE_BLOCKS, TISSUE_PATTERN = "inner|outer", "film|adhesive|base", "tissue|layer."
@@ -85,8 +84,9 @@ def materials(scene: Scene) -> dict[int, Material]:
     if scene.inclusion:
         bodies[INCLUSION] = scene.inclusion[0]
     if probe.film is not None:
-        moduli = {FILM: probe.film.youngs_modulus, ADHESIVE: probe.film.adhesive_modulus or probe.film.youngs_modulus}
-        bodies |= {k: Material(youngs_modulus=modulus, poisson_ratio=FILM_POISSON) for k, modulus in moduli.items()}
+        for k, layer in ((FILM, probe.film), (ADHESIVE, probe.film.bond_to_base)):
+            if layer is not None and layer.youngs_modulus is not None and layer.poisson_ratio is not None:
+                bodies[k] = Material(youngs_modulus=layer.youngs_modulus, poisson_ratio=layer.poisson_ratio)
     if probe.base.youngs_modulus is not None and probe.base.poisson_ratio is not None:
         bodies[BASE] = Material(youngs_modulus=probe.base.youngs_modulus, poisson_ratio=probe.base.poisson_ratio)
     return bodies

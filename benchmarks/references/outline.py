@@ -153,12 +153,19 @@ def blocks(probe: Probe) -> list[Edge]:
 
 def layers(film: Film | None) -> list[int]:
     """Return the bodies on each block."""
-    return [] if film is None else [FILM, ADHESIVE] if film.adhesive_thickness > 0 else [FILM]
+    return [] if film is None else [FILM, ADHESIVE] if find_bond_thickness(film) > 0 else [FILM]
+
+
+def find_bond_thickness(film: Film) -> float:
+    """Return the thickness of the bond to the base, m; a bond to the block, or an outer film of its own, is not modelled here."""
+    assert film.bond_to_block is None
+    assert film.outer is None
+    return 0.0 if film.bond_to_base is None else film.bond_to_base.thickness
 
 
 def stack(film: Film | None) -> list[float]:
     """Return the heights of the layers' upper faces over the block's end, in m."""
-    return [] if film is None else [film.thickness, film.thickness + film.adhesive_thickness][: len(layers(film))]
+    return [] if film is None else [film.thickness, film.thickness + find_bond_thickness(film)][: len(layers(film))]
 
 
 def base(probe: Probe, tops: list[float]) -> list[Edge]:

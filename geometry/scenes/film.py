@@ -177,7 +177,7 @@ class Film(Frozen):
         return self.psi1 is not None or self.psi2 is not None
 
     @property
-    def stack(self) -> tuple[Bond, Film, Bond]:
+    def stack(self) -> tuple[Bond | Film, ...]:
         """The layers of this film from the block to the base; bonds without thickness are rigid."""
         return self.bond_to_block or RIGID_BOND, self, self.bond_to_base or RIGID_BOND
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 
+from geometry.scenes.film import Film, OuterFilm
 from geometry.scenes.probe import LAW_CONSTANTS, Material
 from geometry.scenes.scene import Scene
 
 BLOCK_NAMES = ("inner", "outer")
+BOND_SIDES = ("bond_to_block", "bond_to_base")
+FILM_LENGTHS = ("thickness", "electrode_inset")
+BOND_NUMBERS = ("thickness", "youngs_modulus", "poisson_ratio")
 
 
 def list_values(scene: Scene) -> dict[str, float]:
@@ -19,9 +23,7 @@ def list_values(scene: Scene) -> dict[str, float]:
     lengths = {f"probe.{key}": getattr(probe, key) for key in
              ("inner_radius", "area_ratio", "outer_radius", "gap", "height", "inner_height", "outer_height")}  # fmt: skip
     lengths |= {f"tissue.{key}": getattr(tissue, key, None) for key in ("radius", "length", "breadth", "depth")}
-    if probe.film is not None:
-        keys = ("thickness", "youngs_modulus", "adhesive_thickness", "adhesive_modulus")
-        lengths |= {f"probe.film.{key}": getattr(probe.film, key) or None for key in keys}
+    lengths |= _list_film_values(probe.film)
     bodies = {f"probe.{block}": getattr(probe, block) for block in BLOCK_NAMES} | {"probe.base": probe.base, "tissue": tissue}
     if len(scene.inclusion) == 1:
         bodies["inclusion"] = scene.inclusion[0]
@@ -32,6 +34,52 @@ def list_values(scene: Scene) -> dict[str, float]:
     for name, body in bodies.items():
         lengths |= {f"{name}.{key}": getattr(body, key) for key in ("youngs_modulus", "poisson_ratio")}
     return {key: value for key, value in lengths.items() if value is not None}
+
+
+def _list_film_values(film: Film | None) -> dict[str, float | None]:
+    """Return every number of the films and their bonds that charges depend on, by its key; None where there is none."""
+    values: dict[str, float | None] = {}
+    for prefix, part in _list_film_parts(film):
+        values |= {f"{prefix}.{key}": getattr(part, key) or None for key in FILM_LENGTHS}  # an inset of 0 has no derivative
+        values |= {f"{prefix}.{key}": getattr(part, key) for key in ("youngs_modulus", "poisson_ratio")}
+        for side in BOND_SIDES:
+            bond = getattr(part, side)
+            if bond is not None and not bond.is_rigid:
+                values |= {f"{prefix}.{side}.{key}": getattr(bond, key) for key in BOND_NUMBERS}
+    return values
+
+
+def _list_film_parts(film: Film | None) -> list[tuple[str, Film | OuterFilm]]:
+    """Return the film and what differs on the outer block, each after the key of its table."""
+    parts: list[tuple[str, Film | OuterFilm]] = [] if film is None else [("probe.film", film)]
+    return parts if film is None or film.outer is None else [*parts, ("probe.film.outer", film.outer)]
+
+
+def find_film_part(film: Film | None, name: str) -> tuple[str, tuple[str, ...]]:
+    """Return what a number of the films belongs to: "film" or a side of ``BOND_SIDES``, and the blocks whose film has it.
+
+    ``name`` is a key such as ``probe.film.thickness`` or ``probe.film.outer.bond_to_base.youngs_modulus``; no block has a number
+    of another table. A number of the film belongs to both blocks unless the outer film has its own.
+    """
+    head, *tables, key = name.removeprefix("probe.").split(".")
+    if film is None or head != "film" or not name.startswith("probe."):
+        return "", ()
+    part = tables[-1] if tables and tables[-1] in BOND_SIDES else "film"
+    if tables and tables[0] == "outer":
+        return part, ("outer",)
+    replaced = film.outer is not None and getattr(film.outer, key if part == "film" else part, None) is not None
+    return part, ("inner",) if replaced else BLOCK_NAMES
+
+
+def _differentiate_film_lengths(film: Film | None) -> dict[str, dict[str, float]]:
+    """Return the derivatives of a section's lengths by those of films and bonds, see ``compute_length_derivatives``."""
+    derivatives: dict[str, dict[str, float]] = {}
+    for name in _list_film_values(film):
+        key, (part, blocks) = name.rpartition(".")[2], find_film_part(film, name)
+        length = {"thickness": part, "electrode_inset": "inset"}.get(key)
+        if length is not None:
+            derivatives[name] = {f"{block}_{length}": 1.0 for block in blocks}
+    return derivatives
 
 
 def list_loss_factors(scene: Scene) -> dict[str, float]:
@@ -76,7 +124,7 @@ def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
         derivatives["probe.area_ratio"] = {"tube_radius": -(probe.inner_radius**2) / (2 * ro * probe.area_ratio**2)}
     derivatives["probe.height"] = {"inner_height": 1.0, "outer_height": 1.0}
     derivatives |= {f"probe.{block}_height": {f"{block}_height": 1.0} for block in BLOCK_NAMES}
-    derivatives["probe.film.thickness"], derivatives["probe.film.adhesive_thickness"] = {"film": 1.0}, {"adhesive": 1.0}
+    derivatives |= _differentiate_film_lengths(probe.film)
     derivatives["tissue.radius"], derivatives["tissue.depth"] = {"tissue_radius": 1.0}, {"tissue_depth": 1.0}
     if tissue.shape == "block":
         radius = math.sqrt(tissue.length * tissue.breadth / math.pi)

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from geometry.cad.stamp import Stamp
 from geometry.provenance.texts import format_markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.film import Bond
 from geometry.scenes.probe import Probe, format_mm
 from geometry.workshop.csv_lists import combine_scatter
 from geometry.workshop.film_pattern import FilmPattern
@@ -83,12 +84,7 @@ def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[s
     """Return the steps for cutting and bonding films, or for bonding the blocks of a probe without films."""
     if probe.film is None:
         return ["Clean and prime the film ends of both blocks and the base.", _describe_block_bonding("base", probe)]
-    bond = probe.film.adhesive_thickness
-    layer = (
-        f"a layer of {format_number(1e3 * bond)} mm of adhesive"
-        if bond
-        else "adhesive as thin as it goes (the scene has none, 0 mm)"
-    )
+    layer = _describe_bond(probe.film.bond_to_base) or "adhesive as thin as it goes (the scene has no bond_to_base)"
     steps = [
         f"Cut the films by {', '.join(f'`{pattern.name}-pattern.dxf`' for pattern in patterns)}; test each for a short "
         "between its faces."
@@ -98,6 +94,14 @@ def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[s
     )
     steps += [_describe_exit(pattern) for pattern in patterns]
     return [*steps, _describe_block_bonding("films", probe)]
+
+
+def _describe_bond(bond: Bond | None) -> str | None:
+    """Return what a bond with a thickness is, in words; None for a rigid one."""
+    if bond is None or bond.is_rigid:
+        return None
+    thickness = f"{format_number(1e3 * bond.thickness)} mm"
+    return f"{thickness} of bond" if bond.name is None else f"{bond.name} ({thickness})"
 
 
 def _describe_exit(pattern: FilmPattern) -> str:
@@ -113,8 +117,8 @@ def _describe_exit(pattern: FilmPattern) -> str:
 
 def _describe_block_bonding(onto: str, probe: Probe) -> str:
     """Return the step that bonds both blocks to the films or the base, ``onto``."""
-    bond = 0.0 if probe.film is None else probe.film.adhesive_thickness
-    layer = f" with {format_number(1e3 * bond)} mm of adhesive" if bond else ""
+    bond = None if probe.film is None else _describe_bond(probe.film.bond_to_block)
+    layer = f" with {bond}" if bond else ""
     groove = "; its groove lies at +x" if probe.groove is not None else ""
     return f"Bond the inner block to the {onto}{layer}, concentric with the base, then the outer block{groove}."
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import compute_expected_bodies
 from geometry.cad.stamp import Stamp
+from geometry.scenes.catalogue import format_modulus
+from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe
 from geometry.workshop.mould_sizes import (
     MOULD_MATERIAL,
@@ -32,8 +34,8 @@ def write_bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSi
     rows: list[tuple[object, ...]] = []
     for name, body in compute_expected_bodies(probe, edge_radius).items():
         rows.append((name, 1, *_describe_material(stamp.materials[name], body.volume), f"{name}.step"))
-    if probe.film is not None and probe.film.adhesive_thickness > 0:
-        rows.append(("adhesive", 4, *_describe_adhesive(probe), "assembly.md"))
+    if probe.film is not None:
+        rows += _list_bond_rows(probe, probe.film)
     rows.append(
         ("shim", 3, "foil or feeler gauge", f"{format_number(1e3 * probe.gap)} mm thick, for the gap", "", "", "assembly.md")
     )
@@ -57,18 +59,18 @@ def _describe_casting(material: PartMaterial, mould: MouldSizes) -> tuple[str, s
     return _describe_material(mixed, compute_cavity_volume(mould) + compute_holes_volume(mould))
 
 
-def _describe_adhesive(probe: Probe) -> tuple[str, str, str, str]:
-    """Return the adhesive's material, properties and volume in mm^3; its mass stays empty."""
-    film = probe.film
-    assert film is not None  # the caller asks
-    areas = probe.inner_area + probe.outer_area - probe.groove_footprint
-    modulus = "" if film.adhesive_modulus is None else f", E = {film.adhesive_modulus:.4g} Pa"
-    return (
-        "adhesive",
-        f"layers of {format_number(1e3 * film.adhesive_thickness)} mm{modulus}",
-        f"{2e9 * areas * film.adhesive_thickness:.6g}",
-        "",
-    )
+def _list_bond_rows(probe: Probe, film: Film) -> list[tuple[object, ...]]:
+    """Return the rows of the bonds of both films that have a thickness; their masses stay empty."""
+    rows: list[tuple[object, ...]] = []
+    areas = probe.inner_area, probe.outer_area - probe.groove_footprint
+    for name, block_film, area in zip(("inner", "outer"), film.by_block, areas, strict=True):
+        for side, bond in (("base", block_film.bond_to_base), ("block", block_film.bond_to_block)):
+            if bond is None or bond.youngs_modulus is None:
+                continue
+            sizes = f"{format_number(1e3 * bond.thickness)} mm, E = {format_modulus(bond.youngs_modulus)}"
+            volume = f"{1e9 * area * bond.thickness:.6g}"
+            rows.append((f"bond-{name}-to-{side}", 1, bond.name or "bond", sizes, volume, "", "assembly.md"))
+    return rows
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,16 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, describe_choices
 from geometry.meridian.section import LAYERS, Body
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import compute_length_derivatives, list_values
+from geometry.scenes.variables import compute_length_derivatives, find_film_part, list_values
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
 from solver.axisymmetric.modulus_response import StateCurve, compute_tangent
 from solver.axisymmetric.sample import MeshSample
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
-BODY_OF_MATERIAL = {
-    "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
-    "probe.base": Body.BASE, **{f"tissue.layer[{k}]": body for k, body in enumerate(LAYERS)},
+BODIES_OF_MATERIAL: dict[str, tuple[Body, ...]] = {
+    "tissue": (Body.TISSUE,), "probe.inner": (Body.INNER,), "probe.outer": (Body.OUTER,), "inclusion": (Body.INCLUSION,),
+    "probe.base": (Body.BASE,), **{f"tissue.layer[{k}]": (body,) for k, body in enumerate(LAYERS)},
 }  # fmt: skip
 
 
@@ -155,12 +155,19 @@ def differentiate_by_scene(scene: Scene, model: MeridianModel, name: str) -> Flo
         if length in section_variables:
             out[section_variables.index(length)] = change / getattr(model.section, length)
     owner, _, quantity = name.rpartition(".")
-    body = BODY_OF_MATERIAL.get(owner) if quantity != "adhesive_modulus" else Body.ADHESIVE
-    if body is not None and body in model.materials and quantity in ("youngs_modulus", "poisson_ratio", "adhesive_modulus"):
+    for body in BODIES_OF_MATERIAL.get(owner, ()) or _list_stack_bodies(scene, name):
+        if body not in model.materials or quantity not in ("youngs_modulus", "poisson_ratio"):
+            continue
         ratio = quantity == "poisson_ratio"
         key = f"{body.name.lower()}_{quantity if ratio else 'youngs_modulus'}"
         out[section_variables.index(key)] = 1.0 if ratio else 1 / model.materials[body].youngs_modulus
     return out
+
+
+def _list_stack_bodies(scene: Scene, name: str) -> list[Body]:
+    """Return the layers on the blocks that a number of the scene's films or bonds, by its key, belongs to; none for others."""
+    part, blocks = find_film_part(scene.probe.film, name)
+    return [Body[f"{block}_{part}".upper()] for block in blocks]
 
 
 def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:

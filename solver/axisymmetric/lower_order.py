@@ -58,7 +58,6 @@ INTERFACE_END_FACTOR = 16.0  # c_e in cells at interfaces' ends at the tissue's 
 RATE_FACTOR_OF_ORDER = {4: 12.0}  # by order: k of eq. AX.11
 MIN_ERROR_FACTOR = 1.2  # of eq. AX.11
 MAX_LAMBDA_OVER_TWO_MU = 12.0  # above it one step of descent leaves half of the energy or more
-FILM_FACTOR = 1.0  # times a charge's bound
 CANCELLATION_FACTOR = 0.1  # the factor 1/10 of eq. AX.10
 DEPENDENT_RELATIVE = 1e-12  # of the largest energy: vectors with less count as dependent
 SAMPLED_MODULI = 5  # moduli of a curve at which eq. AX.12 uses single elements
@@ -68,7 +67,7 @@ SENSITIVITY_FACTOR = 2.0  # times the change of each film's log-sensitivity by t
 def is_graded_everywhere(section: Section) -> bool:
     """Return whether the mesh is graded at every singular point that matters, as eq. AX.10 requires.
 
-    With an elastic base or round edges it is not. At the corners of films and bonds meshes are graded along the radius.
+    With an elastic base or round edges it is not.
     """
     return not np.any(section.flange_thickness != 0) and not np.any(section.edge_radius != 0)
 
@@ -173,7 +172,6 @@ def _build_errors(sample: MeshSample, change: _Change, error_factor: float, rate
     ratios, lower, totals = sample.modulus_ratios, change.lower, sample.totals
     energies = change.compute_energies(ratios)
     bound = _compute_error_ratios(sample, change, error_factor, rate_factor) * _bound_products(energies)
-    bound[:, 2:] *= FILM_FACTOR
     sensitivities = _divide(sample.product_derivatives.sum(axis=2), totals)  # of each film's force and charge
     lower_energies = _compute_inclusion_energies(change.model, lower.edges, lower.compute_states(ratios)[0])
     lower_sensitivities = _divide(ratios[:, None] * _sum_bases(lower_energies), totals + _sum_bases(energies))

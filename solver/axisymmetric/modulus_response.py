@@ -46,7 +46,7 @@ class StateCurve:
     @property
     def count(self) -> int:
         """The number of states s."""
-        return self.edges.shape[2] if self.rational is None else self.rational.coupling.shape[1]
+        return int(self.edges.shape[2] if self.rational is None else self.rational.coupling.shape[1])
 
     def compute_states(self, t: Floats) -> tuple[Floats, Floats]:
         """Return coefficients of the states on (u_1 ... u_s, v_1 ... v_m) and their derivatives by ln E, each (n, s + m, s).

@@ -137,11 +137,9 @@ class TumourCallback(FilmCallback):
 def _write_defaults(scene: Scene) -> Scene:
     """Return the scene with those defaults written out that are computed from other numbers of the scene.
 
-    They are the sizes of the base and the modulus of the adhesive; written out, they stay constant as x changes the others.
+    They are the sizes of the base; written out, they stay constant as x changes the others.
     """
     data, probe = scene.model_dump(exclude_unset=True), scene.probe
     if probe.base.youngs_modulus is not None:
         data["probe"]["base"] |= asdict(base_sizes(probe))
-    if probe.film is not None and probe.film.adhesive_thickness > 0:
-        data["probe"]["film"]["adhesive_modulus"] = probe.film.adhesive_modulus or probe.film.youngs_modulus
     return Scene.model_validate(data, context=SI_CONTEXT)

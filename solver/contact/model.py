@@ -246,7 +246,7 @@ class ContactModel:
         top = pair.slave if self.mesh.body[pair.slave.element[0]] in TISSUES else pair.master
         r, z = np.moveaxis(top.compute_positions(displacements)[:, :, :2], 1, 0)
         height = float(section.outer_height)
-        flange = height + float(section.film + section.adhesive + section.step_height)
+        flange = float(max(section.top_heights)) + float(section.step_height)
         limits = (  # outer radius and height of the base's underside and of its flange
             (BASE_RADIUS_FACTOR * float(section.tube_radius), (1 - BASE_HEIGHT_MARGIN) * height),
             (float(section.flange_radius), flange),

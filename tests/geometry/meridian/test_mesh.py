@@ -116,7 +116,7 @@ def test_elements_of_special_sections_meet_along_whole_edges(case: dict[str, flo
 @many_examples
 @given(numbers)
 def test_elements_of_promised_sections_meet_along_whole_edges(case: dict[str, float]) -> None:
-    bare = dict.fromkeys(("film", "adhesive", "flange_radius", "flange_thickness", "step_height"), 0.0)
+    bare = dict.fromkeys(("inner_film", "outer_film", "inner_bond_to_base", "outer_bond_to_base", "flange_radius", "flange_thickness", "step_height"), 0.0)
     assert_conforming(mesh_of(replace(section(**case), **bare), LIGHT_MESH))
 
 
