@@ -133,7 +133,9 @@ def _moduli(scene: Scene) -> Floats:
 
 def _share(sample: MeshSample, bounds: SampleErrors, true: TrueForces) -> tuple[float, float, float, float]:
     differences = np.abs(sample.totals - true.totals) / (bounds.totals + true.rounding)
-    derivative = np.abs(sample.log_sensitivities[:, 0] - true.log_sensitivity) / np.maximum(bounds.sensitivity[:, 0], SENSITIVITY_ACCURACY)
+    derivative = np.abs(sample.log_sensitivities[:, 0] - true.log_sensitivity) / np.maximum(
+        bounds.sensitivity[:, 0], SENSITIVITY_ACCURACY
+    )
     relative = bounds.totals / np.abs(sample.totals)
     return float(differences.max()), float(derivative.max()), float(relative.sum(axis=1).max()), float(relative.max())
 

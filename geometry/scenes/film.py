@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, Self
 
-from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.bonds import fill_in_bond
@@ -23,6 +24,10 @@ from geometry.scenes.quantities import (
 )
 
 ADHESIVE_KEYS = ("adhesive_thickness", "adhesive_modulus")  # of versions before 0.3: they are read as ``bond_to_base``
+ADHESIVE_WARNING = (
+    "[probe.film] adhesive_thickness and adhesive_modulus are read as [probe.film.bond_to_base] with a Poisson's ratio of 0.3; "
+    "write that table instead, as the next version refuses these keys"
+)
 ADHESIVE_POISSON_RATIO = 0.3  # that those versions computed the adhesive with
 
 
@@ -134,14 +139,13 @@ class Film(Frozen):
     bond_to_base: Bond | None = build_optional_field()
     bond_to_block: Bond | None = build_optional_field()
     outer: OuterFilm | None = build_optional_field()
-    _has_adhesive_keys: bool = PrivateAttr(default=False)
 
-    @model_validator(mode="wrap")
+    @model_validator(mode="before")
     @classmethod
-    def _read_adhesive_keys(cls, table: Any, handler: ModelWrapValidatorHandler[Film]) -> Film:
-        """Read the adhesive of older versions as the bond to the base."""
+    def _read_adhesive_keys(cls, table: Any) -> Any:
+        """Return a table in which the adhesive of older versions is the bond to the base; warn of these keys."""
         if not isinstance(table, Mapping) or not any(key in table for key in ADHESIVE_KEYS):
-            return handler(table)
+            return table
         if "bond_to_base" in table:
             raise InputError("adhesive_thickness", Words("beside bond_to_base"), "bond_to_base alone")
         film = {key: value for key, value in table.items() if key not in ADHESIVE_KEYS}
@@ -150,14 +154,8 @@ class Film(Frozen):
             raise InputError("adhesive_modulus", Words("without adhesive_thickness"), "both, or better bond_to_base")
         modulus = table.get("youngs_modulus", "2.5 GPa") if modulus is None else modulus  # the film's own
         bond = {"thickness": thickness, "youngs_modulus": modulus, "poisson_ratio": ADHESIVE_POISSON_RATIO}
-        read = handler(film | {"bond_to_base": bond})
-        read._has_adhesive_keys = True
-        return read
-
-    @property
-    def has_adhesive_keys(self) -> bool:
-        """Whether the bond to the base was written by the keys of an older version."""
-        return self._has_adhesive_keys
+        warnings.warn(ADHESIVE_WARNING, FutureWarning, stacklevel=2)
+        return film | {"bond_to_base": bond}
 
     @property
     def by_block(self) -> tuple[Film, Film]:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from geometry.meridian.mesh import Topology, build_topology, compute_nodes
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.mesh_lines import find_kind as kind_of
-from geometry.meridian.section import LAYERS, TISSUES, Body, Section
+from geometry.meridian.section import LAYERS, STACKS, TISSUES, Body, Section
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
 from solver.elements.quadrilateral import Geometry, compute_geometry
 from solver.elements.shape_functions import build_shapes
@@ -50,8 +50,9 @@ def section(
     flange = tube * (1 + layers["flange"]) if "flange" in layers else 0.0
     blocks = inner, hole, tube, inner * inner_height, inner * outer_height
     body = (s, s * (1 + 2 * cover)) if sphere else (0.0, 0.0)
-    films = layers.get("film", 0.0), layers.get("adhesive", 0.0)
-    return Section(*blocks, widest * (1 + beside), depth, *body, *films, flange, **sizes)
+    names = {"film": "film", "adhesive": "bond_to_base"}
+    sizes |= {f"{block}_{names[key]}": layers[key] for block in ("inner", "outer") for key in names if key in layers}
+    return Section(*blocks, widest * (1 + beside), depth, *body, flange_radius=flange, **sizes)
 
 
 def draw_between(low: float, high: float) -> st.SearchStrategy[float]:
@@ -142,7 +143,8 @@ def volumes(s: Section) -> dict[Body, float]:
     discs = ring(0, s.inner_radius), ring(s.hole_radius, s.tube_radius)
     volumes_m3 = {Body.TISSUE: ring(0, s.tissue_radius) * s.tissue_depth, Body.INCLUSION: 4 / 3 * math.pi * s.sphere_radius**3}
     volumes_m3 |= {Body.INNER: discs[0] * s.inner_height, Body.OUTER: discs[1] * s.outer_height}
-    volumes_m3 |= {Body.FILM: sum(discs) * s.film, Body.ADHESIVE: sum(discs) * s.adhesive}
+    layers = zip(discs, STACKS, strict=True)
+    volumes_m3 |= {body: disc * getattr(s, body.name.lower()) for disc, stack in layers for body in stack}
     if s.flange_thickness:
         high, middle = max(s.inner_height, s.outer_height), (s.inner_radius + s.hole_radius) / 2
         boss = ring(0, middle) * (high - s.inner_height) + ring(middle, s.tube_radius) * (high - s.outer_height)

@@ -119,7 +119,7 @@ def assert_make_up(edges: np.ndarray, polygons: list[np.ndarray], tolerance: flo
 
 def outlines(s: Section) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """The outlines of probe and tissue in the meridian plane."""
-    inner, outer = (height + s.film + s.adhesive for height in (s.inner_height, s.outer_height))
+    inner, outer = s.top_heights
     a, b, c = s.inner_radius, s.hole_radius, s.tube_radius
     tissue = [np.array([(0, 0), (0, -s.tissue_depth), (s.tissue_radius, -s.tissue_depth), (s.tissue_radius, 0)])]
     if not s.flange_thickness:

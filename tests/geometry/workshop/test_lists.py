@@ -10,7 +10,7 @@ import pytest
 from pypdf import PdfReader
 
 from geometry.scenes.catalogue import find_material, list_materials
-from geometry.scenes.film import Film
+from geometry.scenes.film import Bond, Film
 from geometry.scenes.probe import Base, Material
 from geometry.workshop.package import Casting, build_writers
 from geometry.workshop.tolerance import find_process, find_tolerance, format_deviation
@@ -73,12 +73,14 @@ def test_a_named_material_is_on_the_bill_and_in_the_drawings(tmp_path: Path) -> 
         assert "dragon-skin-30, E = 668 kPa" in PdfReader(tmp_path / name).pages[0].extract_text()
 
 
-def test_adhesive_is_counted(tmp_path: Path) -> None:
-    film = Film(thickness=110e-6, adhesive_thickness=20e-6, adhesive_modulus=1e9)
+def test_bonds_are_counted(tmp_path: Path) -> None:
+    film = Film(thickness=110e-6, bond_to_base=Bond(thickness=20e-6, youngs_modulus=1e9, poisson_ratio=0.4))
     (tmp_path / "bill-of-materials.csv").write_text(text("bill-of-materials.csv", tmp_path, film=film, groove=None))
-    glue = rows(tmp_path / "bill-of-materials.csv", "part")["adhesive"]
-    assert float(glue["volume_mm3"]) == pytest.approx(2 * 0.02 * math.pi * 25 * (1 + 1 / 3.7), rel=1e-5)
-    assert "0.02 mm of adhesive" in text("assembly.md", tmp_path, film=film)
+    bill = rows(tmp_path / "bill-of-materials.csv", "part")
+    for name, share in (("inner", 1.0), ("outer", 1 / 3.7)):
+        volume = float(bill[f"bond-{name}-to-base"]["volume_mm3"])
+        assert volume == pytest.approx(0.02 * math.pi * 25 * share, rel=1e-5)
+    assert "0.02 mm of bond" in text("assembly.md", tmp_path, film=film)
 
 
 def test_tolerances(package: Path) -> None:

@@ -188,7 +188,7 @@ def test_what_is_held(case: dict[str, float]) -> None:
     s, order = section(**case), 3
     mesh = mesh_of(s, MeridianFineness(1, 1, order))
     positions = compute_nodes(s, mesh, UNIT_SQUARE)
-    tops = [height + s.film + s.adhesive for height in (s.inner_height, s.outer_height)]
+    tops = list(s.top_heights)
     if s.flange_thickness:
         tops = [max(tops) + s.step_height + s.flange_thickness]
     supports = np.isclose(positions[..., 1, None], [-s.tissue_depth, *tops], rtol=1e-9, atol=0).any(axis=-1)
