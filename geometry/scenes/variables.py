@@ -61,9 +61,9 @@ def find_film_part(film: Film | None, name: str) -> tuple[str, tuple[str, ...]]:
     ``name`` is a key such as ``probe.film.thickness`` or ``probe.film.outer.bond_to_base.youngs_modulus``; no block has a number
     of another table. A number of the film belongs to both blocks unless the outer film has its own.
     """
-    head, *tables, key = name.removeprefix("probe.").split(".")
-    if film is None or head != "film" or not name.startswith("probe."):
+    if film is None or not name.startswith("probe.film."):
         return "", ()
+    *tables, key = name.removeprefix("probe.film.").split(".")
     part = tables[-1] if tables and tables[-1] in BOND_SIDES else "film"
     if tables and tables[0] == "outer":
         return part, ("outer",)

@@ -18,15 +18,19 @@ the same energy product as a film force, with an error that falls at twice the r
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints, Numeric
 from geometry.meridian.mesh import Topology, compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import FILMS, Section
 from geometry.scenes.film import Film
 
 Films = tuple[Film, Film]  # of the inner and of the outer block
+COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
 CHARGE_UNIT = 1e-9  # C: in it film states are about as large as base states, and neither is lost beside the other
 
 
@@ -48,12 +52,38 @@ def build_film_lift(section: Section, mesh: Topology, skeleton: int, films: Film
         Values of u_r and u_z on corners and edges, of n elements, shape (n, 2 skeleton, 2); zero outside the film's electrode.
     """
     lift = np.zeros((len(mesh.body), 2, skeleton, 2))
+    for k, (chosen, corners) in enumerate(_compute_actuations(section, mesh, films)):
+        lift[chosen, :, :4, k] = corners  # linear displacements are those of the corners' functions alone
+    return lift.reshape(len(mesh.body), -1, 2)
+
+
+def differentiate_film_lift(section: Section, mesh: Topology, skeleton: int, films: Films) -> list[tuple[Ints, Floats]]:
+    """Return derivatives of the films' lifts, see ``build_film_lift``, by ln of each length of the section.
+
+    Returns
+    -------
+    list[tuple[Ints, Floats]]
+        For each film, the numbers of the c elements under its electrode, and the derivatives of their values, shape
+        (lengths, c, 2 skeleton).
+    """
+    names = section.lengths
+    steps = 1 + 1j * COMPLEX_STEP * np.eye(len(names))  # row k: a complex step of ln of each length in column k alone
+    moved = replace(section, **{name: getattr(section, name) * steps[k] for k, name in enumerate(names)})
+    changes = []
+    for chosen, corners in _compute_actuations(moved, mesh, films):
+        by_length = np.zeros((len(names), len(chosen), 2, skeleton))
+        by_length[..., :4] = np.imag(corners) / COMPLEX_STEP
+        changes.append((chosen, by_length.reshape(len(names), len(chosen), -1)))
+    return changes
+
+
+def _compute_actuations(section: Section, mesh: Topology, films: Films) -> Iterator[tuple[Ints, Numeric]]:
+    """Yield for each film its elements under the electrode and -u* at their corners, u_r and u_z, shape (..., c, 2, 4)."""
     columns = mesh.vertices[..., 0]
-    for k, (body, film, (start, end)) in enumerate(zip(FILMS, films, mesh.layout.electrodes, strict=True)):
+    for body, film, (start, end) in zip(FILMS, films, mesh.layout.electrodes, strict=True):
         under_electrode = (columns.min(axis=1) >= start) & (columns.max(axis=1) <= end)
         chosen = np.flatnonzero((mesh.body == body) & under_electrode)
-        corners = compute_nodes(section, mesh, UNIT_SQUARE, chosen) / (film.thickness * CHARGE_UNIT)
-        # linear displacements are those of the corners' functions alone
-        lift[chosen, 0, :4, k] = -film.mean_lateral_charge * corners[..., 0]
-        lift[chosen, 1, :4, k] = -film.d33 * corners[..., 1]
-    return lift.reshape(len(mesh.body), -1, 2)
+        thickness = np.asarray(getattr(section, body.name.lower()))[..., None, None, None]
+        corners = np.swapaxes(compute_nodes(section, mesh, UNIT_SQUARE, chosen), -1, -2)
+        coefficients = np.array([film.mean_lateral_charge, film.d33])[:, None]
+        yield chosen, -coefficients * corners / (thickness * CHARGE_UNIT)

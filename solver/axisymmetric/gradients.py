@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +14,12 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import compute_length_derivatives, find_film_part, list_values
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
+from solver.axisymmetric.film_states import CHARGE_UNIT, differentiate_film_lift
 from solver.axisymmetric.modulus_response import StateCurve, compute_tangent
 from solver.axisymmetric.sample import MeshSample
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
+CHARGE_NAMES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")  # of samples with charges
 BODIES_OF_MATERIAL: dict[str, tuple[Body, ...]] = {
     "tissue": (Body.TISSUE,), "probe.inner": (Body.INNER,), "probe.outer": (Body.OUTER,), "inclusion": (Body.INCLUSION,),
     "probe.base": (Body.BASE,), **{f"tissue.layer[{k}]": (body,) for k, body in enumerate(LAYERS)},
@@ -32,7 +35,7 @@ class Gradients:
     variables
         Keys of ``geometry.scenes.variables.list_values``, v of them.
     values
-        By name of ``OUTPUT_NAMES``, SI, shape (k,).
+        By name of ``OUTPUT_NAMES`` and, with charges, ``CHARGE_NAMES``, SI, shape (k,).
     derivatives
         By output, in SI units per SI unit of each variable, shape (k, v).
     """
@@ -45,8 +48,8 @@ class Gradients:
 def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = None) -> Gradients:
     """Differentiate the outputs of a sample exactly, as discretised, at a fixed topology of the mesh.
 
-    Derivatives of log_sensitivity take one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
-    base or a film stay constant.
+    Derivatives of log_sensitivity take one more solve: u' = -K^-1 K' u of all states. Lengths of a base stay constant, as do
+    d31, d32 and d33.
 
     Parameters
     ----------
@@ -69,19 +72,26 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
         raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
     chain = np.array([differentiate_by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
     logs = differentiate_by_section(sample)
-    totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
-    log_stress = f - differentiate_areas(scene, sample.states.model)
-    if scene.load.indentation is None:  # a given force: the indentation is force over stiffness
-        log_stress = log_stress - _differentiate_stiffness(totals, f)[..., None]
+    totals, f = sample.totals[:, :2], logs.totals  # (k, 2), (k, section variables, 2)
+    areas = differentiate_areas(scene, sample.states.model)
+    # a given force: the indentation is force over stiffness
+    log_indentation = -_differentiate_stiffness(totals, f) if scene.load.indentation is None else np.zeros(f.shape[:2])
+    log_stress = f - areas + log_indentation[..., None]
     logarithmic = {
         "ratio": log_stress[..., 0] - log_stress[..., 1],
         "stress_inner": log_stress[..., 0],
         "stress_outer": log_stress[..., 1],
         "stiffness": _differentiate_stiffness(totals, f),
     }
+    sensitivities = {"log_sensitivity": logs.sensitivity}
+    if logs.charges is not None:
+        log_charge = logs.charges.totals + log_indentation[..., None]
+        logarithmic |= {"charge_inner": log_charge[..., 0], "charge_outer": log_charge[..., 1]}
+        logarithmic["charge_ratio"] = (log_charge - areas) @ [1.0, -1.0]
+        sensitivities["charge_log_sensitivity"] = logs.charges.sensitivity
     outputs = _compute_outputs(scene, sample)
     derivatives = {name: outputs[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
-    derivatives["log_sensitivity"] = logs.sensitivity @ chain.T
+    derivatives |= {name: change @ chain.T for name, change in sensitivities.items()}
     for change in derivatives.values():  # the variable is each value's own modulus, not that of the states
         change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.modulus_ratios[:, None]
     return Gradients(chosen, outputs, derivatives)
@@ -99,10 +109,14 @@ def _list_differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class SectionDerivatives:
-    """Derivatives of ln of the films' totals, (k, v, 2), and of the log-sensitivities, (k, v), by the section's variables."""
+    """Derivatives of ln of the films' totals, (k, v, 2), and of the log-sensitivities, (k, v), by the section's variables.
+
+    ``charges`` are the same of the films' charges; None without them.
+    """
 
     totals: Floats
     sensitivity: Floats
+    charges: SectionDerivatives | None = None
 
 
 def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
@@ -112,17 +126,65 @@ def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
+
+    A charge is the energy of the film state s_i with the sum U of both base states. It is the total of the first of the pair
+    (s_i, U - s_i), and changes, too, as the film's lift does with the film's nodes (``differentiate_film_lift``).
     """
     model, t, curve = sample.states.model, sample.modulus_ratios[:, None, None], sample.curve
     if curve is None:
         curve = compute_tangent(sample.states) if Body.INCLUSION in model.materials else StateCurve(sample.states.edge)
-    u, du = curve.compute_states(sample.modulus_ratios)
-    outside, inside = differentiate_totals(model, model.recover_values(curve.edges), u, du, Body.INCLUSION)
-    totals = sample.totals[:, None]
-    logs = (outside.totals + t * inside.totals) / totals
-    modulus_change = outside.changes + t * (inside.changes + inside.totals)
-    change = modulus_change / totals - sample.modulus_derivative.sum(axis=-1)[:, None] / totals * logs
+    basis, states = model.recover_values(curve.edges), curve.compute_states(sample.modulus_ratios)
+
+    def differentiate(pairs: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """Return the derivatives of totals and of their derivatives by ln E, for pairs of states and their changes by ln E."""
+        outside, inside = differentiate_totals(model, basis, pairs[0], pairs[1], Body.INCLUSION)
+        return outside.totals + t * inside.totals, outside.changes + t * (inside.changes + inside.totals)
+
+    slopes = sample.product_derivatives.sum(axis=-1)
+    forces = _take_logarithms(*differentiate([part[..., :2] for part in states]), sample.totals[:, :2], slopes[:, :2])
+    if curve.count == 2:
+        return forces
+    parts = []
+    for k in (2, 3):
+        sums = [part[..., 0] + part[..., 1] for part in states]
+        pairs = [np.stack([part[..., k], both - part[..., k]], axis=-1) for part, both in zip(states, sums, strict=True)]
+        parts.append([change[..., 0] for change in differentiate(pairs)])
+    totals, changes = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))  # (k, v, 2)
+    lift_totals, lift_changes = _differentiate_lifts(model, curve, states)
+    totals, changes = totals + lift_totals, changes + lift_changes
+    return replace(forces, charges=_take_logarithms(totals, changes, sample.totals[:, 2:], slopes[:, 2:]))
+
+
+def _take_logarithms(changes: Floats, slope_changes: Floats, totals: Floats, slopes: Floats) -> SectionDerivatives:
+    """Return derivatives of ln of totals and of the difference of both totals' derivatives of ln by ln E.
+
+    Parameters
+    ----------
+    changes, slope_changes
+        Derivatives of the totals, and of their derivatives by ln E, by v variables, shape (k, v, 2).
+    totals, slopes
+        The totals and their derivatives by ln E, shape (k, 2).
+    """
+    logs = changes / totals[:, None]
+    change = slope_changes / totals[:, None] - (slopes / totals)[:, None] * logs
     return SectionDerivatives(logs, change[..., 0] - change[..., 1])
+
+
+def _differentiate_lifts(model: MeridianModel, curve: StateCurve, states: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Return what the change of the films' lifts adds to the derivatives of charges, and of their derivatives by ln E, (k, v, 2).
+
+    ``states`` are the coefficients of all states on the curve's vectors, and their derivatives by ln E, (k, m, s) each.
+    """
+    assert model.films is not None
+    variables, lengths = len(list_variables(model)), len(model.section.lengths)
+    out = np.zeros((2, len(states[0]), variables, 2))
+    lifts = differentiate_film_lift(model.section, model.mesh, model.shapes.skeleton, model.films)
+    for film, (chosen, by_length) in enumerate(lifts):
+        vectors = model.system.stiffness[chosen] @ curve.edges[chosen]
+        for kind, part in enumerate(states):
+            loads = vectors @ (part[..., 0] + part[..., 1]).T  # of U at each modulus, (c, 8 p, k)
+            out[kind, :, :lengths, film] = np.einsum("vcp,cpk->kv", by_length, loads)
+    return out[0], out[1]
 
 
 def _differentiate_stiffness(totals: Floats, logs: Floats) -> Floats:
@@ -172,11 +234,17 @@ def _list_stack_bodies(scene: Scene, name: str) -> list[Body]:
 
 def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     """Return the outputs by name at the scene's load, shape (k,) each."""
-    totals, ends = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
+    totals, ends = sample.totals[:, :2], np.array([scene.probe.inner_area, scene.probe.outer_area])
     stiffness = totals.sum(axis=1)
     moved = scene.load.indentation
     indentation = (scene.load.force or 0.0) / stiffness if moved is None else np.full(len(totals), moved)
     stress = totals * indentation[:, None] / ends
     ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
     columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivities[:, 0])
-    return dict(zip(OUTPUT_NAMES, columns, strict=True))
+    outputs = dict(zip(OUTPUT_NAMES, columns, strict=True))
+    if sample.products.shape[1] == 2:
+        return outputs
+    charge = CHARGE_UNIT * sample.totals[:, 2:] * indentation[:, None]
+    charge_ratio = sample.totals[:, 2] / sample.totals[:, 3] * ends[1] / ends[0]
+    charges = (charge_ratio, charge[:, 0], charge[:, 1], sample.log_sensitivities[:, 1])
+    return outputs | dict(zip(CHARGE_NAMES, charges, strict=True))

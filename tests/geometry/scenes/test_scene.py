@@ -32,6 +32,8 @@ from tests.support.paths import REFERENCE
 FILES = sorted(REFERENCE.glob("*/*.toml"))
 SHALLOW = REFERENCE / "axisymmetric" / "shallow.toml"
 
+GLUE = {"thickness": 1e-5, "youngs_modulus": 1e9, "poisson_ratio": 0.4}
+
 
 def test_the_reference_folders_are_complete() -> None:
     counts = {folder: len(list((REFERENCE / folder).glob("*.toml"))) for folder in ("axisymmetric", "solid", "extra")}
@@ -83,7 +85,7 @@ def make() -> Scene:
         probe=Probe(
             inner_radius=4e-3, outer_radius=6e-3, gap=1e-4, inner=rubber, outer=rubber,
             base={"youngs_modulus": 2e9, "poisson_ratio": 0.3, "thickness": 2e-3}, groove=Groove(width=2e-3, depth=1e-3),
-            film={"thickness": 5e-5, "psi1": -0.5, "bond_to_base": {"thickness": 1e-5, "youngs_modulus": 1e9, "poisson_ratio": 0.4}}, **heights,
+            film={"thickness": 5e-5, "psi1": -0.5, "bond_to_base": GLUE}, **heights,
         ),
         tissue=BlockTissue(shape="block", length=0.1, breadth=0.08, depth=0.06, **tissue),
         inclusion=[
