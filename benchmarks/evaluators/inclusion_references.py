@@ -136,7 +136,7 @@ def compare_with_reference(reference: Known, readings: Readings) -> AnswerErrors
     )
 
 
-def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
+def references(folders: Sequence[str], single: bool, progress: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield a table over folders and, if asked, one of single scenes for each accuracy."""
     level, summary = EquivalentInclusion(), _summary()
     for accuracy in ACCURACIES:
@@ -144,7 +144,7 @@ def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]
         for folder in folders:
             rows: list[tuple[Known, Answers]] = []
             for reference in read_known(folder):
-                tell(f"references: {folder}/{reference.name}, accuracy {accuracy:g}")
+                progress(f"references: {folder}/{reference.name}, accuracy {accuracy:g}")
                 if level.refusal(reference.scene) is None:
                     rows.append((reference, answers(reference, accuracy)))
                     table.add(reference.name, *_row(*rows[-1]))

@@ -155,7 +155,7 @@ def worst(name: str, ratio: float, stiffness: float) -> float:
     return max(abs(relative - 1), abs(relative * part / whole - 1))
 
 
-def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], None]) -> MeasuredTable:
+def measure(accuracy: float, chosen: argparse.Namespace, progress: Callable[[str], None]) -> MeasuredTable:
     """Return the table of one accuracy."""
     table = MeasuredTable(f"one evaluation at {accuracy * 100:g} %, threads: {chosen.threads}", COLUMNS)
     for name in chosen.scene or SCENES:
@@ -165,7 +165,7 @@ def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], N
             if which in (chosen.skip or ()) or (code.endswith(ALL_SUFFIX) and setting is None):
                 continue
             title = TITLES[which] + (", stresses too" if code.endswith(ALL_SUFFIX) else "")
-            tell(f"{title} on {name} at {accuracy:g}")
+            progress(f"{title} on {name} at {accuracy:g}")
             try:
                 outcome = ours(name, accuracy, chosen) if code == "ours" else peer(which, name, setting or {}, chosen)
             except (FailedError, OSError) as why:

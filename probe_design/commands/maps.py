@@ -241,8 +241,8 @@ class LoadRequest(LimitedRequest):
         force, indentation = _read_load(self.max_load)
         scene = load_scene(self.scene)
         check_picture(self.picture)
-        with show_steps(f"pressing {self.scene}") as tell:
-            result = self.call(load, scene=scene, force=force, indentation=indentation, tell=tell)
+        with show_steps(f"pressing {self.scene}") as progress:
+            result = self.call(load, scene=scene, force=force, indentation=indentation, progress=progress)
         present(result, build_load_table, self.as_json, self.picture, lines=list_load_lines)
 
 

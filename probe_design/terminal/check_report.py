@@ -19,7 +19,7 @@ from probe_design.terminal.hardware_tables import (
 )
 
 
-def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], tell: Callable[[str], None]) -> str:
+def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], progress: Callable[[str], None]) -> str:
     """Return the report as HTML.
 
     Parameters
@@ -30,7 +30,7 @@ def build_check_report(check: Check, scene: Scene, json_object: dict[str, object
         The probe as designed, on the tissue of its scene.
     json_object
         The JSON object of the command, with its provenance.
-    tell
+    progress
         Called with a line of text before each long step.
     """
     summary = write_sentences(check)
@@ -43,7 +43,7 @@ def build_check_report(check: Check, scene: Scene, json_object: dict[str, object
         ),
         Chapter("What was tested", show_below_title(build_coverage_table(check))),
         Chapter("What it comes to", (Items(tuple(summary)),)),
-        *iterate_scene_sections(scene, DEFAULT_NOISE, tell),
+        *iterate_scene_sections(scene, DEFAULT_NOISE, progress),
     ]
     return build_page("Check of a built probe", f"{summary[0][0].upper()}{summary[0][1:]}.", sections, json_object)
 

@@ -224,6 +224,6 @@ def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats
     return forces, derivatives, residuals
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> ClosedForm:
+def create_evaluator(progress: ProgressCallback | None = None) -> ClosedForm:
     """Return the evaluator; it reports no progress."""
     return ClosedForm()

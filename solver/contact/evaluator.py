@@ -188,6 +188,6 @@ def press_refined(
     return result, loaded, ()
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> ContactEvaluator:
+def create_evaluator(progress: ProgressCallback | None = None) -> ContactEvaluator:
     """Return the evaluator; it does not report progress."""
     return ContactEvaluator()

@@ -107,6 +107,6 @@ def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decis
     return [Decision(REFLECTIONS_FEATURE, modelled, effect, base.accuracy, reason)]
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> EquivalentInclusion:
+def create_evaluator(progress: ProgressCallback | None = None) -> EquivalentInclusion:
     """Return the evaluator; it reports no progress."""
     return EquivalentInclusion()

@@ -73,7 +73,7 @@ def test_functions_say_what_they_take() -> None:
         assert text is not None
         for parameter in inspect.signature(function).parameters.values():
             assert re.search(rf"^ *{parameter.name}(:|$| : )", text, re.MULTILINE), (name, parameter.name)
-            if parameter.name in ("progress", "tell"):
+            if parameter.name == "progress":
                 assert parameter.default is None
 
 

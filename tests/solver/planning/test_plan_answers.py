@@ -85,7 +85,7 @@ def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():
 def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
     stopped = "memory = 2 GB: allowed: 3.1 GB or more for this scene"
 
-    def refuse(scene, accuracy, linear, tell, **_):
+    def refuse(scene, accuracy, linear, progress, **_):
         return [
             automatic.FailedAttempt(run_plan(scene, accuracy), OutOfReach("axisymmetric", scene, accuracy, 0.02, stopped=stopped))
         ]
