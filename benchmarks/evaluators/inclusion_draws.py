@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 
 COVERS = (0.02, 2.0)  # diameters
 GAPS = (0.02, 1.0)  # diameters: between the sphere and the interfaces of its layer

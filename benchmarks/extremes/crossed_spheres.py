@@ -33,7 +33,7 @@ from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import Limits, use_limits
 from geometry.meridian.mesh import build_topology, compute_nodes
 from geometry.meridian.mesh_lines import MeridianFineness, find_kind
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh

@@ -25,8 +25,8 @@ from geometry import ProbeError, Scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached, start_clock
-from geometry.scenes.scene import Contact
 from geometry.scenes.scene_file import scene_from_dict
+from geometry.scenes.scene_tables import Contact
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import is_gap_closed
 from solver.contact.loaded_scene import LoadedScene

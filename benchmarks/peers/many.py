@@ -25,7 +25,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.peers.measured import KnownScene, cases
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from solver import Result, Workspace, evaluate, evaluate_many
 from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_workspace

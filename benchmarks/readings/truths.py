@@ -17,7 +17,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.estimation.model import TARGET_UNKNOWNS
 from solver import evaluator

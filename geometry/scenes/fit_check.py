@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import combinations, pairwise
-from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
-from geometry.scenes.probe import format_mm
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from geometry.scenes.probe import Probe
-    from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.scene_tables import Inclusion, SceneTables
 
 Matrix = list[list[float]]
 _DIRECTION_COUNT = 72  # in which a body's reach is looked for
@@ -22,7 +17,7 @@ _MAX_EDGE_FRACTION, _MIN_EDGE_FRACTION = 0.4, 0.1  # edge radii: of the smallest
 _TOUCHING_FACTOR = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
 
 
-def check_bodies_fit(scene: Scene) -> None:
+def check_bodies_fit(scene: SceneTables) -> None:
     """Raise ``InputError`` naming the key at fault if the scene's bodies do not fit."""
     targets = [index for index, body in enumerate(scene.inclusion) if body.target]
     if len(targets) > 1:
@@ -106,7 +101,7 @@ def compute_lateral_reach(body: Inclusion) -> float:
     return support((low + high) / 2)
 
 
-def list_doubts(scene: Scene) -> tuple[str, ...]:
+def list_doubts(scene: SceneTables) -> tuple[str, ...]:
     """Return a sentence for each value that is allowed, but probably has a wrong unit or digit."""
     probe = scene.probe
     if probe.gap <= probe.inner_radius:
@@ -117,7 +112,7 @@ def list_doubts(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _check_probe(scene: Scene) -> None:
+def _check_probe(scene: SceneTables) -> None:
     """Raise ``InputError`` unless the whole probe stands on the tissue's top."""
     placement, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
     if tissue.shape == "cylinder":
@@ -159,7 +154,7 @@ def _check_gap(probe: Probe, room: float) -> None:
         )
 
 
-def _check_edges(scene: Scene) -> None:
+def _check_edges(scene: SceneTables) -> None:
     """Raise ``InputError`` if round edges leave no face between them, or are too sharp for any mesh."""
     probe, radius = scene.probe, scene.contact.edge_radius
     size = min(probe.inner_radius, probe.tube_radius - probe.hole_radius, probe.core_height, probe.tube_height)
@@ -175,7 +170,7 @@ def _check_edges(scene: Scene) -> None:
         raise InputError("contact.edge_radius", format_mm(radius), f"0, sharp, or {format_minimum_mm(low)} or more")
 
 
-def _check_layers(scene: Scene) -> None:
+def _check_layers(scene: SceneTables) -> None:
     """Raise ``InputError`` if a layer reaches the tissue's bottom."""
     tissue = scene.tissue
     for index, (upper, lower) in enumerate(pairwise((0.0, *tissue.interfaces))):
@@ -185,7 +180,7 @@ def _check_layers(scene: Scene) -> None:
             raise InputError(f"tissue.layer[{index}].thickness", format_mm(tissue.layer[index].thickness), allowed)
 
 
-def _check_load(scene: Scene) -> None:
+def _check_load(scene: SceneTables) -> None:
     """Raise ``InputError`` if the indentation is as large as the tissue is deep."""
     deep, tissue = scene.load.indentation, scene.tissue
     if deep is not None and tissue.shape != "half-space" and is_at_least(deep, tissue.depth):
@@ -208,7 +203,7 @@ def _check_probe_on_tissue(size: str, room: float, reach: float, *, key: str, po
         )
 
 
-def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
+def _check_inside(scene: SceneTables, index: int, body: Inclusion) -> None:
     """Raise ``InputError`` if an ellipsoid reaches beyond the tissue's surface, bottom or side."""
     tissue, name = scene.tissue, f"inclusion[{index}]"
     half = [math.hypot(*row) for row in compute_semi_axes(body)]

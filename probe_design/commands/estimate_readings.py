@@ -10,7 +10,8 @@ from pathlib import Path
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.probe import POSITION_QUANTITY
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from hw.files.columns import ColumnMap
 from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint

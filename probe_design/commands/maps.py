@@ -10,8 +10,9 @@ from pydantic import Field
 
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Length, Position, format_mm
-from geometry.scenes.scene import Force, Indentation, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
+from geometry.scenes.scene_tables import Force, Indentation
 from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Linear, Noise, Picture, SceneSource
 from probe_design.commands.output import check_picture, present
 from probe_design.commands.request import Number, Option, is_positive, use_request

@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import LimitReached, start_clock
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.loads import (
     BEST_LOAD,
     GAP_CLOSURE,

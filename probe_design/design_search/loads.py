@@ -25,7 +25,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
-from geometry.scenes.scene import Inclusion, Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design

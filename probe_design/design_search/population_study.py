@@ -9,7 +9,8 @@ from functools import partial
 from time import perf_counter
 
 from geometry.common.errors import InputError, Refusal
-from geometry.scenes.scene import Inclusion, Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
 from probe_design.design_search.loads import PressingRule, check_load
 from probe_design.design_search.optimum import PopulationOptimum

@@ -20,7 +20,8 @@ from time import perf_counter
 from typing import Any
 
 from geometry.common.errors import InputError, Refusal, SolveError, describe_choices
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.data.noise import DEFAULT_NOISE
 from probe_design.design_search.choices import ChoiceSearch, iterate_distinct, search_combinations
 from probe_design.design_search.closed_search import refine_by_ipopt

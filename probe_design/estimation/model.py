@@ -19,7 +19,8 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import Material, format_mm
-from geometry.scenes.scene import Inclusion, Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Placement
 from geometry.scenes.units import MODULUS_QUANTITY
 from geometry.scenes.variables import list_values
 from probe_design.estimation.measurements import Measurements

@@ -21,7 +21,8 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import Refusal, Words
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.maps.scan_line import ScanLine
 from probe_design.populations.noise import compute_reading_deviations

@@ -15,7 +15,8 @@ from itertools import accumulate
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import (
     FLOOR_REACH,

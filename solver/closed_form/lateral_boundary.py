@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from geometry.scenes.scene import BlockTissue, CylinderTissue
+from geometry.scenes.scene_tables import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.block_compliance import build_ritz_system, evaluate_radial_functions
 from solver.closed_form.block_functions import (

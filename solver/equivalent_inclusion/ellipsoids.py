@@ -11,7 +11,8 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum_mm
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.equivalent_inclusion.first_order import build_whole_ball, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings

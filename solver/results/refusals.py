@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Literal
 
 from geometry.scenes.fit_check import compute_semi_axes
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 
 TOUCHING_RELATIVE = 1e-6  # of a body's half height: a body this close to an interface of layers counts as crossed by it
 

@@ -11,7 +11,7 @@ import pytest
 
 from geometry import InputError, Scene, read_scene
 from geometry.common.resources import LimitReached, Limits
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from solver import Result, evaluate, evaluate_many
 from solver.linalg.cholesky import Factor, Pattern, factorise
 from tests.support.paths import SCENE

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from geometry import InputError, Scene
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.load_plausibility import check_expected, describe_remedy

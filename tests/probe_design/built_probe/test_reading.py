@@ -10,7 +10,7 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from hw.signal.measurement import Measurement
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Reference

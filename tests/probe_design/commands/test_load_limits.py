@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from geometry import Scene, read_scene
-from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_to_toml
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.verification import verify_tumour_design
 from solver import evaluate, load, plan

@@ -12,8 +12,8 @@ from scipy.stats import norm
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.scenes import fit_check as placement
-from geometry.scenes.scene import Placement
 from geometry.scenes.scene_file import scene_from_dict
+from geometry.scenes.scene_tables import Placement
 from probe_design.estimation.estimate_result import is_identifiable
 from probe_design.estimation.intervals import Likelihood
 from probe_design.estimation.measurements import Measurements, Reading

@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from geometry.scenes.variables import list_values
 from probe_design.estimation.estimate import estimate, search_unknown
 from probe_design.estimation.estimate_result import Estimate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, read_scene
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from probe_design.maps import detectability as module
 from probe_design.maps.detectability import detectability
 from solver import plan

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from geometry import Scene, read_scene
-from geometry.scenes.scene import Inclusion
+from geometry.scenes.scene_tables import Inclusion
 from probe_design.maps.scan import scan
 from solver import Workspace, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
+from geometry.scenes.scene_tables import Inclusion
 from probe_design.populations.population import MAX_TISSUES, ScenePopulation, TumourDraw
 from tests.support.designs import example_design
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Base, Groove
-from geometry.scenes.scene import Contact, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
+from geometry.scenes.scene_tables import Contact
 from probe_design.commands.main import cli
 from probe_design.workshop.rounding import add_cost, round_sizes
 from solver import evaluate

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.evaluators.inclusion_audit import compare
 from benchmarks.evaluators.inclusion_draws import draw_near
 from geometry import Inclusion, read_scene
-from geometry.scenes.scene import CylinderTissue, Layer
+from geometry.scenes.scene_tables import CylinderTissue, Layer
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
 from solver.equivalent_inclusion.readings import compute_readings

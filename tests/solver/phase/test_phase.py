@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.scenes.scene import Contact, Load
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from geometry.scenes.scene_tables import Contact, Load
 from geometry.scenes.variables import list_loss_factors, list_values
 from solver import evaluate
 from solver.axisymmetric.refinement import MESH_LEVELS

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from geometry import Load, Scene, read_scene
-from geometry.scenes.scene import Contact, CylinderTissue, HalfSpaceTissue, Layer, Tissue
+from geometry.scenes.scene_tables import Contact, CylinderTissue, HalfSpaceTissue, Layer, Tissue
 from solver import evaluate, plan
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import (

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from geometry import Inclusion, Load, Scene, read_scene
 from geometry.common.errors import Refusal
 from geometry.scenes.probe import Base, Film, Groove
-from geometry.scenes.scene import Contact
+from geometry.scenes.scene_tables import Contact
 from probe_design.commands.main import cli
 from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import compute_converged_forces

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.plans.agreement import OUTCOMES, outcome
 from benchmarks.plans.draws import KINDS, scenes
 from geometry import Load, Refusal, read_scene, scene_to_toml
-from geometry.scenes.scene import Placement
+from geometry.scenes.scene_tables import Placement
 from solver import automatic, evaluate, plan
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.load_check import build_load_rule

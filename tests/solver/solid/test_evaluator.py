@@ -11,7 +11,7 @@ import pytest
 from geometry import Groove, Placement, Refusal, Scene
 from geometry.common.resources import Limits, use_limits
 from geometry.scenes.fit_check import compute_semi_axes
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach

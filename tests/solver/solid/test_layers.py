@@ -9,7 +9,7 @@ import pytest
 
 from geometry import HalfSpaceTissue, Load, Refusal, Scene
 from geometry.common.resources import LimitReached
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver import evaluate, plan
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach
