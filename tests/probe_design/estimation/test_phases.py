@@ -66,7 +66,7 @@ def test_what_the_model_cannot_use_is_left_out_and_said() -> None:
     assert "every loss factor of the scene is 0" in notes[0]
     left, notes = select_usable(lossy(), Measurements.from_readings(read_at(0.03, 1e-4)))
     assert not left.is_phase.any()
-    assert "good to" in notes[0]
+    assert "predicted within" in notes[0]
 
 
 @pytest.mark.slow

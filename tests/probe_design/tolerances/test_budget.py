@@ -173,7 +173,7 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
 
 @pytest.mark.slow
 def test_a_log_sensitivity_that_the_level_cannot_tell_has_no_error() -> None:
-    """`evaluate` says of the two tumours, one far aside, that it is good to about twice itself only."""
+    """`evaluate` warns of the two tumours, one far off the axis, that the error is about twice the value."""
     scatter = tolerances(read_scene(EXAMPLES / "two-tumours.toml"), samples=64).outputs
     assert scatter["log_sensitivity"].error_estimate is None
     assert scatter["ln_ratio"].error_estimate is not None

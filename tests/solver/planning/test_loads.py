@@ -129,13 +129,13 @@ def test_cancelling_films_let_a_load_change_more_of_their_difference() -> None:
 
 
 def test_a_change_of_films_that_may_cancel_is_printed_as_a_finite_number() -> None:
-    """A thin soft layer inside a sphere, whose films' log-sensitivities cancel within their margin: "inf of itself"."""
+    """A thin soft layer inside a sphere, whose films' log-sensitivities cancel within their margin: "inf of its value"."""
     rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf, films=(0.02, 0.02))
     force = 0.0816 * 5e-3 * rule.stiffness
     change = 0.2 * 0.02 * bound_log_sensitivity_change(0.0816)
     assert rule.describe_changes(force, True).endswith(f"log_sensitivity by at most {change:.2g} (absolute)")
     apart = replace(rule, films=(0.05, 0.01)).describe_changes(force, True)
-    assert apart.endswith(f"log_sensitivity by at most {bound_log_sensitivity_change(0.0816):.2g} of itself")
+    assert apart.endswith(f"log_sensitivity by at most {bound_log_sensitivity_change(0.0816):.2g} of its value")
     assert "log_sensitivity" not in rule.describe_changes(force, False)
 
 
