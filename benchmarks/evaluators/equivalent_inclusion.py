@@ -6,7 +6,7 @@ repeated) restricts it:
 - references: against the scenes of ``tests/reference`` (``--folder``, may be repeated; ``--single`` prints each scene);
 - audit: error bounds on random scenes with one tumour on the axis (``--scenes`` of each ``--seed``), against ``axisymmetric``;
 - layers: the same on tissue of one to three layers with the tumour inside one of them;
-- near: the same with the tumour all but touching an interface of layers, the floor or the side of the tissue;
+- near: the same with the tumour all but touching an interface of layers, the bottom or the side of the tissue;
 - speed: seconds for the probe, for tumours to first order, for tumours with reflections (medians of ``--repeats``);
 - map: 50 x 50 depths and diameters against ``axisymmetric`` point by point.
 

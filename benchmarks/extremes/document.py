@@ -31,7 +31,7 @@ printed this page; a run that was interrupted goes on where it ended.
 
 "Largest true / stated" is of what the true value's own uncertainty cannot explain.
 
-The load does not matter in linear elasticity; a warning says where that ends, and `auto` is asked under a thousandth of each,
+The load does not matter in linear elasticity; a warning says where that ends, and `auto` evaluates under a thousandth of each,
 or less of probes below 1 mm. The rows of `loads` are pressed, by `contact` and `auto`: beyond the largest load that another code
 has reached a refusal alone is right. stress_inner crosses zero in the rows named `inner-...`, where the ring presses a lid of
 tissue over a hollow, stress_outer in those of `zero`.

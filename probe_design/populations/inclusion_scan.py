@@ -1,4 +1,4 @@
-"""Compute a population's readings with equivalent-inclusion, including reflections from surface, blocks and floor.
+"""Compute a population's readings with equivalent-inclusion, including reflections from surface, blocks and bottom.
 
 The probe is solved once on each tissue. All tumours are computed to first order at once. As many as time allows are computed
 again with reflections: the first of each tissue, which are as good a sample as all, and the same ones if more are drawn.
@@ -126,7 +126,7 @@ class InclusionScan:
     def compute_readings(self, tumours: Tumours, tolerance: Floats, allowed: Bools) -> tuple[Readings, Readings]:
         """Return readings to first order, and those of the allowed tumours with reflections where these matter.
 
-        Reflections are the fields of a tumour that surface, blocks and floor send back to it.
+        Reflections are the fields of a tumour that surface, blocks and bottom send back to it.
 
         Parameters
         ----------

@@ -206,7 +206,7 @@ class ScenePopulation:
         raise InputError("population", fit, f"ranges of which more fit: most of these {reason}")
 
     def find_misfits(self, scene: Scene, bodies: Floats) -> dict[str, Bools]:
-        """Return which tumours do not fit a scene's tissue, by reason: too near the surface, an interface, a side or the floor.
+        """Return which tumours do not fit a scene's tissue, by reason: too near the surface, an interface, a side or the bottom.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class ScenePopulation:
         return {
             f"are not under the least cover: {needed}": shallow,
             "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
-            "reach beyond the tissue's side or floor": outside & ~shallow,
+            "reach beyond the tissue's side or bottom": outside & ~shallow,
         }
 
     @property

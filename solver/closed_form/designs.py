@@ -65,7 +65,7 @@ class Shape:
     bonded
         Whether blocks and tissue stick; frictionless otherwise.
     bounded
-        Whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
+        Whether the tissue has a bottom at ``tissue_depth``; a half-space otherwise.
     side_nodes
         Number for the integrals of the tissue's sides at ``tissue_radius``; 0 where they are far.
     sphere_layers

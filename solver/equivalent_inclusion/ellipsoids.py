@@ -112,7 +112,7 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) 
 def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
     """Bound how an ellipsoid's reflections differ from those of the sphere of equal volume, each film's total, N/m, shape (2,).
 
-    The bound is a fraction of the effect that grows with the ratio of the longest semi-axis to the distance of surface, floor or
+    The bound is a fraction of the effect that grows with the ratio of the longest semi-axis to the distance of surface, bottom or
     interface, and with the aspect ratio.
     Spheroids on the axis (aspect 1.3 to 16, contrast 1e-7 to 1e4) need up to 0.7 of it by finite elements.
     """

@@ -19,7 +19,7 @@ from solver.results.film_forces import Bound, FilmForces, find_shortfalls
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Decision
 
-REFLECTIONS_FEATURE = "reflections of the tumours' fields by surface, blocks and floor"  # name of the feature in plans
+REFLECTIONS_FEATURE = "reflections of the tumours' fields by surface, blocks and bottom"  # name of the feature in plans
 
 
 @dataclass(frozen=True)

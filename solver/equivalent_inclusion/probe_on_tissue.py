@@ -180,7 +180,7 @@ class Undisturbed(ProbeAlone):
         return Reflector(solve_base_states(build_model(fine.section, fine.materials, interface, fineness)), interface)
 
     def move_inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
-        """Move tumours that extend beyond the modelled cylinder of tissue to its side or floor.
+        """Move tumours that extend beyond the modelled cylinder of tissue to its side or bottom.
 
         Returns all tumours, and for each whether it was moved.
 

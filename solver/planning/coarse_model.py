@@ -101,7 +101,7 @@ class CoarseModel:
 
     @cached_property
     def edge_effect(self) -> Effect | None:
-        """Effect of the tissue's sides and floor against a half-space; None on a half-space or where that cannot be solved."""
+        """Effect of the tissue's sides and bottom against a half-space; None on a half-space or where that cannot be solved."""
         tissue = self.scene.tissue
         if tissue.shape == "half-space":
             return None

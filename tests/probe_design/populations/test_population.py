@@ -94,8 +94,8 @@ def test_ranges_in_which_nothing_fits_are_refused() -> None:
     [
         ({"depth": ["1 mm", "2 mm"], "diameter": "8 mm"}, "not under the least cover"),
         ({"depth": "9 mm", "diameter": "8 mm", "least_cover": "20 mm"}, "not under the least cover"),
-        ({"depth": ["80 mm", "90 mm"], "diameter": "8 mm"}, "side or floor"),
-        ({"depth": "20 mm", "diameter": "8 mm", "x": ["80 mm", "90 mm"]}, "side or floor"),
+        ({"depth": ["80 mm", "90 mm"], "diameter": "8 mm"}, "side or bottom"),
+        ({"depth": "20 mm", "diameter": "8 mm", "x": ["80 mm", "90 mm"]}, "side or bottom"),
     ],
 )
 def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], why: str) -> None:

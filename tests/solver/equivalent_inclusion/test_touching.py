@@ -1,4 +1,4 @@
-"""Spheres that all but touch an interface, the floor or the side: usable bounds, held by ``axisymmetric``."""
+"""Spheres that all but touch an interface, the bottom or the side: usable bounds, held by ``axisymmetric``."""
 
 import pytest
 
@@ -33,7 +33,7 @@ def test_next_to_an_interface_the_bound_is_of_use(gap, contrast):
     assert comparison.stated < max(0.01, 20 * comparison.true)
 
 
-@pytest.mark.parametrize("number", [38, 2, 3])  # a hard sphere at the floor of nearly incompressible tissue; one; one at the side
+@pytest.mark.parametrize("number", [38, 2, 3])  # hard spheres: at the bottom of nearly incompressible tissue; any; at the side
 def test_bounds_hold_where_tissue_is_all_but_pinched_off(number):
     comparison = evaluate_both(draw_near(7, number).scene())
     assert comparison.wrong == ""

@@ -247,7 +247,7 @@ def test_thin_layers_count_in_proportion_to_what_they_take_up(modulus: float) ->
     assert np.all(added[0] < 0.03 * plain)
     assert np.all(np.diff(added, axis=0)[:, 1] > 0)
     bottom = strain(9.0, (0.4, 0.3), (2e-4, modulus)) / strain(9.0, (0.4, 0.3))
-    assert bottom == pytest.approx(1.0, rel=0.02)  # nor does it as a floor, or as a gap, below another
+    assert bottom == pytest.approx(1.0, rel=0.02)  # nor does it as a bottom, or as a gap, below another
 
 
 def with_load(scene: Scene, **load: float) -> Scene:

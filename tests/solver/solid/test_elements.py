@@ -116,7 +116,7 @@ def test_plain_elements_lock() -> None:
 
 class TestStates:
     def test_reactions_are_symmetric_and_shared_by_the_floor(self) -> None:
-        """The nodal forces of the field itself: on the tops what the energies say, on the floor the opposite, elsewhere none."""
+        """The nodal forces of the field itself: on the tops what the energies say, on the bottom the opposite, elsewhere none."""
         solution, s = states(), solid()
         problem, total = solution.problem, np.zeros((s.nodes.size, 3))
         for body, stuff in problem.laws.items():
