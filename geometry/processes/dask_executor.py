@@ -184,7 +184,7 @@ class DaskExecutor(Generic[Item, Row]):
         return Outcome(refusal=f"Dask workers cannot run this program, of this version ({reason})")
 
     def _finish_batch(self, submitted: _SubmittedBatch[Item]) -> None:
-        """Release the futures of a batch and update the usual duration."""
+        """Release the futures of a batch and update the usual duration of batches, a moving average."""
         self._submitted.remove(submitted)
         seconds = time.monotonic() - submitted.submit_time
         self._usual_seconds = seconds if self._usual_seconds is None else 0.8 * self._usual_seconds + 0.2 * seconds

@@ -232,11 +232,15 @@ def _check_inside(scene: SceneTables, index: int, body: Inclusion) -> None:
         _check_inside_block(name, body, half, (tissue.length / 2, tissue.breadth / 2))
 
 
-def _check_inside_block(name: str, body: Inclusion, half: list[float], rooms: tuple[float, float]) -> None:
-    """Raise ``InputError`` if an ellipsoid reaches beyond a side of a block; ``half`` and ``rooms`` are half extents, m."""
-    for key, centre, size, room in zip("xy", (body.x, body.y), half, rooms, strict=False):
-        if is_at_least(abs(centre) + size, room):
-            allowed = f"the whole body within {format_maximum_mm(room)} of the tissue's middle (it leaves the tissue's side)"
+def _check_inside_block(name: str, body: Inclusion, half_extents: list[float], half_sides: tuple[float, float]) -> None:
+    """Raise ``InputError`` if an ellipsoid reaches beyond a side of a block of tissue.
+
+    ``name`` is the inclusion's in messages, ``half_extents`` are the ellipsoid's along x, y and z, ``half_sides`` those of the
+    block along x and y, m.
+    """
+    for key, centre, half_extent, half_side in zip("xy", (body.x, body.y), half_extents, half_sides, strict=False):
+        if is_at_least(abs(centre) + half_extent, half_side):
+            allowed = f"the whole body within {format_maximum_mm(half_side)} of the tissue's middle (it leaves the tissue's side)"
             raise InputError(f"{name}.{key}", format_mm(centre), allowed)
 
 

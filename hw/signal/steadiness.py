@@ -157,7 +157,9 @@ def estimate_change(values: Floats, variances: Floats) -> float:
 
 
 def estimate_spike_error(residuals: Floats, period: float) -> Floats:
-    """Return the error of each amplitude that outliers may cause, V, (channels,); bursts of outliers count as independent.
+    """Return the error of each channel's fitted amplitude that outliers may cause, V, (channels,).
+
+    Outliers close to each other are one burst, whose errors add; the errors of bursts are independent.
 
     Parameters
     ----------

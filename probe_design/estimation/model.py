@@ -106,7 +106,10 @@ class TargetModel:
 
     @property
     def tolerance(self) -> float:
-        """Relative change of the ratio by the load that needs no other model: the smallest noise of the ratio, at most 0.9."""
+        """How much the load may change the ratio, relative, before this linear model is replaced by one that presses.
+
+        It is the smallest noise of the ratios, at most 0.9.
+        """
         return min(float(self.data.noise[self.data.is_ratio].min()), 0.9)
 
     @property

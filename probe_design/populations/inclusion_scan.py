@@ -186,13 +186,14 @@ class InclusionScan:
         return np.concatenate([part[indices] for part in channel_derivatives[: self.protocol.channels]], axis=1)
 
     def select_reflected(self, count: int) -> Ints:
-        """Return the indices of the tumours in this tissue whose reflections are computed: the first ones, see the module.
+        """Return the indices of the tumours in this tissue whose reflections are computed, a sample of them: the first ones.
 
-        Each of the tissues has an equal part of ``count``, the number over all tissues; but at least its part of
-        ``MIN_REFLECTED``, rounded up, or all its k tumours if these are fewer.
+        Each tissue has an equal part of ``count``, the number over all tissues, but at least its part of ``MIN_REFLECTED``; all
+        its tumours if these are fewer.
         """
-        tissue_count, k = len(self.draw.tissues), len(self.members)
-        return self.members[: max(min(k, -(-MIN_REFLECTED // tissue_count)), count // tissue_count)]
+        tissue_count = len(self.draw.tissues)
+        minimum = math.ceil(MIN_REFLECTED / tissue_count)
+        return self.members[: max(minimum, count // tissue_count)]  # a slice beyond the end holds all
 
     def compute_tissue_derivatives(self, tumours: Tumours, indices: Ints, name: str) -> tuple[Floats, Floats]:
         """Return derivatives with respect to the logarithm of a number of the tissue, by central differences to first order.

@@ -226,9 +226,9 @@ class ScenePopulation:
         for face in tissue.interfaces:
             across |= np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter
         if tissue.shape == "cylinder":
-            side_distance = tissue.radius - np.hypot(x, self._y)
+            side_distance = tissue.radius - np.hypot(x, self._tumour_y)
         elif tissue.shape == "block":
-            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - abs(self._y))
+            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - abs(self._tumour_y))
         if tissue.shape != "half-space":
             outside = radius >= SIDE_CLEARANCE_FACTOR * np.minimum(tissue.depth - depth, side_distance)
         needed = "a depth less half the diameter of a tenth of the diameter and of least_cover"
@@ -239,8 +239,8 @@ class ScenePopulation:
         }
 
     @property
-    def _y(self) -> float:
-        """The y of every tumour, m: that of the scene's inclusion, or without one that of the line of readings."""
+    def _tumour_y(self) -> float:
+        """The y of every tumour, m: that of the scene's inclusion; without one, that of the line along which is read."""
         return self.scene.inclusion[0].y if self.scene.inclusion else self.scene.placement.y
 
     @property

@@ -49,7 +49,7 @@ class DeformedSection:
 
     @property
     def scale_text(self) -> str:
-        """The factor of exaggeration as text."""
+        """The factor by which displacements are exaggerated, as text: "× 20", or "true to scale" for 1."""
         times = f"{self.factor:,.0f}".replace(",", " ") if self.factor >= 1 else f"{self.factor:g}"
         return "true to scale" if self.factor == 1 else f"× {times}"
 

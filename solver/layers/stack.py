@@ -208,7 +208,7 @@ def _compute_surface_transmission(near_echo: Symmetric | None) -> Matrix:
 
 
 def compute_fading(x: Array) -> Matrix:
-    """Return e^-x F of eq. LY.1: the factor of downward waves' tractions over a path x = k h."""
+    """Return the elements pp, pq, qp and qq of e^-x F, eq. LY.1: how downward waves fade over a thickness h, with x = k h."""
     fade = np.exp(-x)
     return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
 

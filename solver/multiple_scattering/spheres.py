@@ -138,12 +138,12 @@ def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, sphe
     if np.any(4 * radius / inner + 4 > DEGREE_LIMITS[1]):
         return 1e3
     pressed = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
-    images = OMITTED_DEGREES_SHARE * _estimate_images(section, strata, tumours, spheres)
+    images = OMITTED_DEGREES_SHARE * _estimate_omitted_parts(section, strata, tumours, spheres)
     return float(np.max(images + np.maximum(pressed, np.exp(-degree * outer / (2 * radius)))))
 
 
-def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
-    """Estimate which fraction of the work of each sphere's images lies in degrees above the largest degree l of its modes, (t,).
+def _estimate_omitted_parts(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
+    """Estimate which fraction of the work of each sphere's images is omitted, (t,): that of degrees above its largest degree l.
 
     Images are the parts of the sphere's field that surface, bottom and interfaces (walls) reflect back to it. For a sphere of
     radius R at a gap d from a wall the fraction is at most (1 + 2 d / R)^(-2 l). If they almost touch, that is close to 1 for any

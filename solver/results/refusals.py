@@ -51,8 +51,8 @@ def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
 
 def _is_crossed(scene: Scene, body: Inclusion) -> bool:
     """Return whether an interface of the tissue's layers crosses or touches a body."""
-    half = math.hypot(*compute_semi_axes(body)[2])  # half height: the norm of the z components of the semi-axes
-    return any(abs(interface - body.depth) < half * (1 + TOUCHING_RELATIVE) for interface in scene.tissue.interfaces)
+    half_height = math.hypot(*compute_semi_axes(body)[2])  # of an ellipsoid: the norm of the z components of its semi-axes
+    return any(abs(interface - body.depth) < half_height * (1 + TOUCHING_RELATIVE) for interface in scene.tissue.interfaces)
 
 
 def is_round(scene: Scene) -> bool:
