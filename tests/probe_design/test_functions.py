@@ -1,4 +1,4 @@
-"""The verbs as Python functions: scenes or their files in, results out that notebooks show."""
+"""The commands as Python functions: scenes or their files in, results out that notebooks show."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_help_page_has_the_functions() -> None:
 
 @pytest.mark.parametrize("package", [probe_design, solver, hw, geometry])
 def test_help_begins_with_what_a_user_calls(package: Any) -> None:
-    """Before the rooms, which pydoc lists of any package, stands each name that the package offers."""
+    """Before the modules, which pydoc lists of any package, stands each name that the package offers."""
     text = pydoc.render_doc(package, renderer=pydoc.plaintext).partition("\nPACKAGE CONTENTS\n")[0]
     assert [name for name in package.__all__ if not re.search(rf"\b{name}\b", text)] == []
 

@@ -1,4 +1,4 @@
-"""Labels of equations: one meaning each in the whole tree, its room's letters, and a page that lists them all."""
+"""Labels of equations: one meaning each in the whole tree, its package's letters, and a page that lists them all."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def test_who_meshes_the_same_at_the_same_time_uses_the_mesh_of_the_first(made, m
 
 @pytest.fixture
 def room(monkeypatch, tmp_path):
-    """A copy of the room's sources in their place."""
+    """A copy of the package's sources in their place."""
     copy = shutil.copytree(mesh_cache.SOURCE_FOLDER, tmp_path / "tetra", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(mesh_cache, "SOURCE_FOLDER", copy)
     yield copy

@@ -1,4 +1,4 @@
-"""Command lines with any value for any option: answered, or refused in one line; never a defect or a code for terminals."""
+"""Command lines with any value for any option: computed, or refused in one line; never a defect or a code for terminals."""
 
 from __future__ import annotations
 

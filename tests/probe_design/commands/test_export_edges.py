@@ -1,4 +1,4 @@
-"""Every verb that makes parts hands the scene's round edges on to the parts and to their drawing."""
+"""Every command that makes parts hands the scene's round edges on to the parts and to their drawing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verbs of the built probe as a user runs them: the whole loop, replay, refusals in one line, clean ends."""
+"""The commands of the built probe as a user runs them: the whole loop, replay, refusals in one line, clean ends."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_a_calibration_takes_readings_of_one_board(folder: Path, tmp_path: Path)
 
 
 def test_a_board_that_nobody_knows_is_warned_of(folder: Path, tmp_path: Path) -> None:
-    """What a spreadsheet has recorded tells no serial number."""
+    """What a spreadsheet has recorded has no serial number."""
     run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.h5")
     table = tmp_path / "one.csv"
     with h5py.File(tmp_path / "one.h5") as file:

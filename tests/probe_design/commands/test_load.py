@@ -1,4 +1,4 @@
-"""The verb ``load``, as a user runs it."""
+"""The command ``load``, as a user runs it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads beyond linear elasticity, asked of every verb that answers at a scene's load."""
+"""Loads beyond linear elasticity, given to every command that computes at a scene's load."""
 
 from __future__ import annotations
 

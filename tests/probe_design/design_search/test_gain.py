@@ -1,4 +1,4 @@
-"""What counts as a gain: beyond the errors of both designs, between designs that differ, and said in words."""
+"""What counts as a gain: beyond the errors of both designs, between designs that differ, and described in words."""
 
 from __future__ import annotations
 

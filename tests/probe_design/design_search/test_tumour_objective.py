@@ -89,7 +89,7 @@ def test_an_indentation_counts_as_its_force() -> None:
 
 
 def test_a_load_beyond_linear_elasticity_is_lowered_to_what_references_allow() -> None:
-    """At 1/20 of the load that closes the gap and at a tenth of the radius the ratio is off by 1 % at most (reference)."""
+    """At 1/20 of the load that closes the gap and at a tenth of the radius the ratio is in error by 1 % at most (reference)."""
     reference = json.loads((REFERENCE / "contact" / "expected.json").read_text())["example"]
     scene = read_scene(REFERENCE / "contact" / "example.toml").model_copy(update={"load": Load(force=1.0)})
     totals = evaluate_films(scene, "axisymmetric").films[0].totals

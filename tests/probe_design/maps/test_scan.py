@@ -1,4 +1,4 @@
-"""`probe-design scan` as a user runs it, against other levels, 3D references and symmetry."""
+"""`probe-design scan` as a user runs it, against other evaluators, 3D references and symmetry."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
 
 @pytest.mark.slow
 def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
-    """The bounds of each position hold what the tissue's side does there, with the same answers."""
+    """The bounds of each position hold what the tissue's side does there, with the same results."""
     scene = read_scene(REFERENCE / "solid" / "flank.toml")
     narrow, wide = (scan(scene, "x", np.linspace(-half, half, 9)) for half in (0.01, 0.038))
     assert wide.error_estimate[0] is None or wide.error_estimate[0] > 0.05

@@ -1,4 +1,4 @@
-"""What the three-dimensional level writes and draws, of the small meshes of tests/solver/solid/test_elements.py."""
+"""What ``solid`` writes and draws, of the small meshes of tests/solver/solid/test_elements.py."""
 
 from __future__ import annotations
 

@@ -307,7 +307,7 @@ def test_what_is_no_scheduler_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """However it answers, or does not: nothing else is printed, and nothing waited for."""
+    """However it responds, or does not: nothing else is printed, and nothing waited for."""
     pytest.importorskip("distributed")
     if behaviour is silent:
         monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 0.2)

@@ -1,4 +1,4 @@
-"""Rounded designs: every size a multiple of the step, limits kept, costs told; steps that leave nothing are refused."""
+"""Rounded designs: every size a multiple of the step, limits held, costs stated; steps that leave nothing are refused."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from tests.support.paths import SCENE
 
 
 def evaluate_both(scene, accuracy=0.01):
-    """What both levels find, compared."""
+    """What both evaluators find, compared."""
     true = Axisymmetric().compute_converged(scene, accuracy / 10).films[0]
     comparison = compare(compute_readings(solve_undisturbed(scene, accuracy), Tumours.from_scene(scene), reflect=True), true)
     assert comparison

@@ -1,4 +1,4 @@
-"""``evaluate`` does what ``plan`` says: one decision, whose refusals are told in the numbers that were asked."""
+"""``evaluate`` does what ``plan`` states: one decision, whose refusals name the numbers that were requested."""
 
 import json
 import re
