@@ -196,6 +196,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
         planned = build_plan(scene, accuracy, SOLID if solid else None, skin=True, coarse=coarse)
         if not solid:
             try:
+                # skip_sure: an evaluator that is sure to reach the accuracy is named without running it
                 decided = choose_evaluator(scene, accuracy, False, None, coarse, skip_sure=True).plan
                 planned = replace(decided, warnings=planned.warnings)
             except LimitReached:

@@ -212,8 +212,8 @@ def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: BlockPredicti
     try:
         readings = [measure_strict_reading(samples, bench, scene) for samples in drawn.read(fault, scene, bench, seed)]
         calibration = calibrate(scene, bench, readings, shares)
-    except (HardwareError, InputError) as why:
-        return CalibrationOutcome(refused=str(why))
+    except (HardwareError, InputError) as refusal:
+        return CalibrationOutcome(refused=str(refusal))
     truth = drawn.matrix(bench)
     return CalibrationOutcome(
         "",

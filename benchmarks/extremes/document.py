@@ -64,20 +64,20 @@ class Reasons:
     def __init__(self) -> None:
         self.numbers: dict[str, int] = {}
 
-    def number(self, why: str) -> int:
+    def number(self, reason: str) -> int:
         """Return a reason's number."""
-        return self.numbers.setdefault(general(why), len(self.numbers) + 1)
+        return self.numbers.setdefault(general(reason), len(self.numbers) + 1)
 
     def lines(self) -> Iterator[str]:
         """Yield the list of reasons."""
         yield "## Reasons of refusals and nulls\n"
-        yield from (f"{number}. {why}" for why, number in self.numbers.items())
+        yield from (f"{number}. {reason}" for reason, number in self.numbers.items())
         yield ""
 
 
-def general(why: str) -> str:
+def general(reason: str) -> str:
     """Return a reason without the numbers of the scene."""
-    return re.sub(r"(?<![\w-])-?\d[\d.]*(e[+-]?\d+)?(?![\w-])", "#", why).replace("|", "/")
+    return re.sub(r"(?<![\w-])-?\d[\d.]*(e[+-]?\d+)?(?![\w-])", "#", reason).replace("|", "/")
 
 
 def counts(cells: list[Cell]) -> Iterator[str]:
@@ -116,7 +116,7 @@ def wrongs(cells: list[Cell]) -> Iterator[str]:
     wrong = [cell for cell in cells if cell.mark == "wrong"]
     if wrong:
         yield "## Wrong\n"
-        yield from (f"- {cell.row} by {cell.evaluator}: {cell.why}" for cell in wrong)
+        yield from (f"- {cell.row} by {cell.evaluator}: {cell.reason}" for cell in wrong)
         yield ""
 
 
@@ -143,4 +143,4 @@ def text(cell: Cell | None, reasons: Reasons) -> str:
         return ""
     if cell.mark == "right":
         return f"{cell.true:.0e} / {cell.stated:.0e}" if cell.true is not None and cell.stated is not None else "right"
-    return "**wrong**" if cell.mark == "wrong" else f"{cell.mark} {reasons.number(cell.why)}"
+    return "**wrong**" if cell.mark == "wrong" else f"{cell.mark} {reasons.number(cell.reason)}"

@@ -214,6 +214,6 @@ def growth(cases: list[KnownScene], progress: ProgressCallback) -> Iterator[Meas
         with limit_memory():
             for answer in ours.growth(case.scene):
                 add("ours", answer)
-    except (NotImplementedError, MemoryError, RuntimeError) as why:  # SuperLU raises either for want of memory
-        table.note(f"ours ends here: {why}")
+    except (NotImplementedError, MemoryError, RuntimeError) as fault:  # SuperLU raises either for want of memory
+        table.note(f"ours ends here: {fault}")
     yield table

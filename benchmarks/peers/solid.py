@@ -168,8 +168,8 @@ def measure(accuracy: float, chosen: argparse.Namespace, progress: Callable[[str
             progress(f"{title} on {name} at {accuracy:g}")
             try:
                 outcome = ours(name, accuracy, chosen) if code == "ours" else peer(which, name, setting or {}, chosen)
-            except (FailedError, OSError) as why:
-                table.note(f"{title} on {name}: not measured: {why}")
+            except (FailedError, OSError) as fault:
+                table.note(f"{title} on {name}: not measured: {fault}")
                 continue
             mine = outcome if code == "ours" else mine
             error = abs(outcome["ratio"] / true["ratio"] - 1)

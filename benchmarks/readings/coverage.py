@@ -60,8 +60,8 @@ def outcome(name: str, draws: int) -> FaultOutcome:
         random = np.random.default_rng([seed, 5])
         try:
             ratio, spread = measure_charge_ratio(FAULTS[name](good(random), random))
-        except HardwareError as why:
-            refused, reason = refused + 1, str(why)
+        except HardwareError as fault:
+            refused, reason = refused + 1, str(fault)
             continue
         z.append((ratio - TRUTH) / spread)
         stated.append(spread / abs(ratio))

@@ -138,7 +138,9 @@ class Quantity:
                 self.check_bare(value)
             return self.convert(value, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
-            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+            raise PydanticCustomError(
+                "quantity", "{allowed} ({reason})", {"allowed": self.allowed, "reason": str(fault)}
+            ) from None
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Tell pydantic how to read and, as JSON, write the quantity."""

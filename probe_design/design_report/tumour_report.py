@@ -97,7 +97,7 @@ def describe_noise(optimum: TumourOptimum) -> str:
 
 
 def build_verified_table(optimum: TumourOptimum) -> Table:
-    """Return the table of all verified designs, the start, then the best first, with units in the headings."""
+    """Return a table with a row for each verified design: the start, then the others, best first; headings have units."""
     names = [name for name, _ in (*_list_design_cells(optimum.start), *_list_load_cells(optimum.start))]
     number_headings = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
     rows = list[tuple[str, ...]]()

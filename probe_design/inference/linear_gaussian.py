@@ -241,7 +241,7 @@ class LinearGaussian:
         R, scale = _align_batch(self._factors.R, 2, columns.ndim - 2), _align_batch(self._factors.scale, 1, columns.ndim - 2)
         right = np.swapaxes(_align_batch(_put_batch_last(columns), 2, scale.ndim - 1), 0, 1) * scale[:, None]
         root, is_resolved = np.zeros(right.shape, dtype=R.dtype), np.ones(right.shape[1:], dtype=bool)
-        for k in range(len(R)):
+        for k in range(len(R)):  # row k of R^T is column k of R
             terms = R[:k, None, k] * root[:k]
             remainder, largest = right[k] - terms.sum(axis=0), np.abs(right[k]) + np.abs(terms).sum(axis=0)
             is_resolved &= (R[k, k] != 0) | (np.abs(remainder) <= _RELATIVE_ROUNDING * len(R) * largest)

@@ -240,7 +240,7 @@ class ScenePopulation:
 
     @property
     def _tumour_y(self) -> float:
-        """The y of every tumour, m: that of the scene's inclusion; without one, that of the line along which is read."""
+        """The y of every tumour, m: that of the scene's inclusion, or of the probe's placement where the scene has none."""
         return self.scene.inclusion[0].y if self.scene.inclusion else self.scene.placement.y
 
     @property

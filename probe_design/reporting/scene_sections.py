@@ -92,7 +92,7 @@ def _build_plan(scene: Scene) -> Iterator[Part]:
         f"Evaluated by {scene_plan.evaluator or 'no evaluator'}: {scene_plan.dimension}. Effects are relative changes "
         "of the ratio."
     )
-    yield Table(("feature", "modelled", "effect", "why"), rows)
+    yield Table(("feature", "modelled", "effect", "reason"), rows)
 
 
 def _build_loads(scene: Scene) -> Iterator[Part]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import DEFAULT_NOISE
 from probe_design.probe_check.check import Check
@@ -17,9 +15,10 @@ from probe_design.terminal.hardware_tables import (
     build_pairs_table,
     write_sentences,
 )
+from solver.results.evaluator import ProgressCallback
 
 
-def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], progress: Callable[[str], None]) -> str:
+def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], progress: ProgressCallback) -> str:
     """Return the report as HTML.
 
     Parameters

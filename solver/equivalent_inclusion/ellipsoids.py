@@ -73,8 +73,8 @@ def check_ellipsoids(scene: Scene) -> None:
         or np.any(Strata.from_tissue(scene.tissue).compute_gap(spheres) <= 0)
     )
     if outside or np.any(gaps <= 0):
-        why = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
-        raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
+        allowed = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
+        raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), allowed)
 
 
 def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) -> Readings:

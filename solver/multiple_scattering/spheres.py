@@ -168,5 +168,6 @@ def _estimate_omitted_parts(section: Section, strata: Strata, tumours: Tumours, 
         gap = np.maximum(np.abs(tumours.depth - depth) - radius, MIN_GAP_RELATIVE * tumours.diameter)
         # MS.11: sphere_contrasts * contrast is q^2, hence the power k and not 2 k
         touching = np.max((sphere_contrasts * contrast) ** k * (k / (k + 1)) ** (2.0 * degree), axis=0)
-        fractions = np.maximum(fractions, np.minimum((1 + 2 * gap / radius) ** (-2.0 * degree), touching))
+        separate = (1 + 2 * gap / radius) ** (-2.0 * degree)
+        fractions = np.maximum(fractions, np.minimum(separate, touching))
     return fractions

@@ -250,7 +250,7 @@ class SolidFields:
         Its square is half the sum of (xx - yy)^2, (yy - zz)^2 and (zz - xx)^2, plus three times that of yz^2, xz^2 and xy^2.
         """
         direct, shear = self.stress[:, :3], self.stress[:, 3:]
-        differences = direct - np.roll(direct, 1, axis=1)
+        differences = direct - np.roll(direct, 1, axis=1)  # xx - zz, yy - xx, zz - yy
         return np.asarray(np.sqrt((differences**2).sum(axis=1) / 2 + 3 * (shear**2).sum(axis=1)))
 
     @property

@@ -39,8 +39,8 @@ QUICK = [cell for cell in EXTREMES[::4] + LAWS[::3] if cell not in LONG]  # each
 @pytest.mark.parametrize(("key", "evaluator"), slow_unless(QUICK.__contains__, EXTREMES + LAWS))
 def test_right_refused_or_null_with_a_reason(key: str, evaluator: str) -> None:
     cell = classify(ROWS[key], evaluate_row(ROWS[key], evaluator))
-    assert cell.mark != "wrong", cell.why
-    assert cell.mark == "right" or cell.why
+    assert cell.mark != "wrong", cell.reason
+    assert cell.mark == "right" or cell.reason
 
 
 def test_document_lists_every_cell_and_none_is_wrong() -> None:

@@ -96,11 +96,11 @@ def other_calibration(folder: Path) -> Path:
     return folder / "other.toml"
 
 
-@pytest.mark.parametrize("verb", ["read", "check", "estimate"])
-def test_a_calibration_of_another_board_is_refused(folder: Path, other_calibration: Path, verb: str) -> None:
+@pytest.mark.parametrize("command_name", ["read", "check", "estimate"])
+def test_a_calibration_of_another_board_is_refused(folder: Path, other_calibration: Path, command_name: str) -> None:
     """Two probes of one drawing: a ratio of 0.70 +- 0.01 was read for 0.56."""
-    source = ("--reading", folder / "run-3.probe") if verb == "estimate" else ("--virtual",)
-    message = refused(verb, SCENE, *source, "--calibration", other_calibration)
+    source = ("--reading", folder / "run-3.probe") if command_name == "estimate" else ("--virtual",)
+    message = refused(command_name, SCENE, *source, "--calibration", other_calibration)
     assert "serial number = A17 of the calibration; VIRTUAL of" in message
     assert "--any-probe" in message
 
@@ -154,8 +154,8 @@ def test_millivolts_taken_as_volts_are_refused_without_a_force_channel(kind: str
         with h5py.File(path, "w") as file:
             for name, values in columns.items():
                 file.create_dataset(name, data=values).attrs["units"] = "s" if name == "time" else "V"
-    for verb, option in (("read", "--replay"), ("estimate", "--reading")):
-        assert "millivolts taken as volts" in refused(verb, SCENE, option, path)
+    for command_name, option in (("read", "--replay"), ("estimate", "--reading")):
+        assert "millivolts taken as volts" in refused(command_name, SCENE, option, path)
 
 
 def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> None:

@@ -21,10 +21,10 @@ import atexit, os, signal, sys, threading, time
 {before}
 from probe_design import __main__
 import probe_design.commands.main
-class Verbs:
+class Commands:
     def main(self, **options):
         {body}
-sys.modules['probe_design.commands.main'].cli = Verbs()
+sys.modules['probe_design.commands.main'].cli = Commands()
 __main__.main()
 """
 SWALLOWED = "try:\n    signal.raise_signal(signal.SIGINT)\nexcept KeyboardInterrupt:\n    "

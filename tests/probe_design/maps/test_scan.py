@@ -175,14 +175,14 @@ UNILATERAL, TILTED, ELLIPSOID = (
 )
 
 
-@pytest.mark.parametrize("verb", ["scan", "detectability"])
+@pytest.mark.parametrize("command", ["scan", "detectability"])
 @pytest.mark.parametrize(("old", "new", "word"), [UNILATERAL, TILTED, ELLIPSOID])
-def test_kinds_that_are_not_built_are_refused(verb: str, old: str, new: str, word: str, tmp_path: Path) -> None:
+def test_kinds_that_are_not_built_are_refused(command: str, old: str, new: str, word: str, tmp_path: Path) -> None:
     text = SCENE.read_text()
     assert old in text
     scene = tmp_path / "scene.toml"
     scene.write_text(text.replace(old, new))
-    assert word in refused(verb, scene)
+    assert word in refused(command, scene)
 
 
 @pytest.mark.parametrize(

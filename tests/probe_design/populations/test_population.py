@@ -90,7 +90,7 @@ def test_ranges_in_which_nothing_fits_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ranges", "why"),
+    ("ranges", "reason"),
     [
         ({"depth": ["1 mm", "2 mm"], "diameter": "8 mm"}, "not under the least cover"),
         ({"depth": "9 mm", "diameter": "8 mm", "least_cover": "20 mm"}, "not under the least cover"),
@@ -98,8 +98,8 @@ def test_ranges_in_which_nothing_fits_are_refused() -> None:
         ({"depth": "20 mm", "diameter": "8 mm", "x": ["80 mm", "90 mm"]}, "side or bottom"),
     ],
 )
-def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], why: str) -> None:
+def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], reason: str) -> None:
     design = example_design(population={"object": "20 kPa", **ranges})
-    with pytest.raises(InputError, match=why) as refused:
+    with pytest.raises(InputError, match=reason) as refused:
         ScenePopulation.from_scene(design.scene, design.population).draw_tumours(8)
     assert "\n" not in str(refused.value)

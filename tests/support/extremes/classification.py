@@ -63,7 +63,7 @@ class Cell:
         See ``Outcome``.
     mark
         One of ``MARKS``.
-    why
+    reason
         The reason given, or what is wrong.
     true, stated
         Relative error of the ratio and the bound on it.
@@ -75,7 +75,7 @@ class Cell:
     evaluator: str
     seconds: float
     mark: str
-    why: str = ""
+    reason: str = ""
     true: float | None = None
     stated: float | None = None
     doubt: float = 0.0
