@@ -136,13 +136,13 @@ def _check_probe(scene: SceneTables) -> None:
         )
 
 
-def _check_gap(probe: Probe, room: float) -> None:
+def _check_gap(probe: Probe, half_size: float) -> None:
     """Refuse the gap if it is wider than the inner block's radius and the probe would fit the tissue with a narrower gap.
 
-    ``room`` is the tissue's radius, or half the shorter side of a block of tissue, in m. The probe's radius depends on the gap
+    ``half_size`` is the tissue's radius, or half the shorter side of a block, in m. The probe's radius depends on the gap
     where the scene gives ``area_ratio``.
     """
-    square = room**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
+    square = half_size**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
     if probe.area_ratio is None or not probe.gap > probe.inner_radius or square <= probe.inner_radius**2:
         return
     widest = math.sqrt(square) - probe.inner_radius
@@ -187,19 +187,21 @@ def _check_load(scene: SceneTables) -> None:
         raise InputError("load.indentation", format_mm(deep), f"less than the tissue's depth of {format_mm(tissue.depth)}")
 
 
-def _check_probe_on_tissue(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:
+def _check_probe_on_tissue(size: str, half_size: float, reach: float, *, key: str, position: float, offset: float) -> None:
     """Raise ``InputError`` if the probe does not stand on the tissue along one of its sizes.
 
-    ``size`` is that key of the tissue, ``room`` its half (or the radius) and ``reach`` the probe's radius, in m. ``key`` and
+    ``size`` is that key of the tissue, ``half_size`` its half (or the radius) and ``reach`` the probe's radius, in m. ``key`` and
     ``position`` are those of the placement, for the message; ``offset`` is the distance between the axes.
     """
     reason = f"the whole probe, of radius {format_mm(reach)}, has to stand on the tissue"
-    if is_at_least(reach, room):
+    if is_at_least(reach, half_size):
         times = 1 if size == "radius" else 2
-        raise InputError(f"tissue.{size}", format_mm(times * room), f"above {format_minimum_mm(times * reach)} ({reason})")
-    if is_at_least(offset + reach, room):
+        raise InputError(f"tissue.{size}", format_mm(times * half_size), f"above {format_minimum_mm(times * reach)} ({reason})")
+    if is_at_least(offset + reach, half_size):
         raise InputError(
-            key, format_mm(position), f"the probe's axis less than {format_maximum_mm(room - reach)} from the tissue's ({reason})"
+            key,
+            format_mm(position),
+            f"the probe's axis less than {format_maximum_mm(half_size - reach)} from the tissue's ({reason})",
         )
 
 
