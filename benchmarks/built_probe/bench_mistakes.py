@@ -3,7 +3,7 @@
     nice python -m benchmarks.built_probe.bench_mistakes
 
 Each draw is another probe on another bench: gains, cross-talk, amplifiers, force sensor, leaks, blocks, and by the predictions'
-derivatives the probe's dimensions are off by their tolerances. It is read under 10 mN with noise, hum and drift, calibrated,
+derivatives the probe's dimensions deviate by their tolerances. It is read under 10 mN with noise, hum and drift, calibrated,
 and the gains then serve a reading on the scene without noise. A row is one fault, in all draws. It counts
 
 * refused calibrations; those with a warning that a film lags; those with a warning about the fault;

@@ -1,6 +1,6 @@
 """Time ``equivalent-inclusion``: the probe once, tumours to first order and with reflections, one map. One thread.
 
-Everything is timed under one probe (``SCENE``), in one run; wall-clock and process time side by side tell how
+Everything is timed under one probe (``SCENE``), in one run; wall-clock and process time side by side show how
 busy the machine is.
 """
 

@@ -107,7 +107,7 @@ def quality(cells: list[Cell]) -> str:
 
 
 def is_reached(cell: Cell) -> bool:
-    """Whether an answer is right and its stated error no larger than the accuracy."""
+    """Whether a result is right and its stated error no larger than the accuracy."""
     return cell.mark == "right" and cell.stated is not None and cell.stated <= ACCURACY
 
 

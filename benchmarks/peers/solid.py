@@ -7,7 +7,7 @@ meshes too), ``--ours PYTHON`` likewise. Each run is a process of its own, on ``
 process and of those it starts. True values: ``tests/reference/solid``, else the folder ``SOLID_REFERENCE`` names.
 
 The peers' settings are the cheapest ones that reach the error and keep it when refined (``solid_settings.py``), the ratio
-alone, without an error estimate. Ours is asked for the accuracy and answers with its own error estimate; its meshing is
+alone, without an error estimate. Ours is given the accuracy and returns its own error estimate; its meshing is
 the difference between a run with an empty cache of meshes and runs with that cache filled.
 
 Duration: half an hour.

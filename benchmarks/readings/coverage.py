@@ -2,7 +2,7 @@
 
     nice python -m benchmarks.readings.coverage [--draws N]
 
-A row counts what came of a fault: how many readings were refused; of the others, how many were told with a warning, the root
+A row counts what came of a fault: how many readings were refused; of the others, how many had a warning, the root
 mean square of error over stated standard deviation, the largest, and the stated standard deviation.
 
 Duration: minutes.

@@ -153,11 +153,11 @@ MODULUS_QUANTITY = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 SI_CONTEXT = {"units_required": False}
 """Context of pydantic for numbers that are known to be in SI units, as those of a scene that was read already."""
 FREQUENCY_QUANTITY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)
-"""Of a sinusoidal load."""
+"""Frequency of a sinusoidal load."""
 TIME_QUANTITY = Quantity("time", "s", "s", 1e-3, 1e7)
-"""That an answer may take."""
+"""Limit of the time of one evaluation."""
 MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
-"""That an answer may take."""
+"""Limit of the memory of one evaluation."""
 
 
 def read_number(key: str, entry: object, allowed: str) -> float:

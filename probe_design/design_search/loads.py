@@ -52,7 +52,7 @@ COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as 
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
 SCENE_LOAD, STRAIN_LIMIT, GAP_CLOSURE = "scene", "strain", "gap closure"  # limits of a load
 MAX_DEPTH, LAST_CONVERGED, TIME_LIMIT = "depth", "last converged load", "time limit"  # limits beyond linear elasticity
-BEST_LOAD = "more tells less"  # beyond linear elasticity: a larger load has a worse objective
+BEST_LOAD = "best load"  # beyond linear elasticity: a larger load has a worse objective
 LIMIT_OF_RULE = {"ratio": STRAIN_LIMIT, "strain limit": STRAIN_LIMIT, "gap closure": GAP_CLOSURE}
 
 

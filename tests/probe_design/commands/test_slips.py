@@ -124,7 +124,7 @@ def test_a_gap_wider_than_the_core_is_doubted(tmp_path: Path) -> None:
 
 
 def completions(*words: str) -> list[str]:
-    """What bash is told for the last word, as click asks for it."""
+    """What bash receives for the last word, as click asks for it."""
     requests = {
         "_PROBE_DESIGN_COMPLETE": "bash_complete",
         "COMP_WORDS": " ".join(("probe-design", *words)),

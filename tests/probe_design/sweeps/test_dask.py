@@ -100,8 +100,8 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("which", "stop", "message"),
     [
-        (0, signal.SIGSTOP, "the Dask scheduler {} has not answered for"),
-        (1, signal.SIGSTOP, "no Dask worker has answered for"),
+        (0, signal.SIGSTOP, "the Dask scheduler {} has not responded for"),
+        (1, signal.SIGSTOP, "no Dask worker has responded for"),
         (1, signal.SIGKILL, "the Dask scheduler {} has had no worker for"),
     ],
 )
