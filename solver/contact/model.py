@@ -232,6 +232,11 @@ class ContactModel:
         elements = self.elements.move(state.elements, equations.elimination, displacements.reshape(self.lift.shape[:2]))
         return replace(state, indentation=indentation, v=state.v + change, elements=elements)
 
+    def compute_rates(self, state: State, equations: Linearised, changes: Floats) -> State:
+        """Return the derivative of a state with respect to indentation; ``changes`` is that of its unknowns, (unknowns,)."""
+        zero_state = replace(state, indentation=0.0, v=np.zeros_like(state.v), elements=self.elements.build_rest_values())
+        return self.shift(zero_state, equations, changes, 1.0)
+
     def compute_contact_radius(self, equations: Linearised, state: State) -> float:
         """Return the outer radius of the contact with the tissue in the deformed state, m."""
         displacements, pair = self.compute_displacements(state.v, state.indentation), self.pairs[-1]

@@ -11,7 +11,16 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
 from solver.contact.newton import solve
-from solver.contact.states import Equilibrium, Linearised, PathPoint, State, StoppedError, add_weighted, lagrange_weights
+from solver.contact.states import (
+    Equilibrium,
+    Linearised,
+    PathPoint,
+    State,
+    StoppedError,
+    add_weighted,
+    hermite_weights,
+    lagrange_weights,
+)
 
 FIRST_STEP_RELATIVE, MIN_STEP_RELATIVE, MAX_STEP_RELATIVE = (
     0.02,
@@ -221,11 +230,17 @@ class Path:
 
     def _extrapolate(self, indentation: float) -> State:
         """Extrapolate or interpolate the state at an indentation from the nearest points."""
-        states = [point.equilibrium.state for point in self._find_nearest(indentation)]
+        nearest = self._find_nearest(indentation)
+        states = [point.equilibrium.state for point in nearest]
         if len(states) < 2:
             return self._scale_light_state(indentation) if len(self.points) == 1 else self._follow_tangent(states[0], indentation)
-        # a polynomial through two or three states; where it turns an element inside out, the tangent is safer
-        guess = add_weighted(lagrange_weights([state.indentation for state in states], indentation), states)
+        places = [state.indentation for state in states]
+        if self.model.may_open or any(state.contact_mask.any() for state in states):
+            # where lines touch, starts with rates lead to another equilibrium of a folding corner: use values alone
+            guess = add_weighted(lagrange_weights(places, indentation), states)
+        else:
+            guess = add_weighted(hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])])
+        # where the polynomial turns an element inside out, the tangent is safer
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)
         return replace(guess, indentation=indentation, grips=self._find_state_before(indentation).grips)
@@ -270,7 +285,7 @@ class Path:
         model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)
         model.check_laws(state)
-        _, derivatives = model.compute_responses(state, equations, self._target)
+        changes, derivatives = model.compute_responses(state, equations, self._target)
         films, derivatives = self._scale * model.compute_film_forces(equations), self._scale[:, None] * derivatives
         sensitivity = 0.0
         if self.sensitive:
@@ -286,4 +301,5 @@ class Path:
             strain=model.elements.compute_max_stretch(state.elements.u),
             residual=equations.relative_residual,
             equilibrium=replace(equilibrium, equations=replace(equations, factor=None)),  # factors are large
+            rates=model.compute_rates(state, equations, changes[:, 0]),
         )
