@@ -139,7 +139,7 @@ def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
 
 def test_what_reflections_will_hold_is_known(monkeypatch):
     kept, texts = [], []
-    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, room: texts.append(room))
+    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, text: texts.append(text))
     works = ModeSamples.compute_works
 
     def seen(self, weights):
