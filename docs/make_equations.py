@@ -65,7 +65,7 @@ class Equation:
     Attributes
     ----------
     label
-        Its room's letters, a dot and its number.
+        Its package's letters, a dot and its number.
     says
         The formula or sentence at its definition.
     file
@@ -78,7 +78,7 @@ class Equation:
 
     @property
     def order(self) -> tuple[int, int]:
-        """Its place on the page: the room's and its own."""
+        """Its place on the page: the package's and its number."""
         letters, number = self.label.split(".")
         return list(ROOMS).index(letters), int(number)
 
@@ -116,7 +116,7 @@ def page() -> str:
 
 
 def table(letters: str, group: list[Equation]) -> str:
-    """Return one room's part of the page."""
+    """Return one package's part of the page."""
     rows = [f"| {equation.label} | {code(equation.says)} | `{Path(equation.file).name}` |\n" for equation in group]
     return f"## {letters}: `{ROOMS[letters]}`\n\n| label | equation | file |\n|---|---|---|\n{''.join(rows)}"
 

@@ -12,7 +12,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from geometry.scenes.scene import TISSUE_MODELS, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import TISSUE_MODELS
 from geometry.scenes.units import Quantity
 
 PAGE = Path(__file__).parent / "reference" / "scene-file.md"

@@ -57,11 +57,11 @@ def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
         InputError, Refusal: see ``solver.evaluate``.
     """
     results = {}
-    with show_steps("the paper's study") as tell:
+    with show_steps("the paper's study") as progress:
         for k, scene_at in scenes(scene).items():
-            tell(f"position {k} of 4, {POSITION_NAMES[k]}")
+            progress(f"position {k} of 4, {POSITION_NAMES[k]}")
             results[k] = at_one_newton(
-                evaluate(scene_at, evaluator, accuracy, partial(_tell_line, tell, k), limits=LIMITS), scene_at
+                evaluate(scene_at, evaluator, accuracy, partial(_tell_line, progress, k), limits=LIMITS), scene_at
             )
     return results
 
@@ -73,8 +73,8 @@ def at_one_newton(result: Result, scene: Scene) -> Result:
     return replace(result, **{key: None if value is None else value / force for key, value in at_load.items()})
 
 
-def _tell_line(tell: Callable[[str], None], k: int, line: str) -> None:
-    tell(f"position {k} of 4: {line}")
+def _tell_line(progress: Callable[[str], None], k: int, line: str) -> None:
+    progress(f"position {k} of 4: {line}")
 
 
 def loaded(result: Result, load: float) -> tuple[float | None, ...]:

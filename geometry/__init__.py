@@ -18,17 +18,9 @@ Numbers are in SI units. CAD (``geometry.cad.solids``, ``geometry.cad.export``) 
 from geometry.common.errors import ExportError, InputError, MissingLibrary, ProbeError, Refusal, SolveError
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Base, Groove, Material, Probe
-from geometry.scenes.scene import (
-    BlockTissue,
-    Contact,
-    CylinderTissue,
-    HalfSpaceTissue,
-    Inclusion,
-    Load,
-    Placement,
-    Scene,
-)
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_dict, scene_from_toml, scene_to_dict, scene_to_toml
+from geometry.scenes.scene_tables import BlockTissue, Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Placement
 
 __all__ = [
     "Base",

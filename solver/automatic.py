@@ -66,7 +66,7 @@ def choose_evaluator(
     scene: Scene,
     accuracy: float,
     linear: bool,
-    tell: ProgressCallback | None,
+    progress: ProgressCallback | None,
     coarse: CoarseModel | None = None,
     *,
     skip_sure: bool = False,
@@ -81,7 +81,7 @@ def choose_evaluator(
         As in ``solver.evaluation.evaluate``.
     linear
         Likewise.
-    tell
+    progress
         Likewise.
     coarse
         The scene's coarse model, where it is known.
@@ -95,7 +95,7 @@ def choose_evaluator(
     LimitReached
         See ``evaluate``.
     """
-    outcome = _try_evaluators(scene, accuracy, linear, tell, coarse=coarse, skip_sure=skip_sure)
+    outcome = _try_evaluators(scene, accuracy, linear, progress, coarse=coarse, skip_sure=skip_sure)
     if isinstance(outcome, AutoChoice):
         return outcome
     load_fault = next((attempt.fault for attempt in reversed(outcome) if attempt.fault.key.startswith("load.")), None)
@@ -104,7 +104,7 @@ def choose_evaluator(
     best = min(outcome, key=lambda attempt: attempt.compute_error(accuracy))
     if not isinstance(best.fault, OutOfReach):
         raise best.fault
-    raise _build_refusal(best, best.fault, scene, accuracy, linear=linear, tell=tell) from None
+    raise _build_refusal(best, best.fault, scene, accuracy, linear=linear, progress=progress) from None
 
 
 def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, coarse: CoarseModel | None = None) -> Plan:
@@ -137,14 +137,14 @@ def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, coarse: Coar
     return planned
 
 
-def get_evaluator(name: str | None, tell: ProgressCallback | None) -> Evaluator:
+def get_evaluator(name: str | None, progress: ProgressCallback | None) -> Evaluator:
     """Return the evaluator of the name that a plan gives; None does not occur, as such plans are refused before."""
     assert name is not None  # build_allowed_plan has refused it
-    return evaluator(name, tell)
+    return evaluator(name, progress)
 
 
 def _try_evaluators(
-    scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None, *, coarse: CoarseModel | None, skip_sure: bool
+    scene: Scene, accuracy: float, linear: bool, progress: ProgressCallback | None, *, coarse: CoarseModel | None, skip_sure: bool
 ) -> AutoChoice | list[FailedAttempt]:
     """Run evaluators in turn; return the choice of the first that reaches the accuracy, or the failed attempts of all.
 
@@ -155,7 +155,7 @@ def _try_evaluators(
     planned, failures = build_allowed_plan(scene, accuracy, linear, coarse), list[FailedAttempt]()
     while not (skip_sure and planned.is_sure()):
         try:
-            result = get_evaluator(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy, planned.allowed)
+            result = get_evaluator(planned.evaluator, progress).evaluate_within(planned.scene, planned.accuracy, planned.allowed)
             return AutoChoice(planned, planned.complete_result(result, scene, accuracy, linear))
         except LimitReached:
             raise
@@ -182,11 +182,11 @@ def _add_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
 
 
 def _build_refusal(
-    best: FailedAttempt, fault: OutOfReach, scene: Scene, accuracy: float, *, linear: bool, tell: ProgressCallback | None
+    best: FailedAttempt, fault: OutOfReach, scene: Scene, accuracy: float, *, linear: bool, progress: ProgressCallback | None
 ) -> OutOfReach:
     """Return a refusal that names the accuracy within reach, the evaluator that reaches it, and what to do."""
     reached = best.compute_error(accuracy)
-    reachable, name = _find_reachable_accuracy(scene, reached, linear, tell), fault.name
+    reachable, name = _find_reachable_accuracy(scene, reached, linear, progress), fault.name
     advice = f"--evaluator {name} returns its result with its own error"
     # the load's part of the error, at least: the accuracy that the evaluator's allowed error leaves
     load = 0.0 if linear else (1 + accuracy) / (1 + best.plan.allowed) - 1
@@ -199,7 +199,7 @@ def _build_refusal(
     return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
 
 
-def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, tell: ProgressCallback | None) -> str | None:
+def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, progress: ProgressCallback | None) -> str | None:
     """Return the text of an accuracy that some evaluator reaches, None if none below 1 is.
 
     It is found by trying larger and larger ones, from ``reached`` on, as an evaluator's effort depends on the accuracy requested.
@@ -209,7 +209,7 @@ def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, tell: P
             return None
         text = format_minimum(reached, 2)
         try:
-            outcome = _try_evaluators(scene, float(text), linear, tell, coarse=None, skip_sure=False)
+            outcome = _try_evaluators(scene, float(text), linear, progress, coarse=None, skip_sure=False)
         except LimitReached:
             return text  # out of time: the first suggestion has to do
         if isinstance(outcome, AutoChoice):

@@ -34,7 +34,7 @@ class _Request:
 
     evaluator: str
     accuracy: float
-    tell: ProgressCallback | None
+    progress: ProgressCallback | None
     linear: bool
 
 
@@ -42,7 +42,7 @@ def evaluate_many(
     scenes: Sequence[Scene | Path | str],
     evaluator: str = evaluators.AUTO,
     accuracy: float = 0.01,
-    tell: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
     *,
     linear: bool = False,
     limits: Limits | None = None,
@@ -61,7 +61,7 @@ def evaluate_many(
         See ``evaluate``.
     accuracy
         See ``evaluate``.
-    tell
+    progress
         See ``evaluate``.
     linear
         See ``evaluate``.
@@ -84,13 +84,13 @@ def evaluate_many(
     with use_limits(limits):
         checked = [_catch_error(partial(_read_and_check, scene)) for scene in scenes]
         valid_scenes = [item for item in checked if isinstance(item, Scene)]
-        joint_results = iter(evaluate_together(valid_scenes, evaluator, accuracy, tell, linear=linear))
+        joint_results = iter(evaluate_together(valid_scenes, evaluator, accuracy, progress, linear=linear))
 
         def complete(scene: Scene) -> ResultOrError:
             """Return the result of a scene with its provenance, or its error."""
             result = next(joint_results)
             if result is None:  # it could not be computed together with others
-                return _catch_error(lambda: evaluate(scene, evaluator, accuracy, tell, linear=linear))
+                return _catch_error(lambda: evaluate(scene, evaluator, accuracy, progress, linear=linear))
             if isinstance(result, ProbeError):
                 return result
             return replace(result, provenance=build_provenance(scene, evaluator=evaluator, accuracy=accuracy))
@@ -99,10 +99,10 @@ def evaluate_many(
 
 
 def evaluate_together(
-    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: ProgressCallback | None = None, *, linear: bool = False
+    scenes: Sequence[Scene], evaluator: str, accuracy: float, progress: ProgressCallback | None = None, *, linear: bool = False
 ) -> list[ResultOrError | None]:
     """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
-    request = _Request(evaluator, accuracy, tell, linear)
+    request = _Request(evaluator, accuracy, progress, linear)
     if evaluator == CLOSED_FORM or (evaluator == AXISYMMETRIC and len(scenes) > 1):
         return _evaluate_by_name(
             scenes, request
@@ -121,7 +121,7 @@ def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[Result
     """Evaluate scenes with the named evaluator, all at once, and warn of loads beyond linear elasticity."""
     from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
-    film_evaluator, formulas = evaluators.evaluator(request.evaluator, request.tell), request.evaluator == CLOSED_FORM
+    film_evaluator, formulas = evaluators.evaluator(request.evaluator, request.progress), request.evaluator == CLOSED_FORM
     assert isinstance(film_evaluator, FilmEvaluator)
     results = film_evaluator.evaluate_many(scenes, request.accuracy)
 
@@ -167,7 +167,7 @@ def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator
             return (None for _ in scenes)  # each alone raises the error
         plans = [_catch_error(partial(build_allowed_plan, scene, request.accuracy, request.linear, coarse)) for scene in scenes]
     shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
-    film_evaluator = evaluators.evaluator(AXISYMMETRIC, request.tell)
+    film_evaluator = evaluators.evaluator(AXISYMMETRIC, request.progress)
     assert isinstance(film_evaluator, FilmEvaluator)
     solutions = film_evaluator.solve_many([plan.scene for plan in shared.values()], [plan.accuracy for plan in shared.values()])
     solution_of_place = dict(zip(shared, solutions, strict=True))

@@ -37,7 +37,7 @@ def evaluate(
     scene: Scene | Path | str,
     evaluator: str = AUTO,
     accuracy: float = 0.01,
-    tell: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
     *,
     linear: bool = False,
     loads: bool = False,
@@ -59,7 +59,7 @@ def evaluate(
         ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
     accuracy
         Relative, on ratio, stresses and stiffness; above 0, below 1.
-    tell
+    progress
         Called with a line of text before each long piece of work.
     linear
         Whether ``auto`` uses linear elasticity at any load; ``error_estimate`` then includes the effect of finite strain and is
@@ -90,9 +90,9 @@ def evaluate(
             check_frequency(scene, frequency)
         named = evaluator != AUTO
         result = (
-            _evaluate_by_name(scene, evaluator, accuracy, tell)
+            _evaluate_by_name(scene, evaluator, accuracy, progress)
             if named
-            else choose_evaluator(scene, accuracy, linear, tell).result
+            else choose_evaluator(scene, accuracy, linear, progress).result
         )
         assert result is not None  # no plan is accepted without a result
         result = _add_load_limits(result, scene, accuracy) if loads else result
@@ -107,11 +107,11 @@ def find_doubts(scene: Scene) -> tuple[Note, ...]:
     return tuple(Note("doubt", text) for text in list_doubts(scene))
 
 
-def _evaluate_by_name(scene: Scene, name: str, accuracy: float, tell: ProgressCallback | None) -> Result:
+def _evaluate_by_name(scene: Scene, name: str, accuracy: float, progress: ProgressCallback | None) -> Result:
     """Evaluate a scene with the named evaluator; linear ones add a warning where the load is beyond linear elasticity."""
     from solver.planning.load_check import add_load_warning
 
-    result = evaluators.evaluator(name, tell).evaluate(scene, accuracy)
+    result = evaluators.evaluator(name, progress).evaluate(scene, accuracy)
     return (
         replace(result, load_limits=compute_load_limits(scene, accuracy))
         if name == CONTACT
@@ -196,6 +196,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
         planned = build_plan(scene, accuracy, SOLID if solid else None, skin=True, coarse=coarse)
         if not solid:
             try:
+                # skip_sure: an evaluator that is sure to reach the accuracy is named without running it
                 decided = choose_evaluator(scene, accuracy, False, None, coarse, skip_sure=True).plan
                 planned = replace(decided, warnings=planned.warnings)
             except LimitReached:
@@ -213,7 +214,7 @@ def load(
     indentation: float | None = None,
     points: int = 20,
     accuracy: float = 0.01,
-    tell: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
     limits: Limits | None = None,
 ) -> LoadCurve:
     """Compute a scene under rising loads, with finite strain and contact; see ``solver.results.result.LoadCurve``.
@@ -230,7 +231,7 @@ def load(
         Number of loads, evenly spaced above 0.
     accuracy
         Relative, on ratio, stresses and stiffness; above 0, below 1.
-    tell
+    progress
         Called with a line before each load.
     limits
         See ``evaluate``; the time is for each of the loads.
@@ -259,8 +260,8 @@ def load(
         )
     loads = max_load * np.arange(1, points + 1) / points
     with use_limits(limits):
-        result = compute_load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or ignore_progress)
-        (tell or ignore_progress)("loads at which the gap closes and linear elasticity ends")
+        result = compute_load_curve(scene, loads, accuracy, by_force=indentation is None, progress=progress or ignore_progress)
+        (progress or ignore_progress)("loads at which the gap closes and linear elasticity ends")
         result = _add_load_limits(result, scene, accuracy)
     return replace(result, provenance=build_provenance(scene, evaluator=CONTACT, accuracy=accuracy))
 
@@ -269,7 +270,7 @@ def curve(
     scene: Scene | Path | str,
     moduli: Floats,
     accuracy: float = 0.01,
-    tell: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
     *,
     linear: bool = False,
     limits: Limits | None = None,
@@ -284,7 +285,7 @@ def curve(
         Young's moduli of the target, Pa, shape (k,).
     accuracy
         Relative, on every ratio; above 0, below 1.
-    tell
+    progress
         Called with a line before each long piece of work.
     linear
         See ``evaluate``.
@@ -306,6 +307,6 @@ def curve(
     start = perf_counter()
     with use_limits(limits), start_clock():
         planned = build_allowed_plan(scene, accuracy, linear)
-        result = get_evaluator(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
+        result = get_evaluator(planned.curve_evaluator, progress).curve(planned.scene, moduli, planned.accuracy)
     record = build_provenance(scene, evaluator=AUTO, accuracy=accuracy)
     return replace(planned.complete_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=record)

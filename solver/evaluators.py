@@ -14,14 +14,14 @@ EVALUATOR_NAMES = ("published", "closed-form", "equivalent-inclusion", "axisymme
 """Names of the evaluators; each is made by the module ``solver/<name>/evaluator.py``."""
 
 
-def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Workspace | None = None) -> Evaluator:
+def evaluator(name: str, progress: ProgressCallback | None = None, workspace: Workspace | None = None) -> Evaluator:
     """Return the evaluator of a given name; its module is imported only now, which keeps the start-up short.
 
     Parameters
     ----------
     name
         The evaluator's name.
-    tell
+    progress
         Called with a line of text before each long piece of work; evaluators without any ignore it.
     workspace
         Where it keeps meshes and factors; by default the current one, usually the process's.
@@ -35,7 +35,7 @@ def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Worksp
         raise InputError("evaluator", name, describe_choices(name, (AUTO, *EVALUATOR_NAMES)))
     module = import_module(f"solver.{name.replace('-', '_')}.evaluator")
     with use_workspace(get_workspace() if workspace is None else workspace):
-        return cast(Evaluator, module.create_evaluator(tell))
+        return cast(Evaluator, module.create_evaluator(progress))
 
 
 def check_accuracy(accuracy: float) -> None:

@@ -40,7 +40,7 @@ def empty_working_directory(tmp_path_factory: pytest.TempPathFactory, monkeypatc
 
 @pytest.fixture(autouse=True)
 def unhurried() -> Iterator[None]:
-    """Time for every answer, however busy the machine is."""
+    """Time for every result, however busy the machine is."""
     from geometry.common.resources import Limits, use_limits
 
     with use_limits(Limits(seconds=3600.0)):

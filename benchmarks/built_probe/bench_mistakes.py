@@ -3,7 +3,7 @@
     nice python -m benchmarks.built_probe.bench_mistakes
 
 Each draw is another probe on another bench: gains, cross-talk, amplifiers, force sensor, leaks, blocks, and by the predictions'
-derivatives the probe's dimensions are off by their tolerances. It is read under 10 mN with noise, hum and drift, calibrated,
+derivatives the probe's dimensions deviate by their tolerances. It is read under 10 mN with noise, hum and drift, calibrated,
 and the gains then serve a reading on the scene without noise. A row is one fault, in all draws. It counts
 
 * refused calibrations; those with a warning that a film lags; those with a warning about the fault;
@@ -212,8 +212,8 @@ def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: BlockPredicti
     try:
         readings = [measure_strict_reading(samples, bench, scene) for samples in drawn.read(fault, scene, bench, seed)]
         calibration = calibrate(scene, bench, readings, shares)
-    except (HardwareError, InputError) as why:
-        return CalibrationOutcome(refused=str(why))
+    except (HardwareError, InputError) as refusal:
+        return CalibrationOutcome(refused=str(refusal))
     truth = drawn.matrix(bench)
     return CalibrationOutcome(
         "",

@@ -26,7 +26,7 @@ class ProbeOutcome:
     p_value
         Of the check; 0 where calibration or check was refused.
     power
-        How likely the check says that it finds the variable off by so much; None: within tolerance.
+        The check's own probability of detecting the variable so far off; None: within tolerance.
     errors
         Of the gain matrix over their standard deviations, shape (4,).
     refused
@@ -45,7 +45,7 @@ class ProbeOutcome:
 
     @property
     def alarmed(self) -> bool:
-        """Whether somebody was told that something is off."""
+        """Whether the user was warned that something is off."""
         return self.p_value < SIGNIFICANCE_LEVEL
 
 

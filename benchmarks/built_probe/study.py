@@ -1,9 +1,9 @@
 """Measure coverage and false alarms of `calibrate` and `check` on probes within and outside their tolerances.
 
-Each probe is solved anew as it was built, read with noise on references off by their tolerances (the same blocks for calibration
-and check, as in a laboratory), calibrated, and checked against its drawing at another temperature. Out of tolerance is one
-variable, by 5 to 15 of its tolerances; the others stay within. ``--explain N`` asks for the explanation of so many of those that
-are found. What is solved is kept in ``--solved FILE``, from which an interrupted study goes on; all else takes a second.
+Each probe is solved anew as it was built, read with noise on references that deviate by their tolerances (the same blocks for
+calibration and check, as in a laboratory), calibrated, and checked against its drawing at another temperature. Out of tolerance
+is one variable, by 5 to 15 of its tolerances; the others stay within. ``--explain N`` explains so many of those that are
+detected. What is solved is kept in ``--solved FILE``, from which an interrupted study goes on; all else takes a second.
 
     python -m benchmarks.built_probe.study --within 200 --out 100 --explain 10
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver import evaluate
 from solver.closed_form.designs import (
     LAYER_PARAMETERS,

@@ -1,4 +1,4 @@
-"""What the nodes of the closed form's integrals over wave numbers are off by, in its stated errors.
+"""Errors of the nodes of the closed form's integrals over wave numbers, in its stated errors.
 
 ``python -m benchmarks.closed_form.nodes`` prints, over all scenes of tests/reference that it takes, what four times the nodes,
 twice those for near sides, change of ln(ratio), of the logarithms of both totals and of the log-sensitivity, over the stated

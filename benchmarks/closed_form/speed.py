@@ -39,7 +39,7 @@ BESSEL, SOLVE = "values of Bessel functions", "flops of systems"
 PARTS = {
     "_add_end_compliances": "blocks' ends", "_compute_works": "half-space under rings", "_choose_waves": "transforms of loads",
     "_compute_sides": "sides",
-    "build_sphere_in_layer": "sphere's waves, image in floor and surface",
+    "build_sphere_in_layer": "sphere's waves, image in bottom and surface",
     "compute_off_axis_response": "answer of the blocks off the axis",
     "compute_higher_moments": "sphere beyond its moments", "_interpolate": "of all: Bessel functions",
     "solve": "of all: systems of equations",

@@ -19,7 +19,7 @@ import numpy as np
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.resources import Limits, use_limits
 from geometry.meridian.mesh_lines import MeridianFineness
-from geometry.scenes.scene import Contact, Load
+from geometry.scenes.scene_tables import Contact, Load
 from solver.axisymmetric.sections import build_sections
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel

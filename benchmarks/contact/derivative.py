@@ -37,7 +37,7 @@ FilmPoint = tuple[Floats, float]
 
 
 def ours(pressed_scene: Scene) -> list[FilmPoint]:
-    """Return what one mesh of order 3 tells at ``DEPTHS``."""
+    """Return the results of one mesh of order 3 at ``DEPTHS``."""
     cut = build_sections(pressed_scene)
     path = Path(ContactModel.from_section(cut.section, cut.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=True)
     points = [path.press_to_indentation(depth) for depth in DEPTHS]
@@ -45,7 +45,7 @@ def ours(pressed_scene: Scene) -> list[FilmPoint]:
 
 
 def press_by_ngsolve(pressed_scene: Scene) -> list[FilmPoint]:
-    """Return what NGSolve tells there."""
+    """Return NGSolve's results there."""
     problem, points = PressedProbe(pressed_scene, ContactSetting(3, 1.5, layers=1, mixed=True, tolerance=1e-5)), list[FilmPoint]()
     for depth in DEPTHS:
         problem.press(depth / pressed_scene.probe.inner_radius)

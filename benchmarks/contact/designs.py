@@ -17,7 +17,7 @@ from time import process_time
 
 from geometry import Scene, read_scene
 from geometry.common.resources import Limits, use_limits
-from geometry.scenes.scene import CylinderTissue, Inclusion, Load
+from geometry.scenes.scene_tables import CylinderTissue, Inclusion, Load
 from probe_design.design_search.tumour_study import optimize_for_tumour
 from probe_design.design_search.verification import TumourVerification
 from tests.support.scenes import nodule

@@ -59,7 +59,7 @@ COLUMNS = ("code", "unknowns, count", "steps", "ratio off, error", "log-sensitiv
 
 @dataclass(frozen=True)
 class PressedRun:
-    """What a code tells at ``LOADS``; log-sensitivities are not numbers where it tells none."""
+    """A code's results at ``LOADS``; log-sensitivities are NaN where it has none."""
 
     ratio: Floats
     log_sensitivity: Floats

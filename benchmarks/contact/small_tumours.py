@@ -10,9 +10,9 @@ Two ways from there to a real tumour, both of which could be had off the axis:
 - carried: the linear evaluator's result, reflections and all, times what the load makes of S1.
 
 On the axis ``contact`` knows the truth. Each row is a tumour under examples/scene.toml's probe and one force: the truth's change
-of ln ratio and log-sensitivity, and what both ways are off by, relative. One mesh for all, so that its error cancels.
+of ln ratio and log-sensitivity, and the relative errors of both. One mesh for all, so that its error cancels.
 
-Beside the axis a sphere counts by its share of each circle about the axis. The second table tells S1 there, at rest beside
+Off the axis a sphere counts by its share of each circle about the axis. The second table shows S1 there, at rest beside
 ``equivalent-inclusion``, and what loads make of it.
 
 Duration: minutes.
@@ -75,7 +75,7 @@ def dipole(contrast: float, poisson: float) -> tuple[float, float]:
 
 
 def ln_ratio(point: PathPoint) -> float:
-    """Return ln of the films' forces' ratio, at rest of their slopes': areas cancel in differences."""
+    """Return ln of the films' forces' ratio, at rest of their derivatives': areas cancel in differences."""
     inner, outer = point.films if point.indentation > 0 else point.tangent
     return log(inner / outer)
 

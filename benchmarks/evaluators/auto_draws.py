@@ -1,6 +1,6 @@
 """Check that no scene ends the program or passes its limits: mutated scenes, each given to ``auto``.
 
-Each line: number, what was changed, how it ended (answered, refused, SIGNAL or code), seconds, peak memory, and what was said.
+Each line: number, what was changed, how it ended (result, refused, SIGNAL or code), seconds, peak memory, and the message.
 
     python -m benchmarks.evaluators.auto_draws --scenes 60 --seed 0
 

@@ -6,7 +6,7 @@ repeated) restricts it:
 - references: against the scenes of ``tests/reference`` (``--folder``, may be repeated; ``--single`` prints each scene);
 - audit: error bounds on random scenes with one tumour on the axis (``--scenes`` of each ``--seed``), against ``axisymmetric``;
 - layers: the same on tissue of one to three layers with the tumour inside one of them;
-- near: the same with the tumour all but touching an interface of layers, the floor or the side of the tissue;
+- near: the same with the tumour all but touching an interface of layers, the bottom or the side of the tissue;
 - speed: seconds for the probe, for tumours to first order, for tumours with reflections (medians of ``--repeats``);
 - map: 50 x 50 depths and diameters against ``axisymmetric`` point by point.
 
@@ -51,16 +51,16 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
+def measure(chosen: argparse.Namespace, progress: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the tables as they are ready."""
     folders, seeds = chosen.folder or FOLDERS[:3], chosen.seed or [1, 2]
     parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
-        "references": lambda: references(folders, chosen.single, tell),
-        "audit": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell),
-        "layers": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell, kind="random layered"),
-        "near": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell, kind="all but touching"),
-        "speed": lambda: speed(chosen.repeats, tell),
-        "map": lambda: one_map(chosen.points, chosen.sample, chosen.accuracy, tell),
+        "references": lambda: references(folders, chosen.single, progress),
+        "audit": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, progress=progress),
+        "layers": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, progress=progress, kind="random layered"),
+        "near": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, progress=progress, kind="all but touching"),
+        "speed": lambda: speed(chosen.repeats, progress),
+        "map": lambda: one_map(chosen.points, chosen.sample, chosen.accuracy, progress),
     }
     for part in chosen.part or PARTS:
         yield from parts[part]()

@@ -114,13 +114,13 @@ def case(seed: int, number: int, accuracy: float, kind: str) -> AuditedScene | N
 
 
 def audit(
-    seeds: Sequence[int], scenes: int, accuracy: float, worst: int, *, tell: Callable[[str], None], kind: str = "random"
+    seeds: Sequence[int], scenes: int, accuracy: float, worst: int, *, progress: Callable[[str], None], kind: str = "random"
 ) -> Iterator[MeasuredTable]:
     """Yield tables of how bounds compare with true errors, over ``scenes`` of each seed, of a kind of ``DRAWS``."""
     audited, wrong = [], 0
     for seed in seeds:
         for number in range(scenes):
-            tell(f"audit: scene {number + 1} of {scenes}, seed {seed}; {wrong} bounds wrong so far")
+            progress(f"audit: scene {number + 1} of {scenes}, seed {seed}; {wrong} bounds wrong so far")
             audited_scene = case(seed, number, accuracy, kind)
             if audited_scene is None:
                 continue

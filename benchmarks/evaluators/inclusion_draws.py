@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 
 COVERS = (0.02, 2.0)  # diameters
 GAPS = (0.02, 1.0)  # diameters: between the sphere and the interfaces of its layer
@@ -162,7 +162,7 @@ def draw_skins(seed: int, number: int) -> DrawnScene:
 
 
 def draw_near(seed: int, number: int) -> DrawnScene:
-    """Return the same scene with the sphere all but touching an interface above or below it, the tissue's floor or side."""
+    """Return the same scene with the sphere all but touching an interface above or below it, the tissue's bottom or side."""
     rng, plain = np.random.default_rng([seed, number, 3]), draw(seed, number)
     gap = float(np.exp(rng.uniform(*np.log(NEAR_GAP_DIAMETERS)))) * plain.diameter
     kind, top, low = number % 4, plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter

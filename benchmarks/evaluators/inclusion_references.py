@@ -49,7 +49,7 @@ class Known:
 
 @dataclass(frozen=True)
 class AnswerErrors:
-    """One answer; ``None``: no ratio or no log-sensitivity.
+    """One result; ``None``: no ratio or no log-sensitivity.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Answers:
 
 
 def read_known(folder: str) -> list[Known]:
-    """Return a folder's scenes but those with a groove, which this level leaves out and counts."""
+    """Return a folder's scenes but those with a groove, which this evaluator leaves out and counts."""
     expected = json.loads((REFERENCE / folder / "expected.json").read_text(encoding="utf-8"))
     scenes = [(name, read_scene(REFERENCE / folder / f"{name}.toml"), values) for name, values in expected.items()]
     return [
@@ -99,7 +99,7 @@ def _doubt(values: dict[str, float]) -> float:
 
 
 def answers(reference: Known, accuracy: float) -> Answers:
-    """Answer by both tiers and time ``evaluate`` with the probe not yet solved (once) and solved (median)."""
+    """Evaluate by both tiers and time ``evaluate`` with the probe not yet solved (once) and solved (median)."""
     level = EquivalentInclusion()
     unheard = accuracy * (1 - 1e-9 * next(_number))  # of which no probe is kept
 
@@ -115,7 +115,7 @@ def answers(reference: Known, accuracy: float) -> Answers:
 
 
 def answer(base: Undisturbed, scene: Scene, reflect: bool) -> Readings:
-    """One tier's answer for a scene's bodies."""
+    """One tier's result for a scene's bodies."""
     readings = compute_readings(base, Tumours.from_scene(scene), scene.target or 0, reflect=reflect)
     return correct_for_ellipsoids(base, scene, readings)
 
@@ -136,7 +136,7 @@ def compare_with_reference(reference: Known, readings: Readings) -> AnswerErrors
     )
 
 
-def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
+def references(folders: Sequence[str], single: bool, progress: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield a table over folders and, if asked, one of single scenes for each accuracy."""
     level, summary = EquivalentInclusion(), _summary()
     for accuracy in ACCURACIES:
@@ -144,7 +144,7 @@ def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]
         for folder in folders:
             rows: list[tuple[Known, Answers]] = []
             for reference in read_known(folder):
-                tell(f"references: {folder}/{reference.name}, accuracy {accuracy:g}")
+                progress(f"references: {folder}/{reference.name}, accuracy {accuracy:g}")
                 if level.refusal(reference.scene) is None:
                     rows.append((reference, answers(reference, accuracy)))
                     table.add(reference.name, *_row(*rows[-1]))

@@ -1,6 +1,6 @@
 """Time ``equivalent-inclusion``: the probe once, tumours to first order and with reflections, one map. One thread.
 
-Everything is timed under one probe (``SCENE``), in one run; wall-clock and process time side by side tell how
+Everything is timed under one probe (``SCENE``), in one run; wall-clock and process time side by side show how
 busy the machine is.
 """
 
@@ -59,23 +59,23 @@ def time_runs(run: Callable[[], object], repeats: int) -> Time:
     return Time(median(walls), median(cpus))
 
 
-def speed(repeats: int, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
+def speed(repeats: int, progress: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield tables of seconds."""
     scene = read_scene(SCENE)
-    yield _setup(scene, repeats, tell)
+    yield _setup(scene, repeats, progress)
     base = solve_undisturbed(scene, 0.003)
-    yield _orders(base, repeats, tell)
-    yield _first_order(base, repeats, tell)
-    yield _reflections(base, repeats, tell)
-    yield _limits(base, repeats, tell)
+    yield _orders(base, repeats, progress)
+    yield _first_order(base, repeats, progress)
+    yield _reflections(base, repeats, progress)
+    yield _limits(base, repeats, progress)
 
 
-def _setup(scene: Scene, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+def _setup(scene: Scene, repeats: int, progress: Callable[[str], None]) -> MeasuredTable:
     table = MeasuredTable(
         "the probe on its tissue, once for all tumours", ("accuracy", "unknowns, count", "wall, ms", "process, ms")
     )
     for accuracy in ACCURACIES:
-        tell(f"speed: probe at {accuracy:g}")
+        progress(f"speed: probe at {accuracy:g}")
         spent = time_runs(partial(_solve_anew, scene, accuracy), repeats)
         unknowns = _solve_anew(scene, accuracy).field.states.model.system.numbering.unknowns
         table.add(f"{accuracy:g}", unknowns, spent.wall, spent.cpu)
@@ -88,11 +88,11 @@ def _solve_anew(scene: Scene, accuracy: float) -> Undisturbed:
     return solve_undisturbed(scene, accuracy * (1 - 1e-9 * next(_number)))
 
 
-def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+def _orders(base: Undisturbed, repeats: int, progress: Callable[[str], None]) -> MeasuredTable:
     table = MeasuredTable("set-up of each azimuthal order, its matrix included, once per probe", ("m", "wall, ms", "process, ms"))
     spent: list[list[Time]] = [[] for _ in range(ORDERS)]
     for k in range(repeats):
-        tell(f"speed: orders, run {k + 1} of {repeats}")
+        progress(f"speed: orders, run {k + 1} of {repeats}")
         reflector = replace(base.choose_reflector(Tumours.from_scene(base.scene).flatten()), _responses={}, _complements={})
         for m, times in enumerate(spent):
             times.append(time_runs(partial(_apply_order, reflector, m), 1))
@@ -124,20 +124,20 @@ def draw_tumours(scene: Scene, number: int, seed: int = 1) -> Tumours:
     return Tumours(*(value[:, None] for value in values))
 
 
-def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+def _first_order(base: Undisturbed, repeats: int, progress: Callable[[str], None]) -> MeasuredTable:
     table = MeasuredTable(
         f"{TUMOUR_COUNT:,} random tumours to first order".replace(",", " "),
         ("with", "wall, s", "process, s", "tumours per process second, count"),
     )
     tumours = draw_tumours(base.scene, TUMOUR_COUNT)
-    tell("speed: table of strains")
+    progress("speed: table of strains")
     table_time = time_runs(lambda: replace(base.energies).interpolate(*np.full((2, 1), 0.0)), repeats)
     table.note(f"table of strain products, once per probe: {table_time.wall:.2f} s, {table_time.cpu:.2f} s of process time")
     compute_readings(base, tumours.select(slice(0, 10)), reflect=False)
     inside = base.energies.covers(tumours.offset + tumours.diameter / 2, -tumours.cover, -tumours.depth - tumours.diameter / 2)
     table.note(f"{np.mean(inside):.0%} of the tumours lie in the table, the others too near to the probe: elements are asked")
     for places, text in ((False, "forces, by modulus and Poisson's ratio"), (True, "by depth, offset, diameter too")):
-        tell(f"speed: first order, {text}")
+        progress(f"speed: first order, {text}")
         spent = time_runs(partial(compute_readings, base, tumours, places=places, reflect=False), repeats)
         table.add(text, spent.wall, spent.cpu, round(TUMOUR_COUNT / spent.cpu))
     deep = tumours.select(np.flatnonzero(inside[:, 0]))
@@ -146,14 +146,14 @@ def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
     return table
 
 
-def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+def _reflections(base: Undisturbed, repeats: int, progress: Callable[[str], None]) -> MeasuredTable:
     title = f"a tumour of {1e3 * DIAMETER:g} mm, contrast 10, with reflections, its probe and orders known"
     headings = ("cover / D", "offset, outer radii", "orders", "reflections", "bound, error", "alone, ms", f"one of {BATCH}, ms")
     table = MeasuredTable(title, headings)
     modulus, outer = 10 * base.scene.tissue.youngs_modulus, base.scene.probe.tube_radius
     for cover in COVERS:
         for offset in OFFSETS:
-            tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
+            progress(f"speed: reflections, cover {cover:g}, offset {offset:g}")
             stiff_scene = _stiff(base, cover, offset)
             alone = stiff_scene.select(0)
             tolerance = REFLECTION_TOLERANCE_RELATIVE * base.accuracy
@@ -170,7 +170,7 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
     return table
 
 
-def _limits(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
+def _limits(base: Undisturbed, repeats: int, progress: Callable[[str], None]) -> MeasuredTable:
     title = "what a tumour alone cannot do without: the orders' matrices read, the modes summed at a large product's speed"
     headings = ("cover / D", "offset, outer radii", "matrices, MB", "read, ms", "sums, Mflop", "at 500 x 500, ms", "alone, ms")
     table = MeasuredTable(title, headings)
@@ -178,7 +178,7 @@ def _limits(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Mea
     rate = 2 * 500**3 / time_runs(lambda: square @ square, 9).cpu
     for cover in COVERS:
         for offset in OFFSETS[1:]:
-            tell(f"speed: limits, cover {cover:g}, offset {offset:g}")
+            progress(f"speed: limits, cover {cover:g}, offset {offset:g}")
             stiff_scene = _stiff(base, cover, offset)
             mine = stiff_scene.select(0)
             reflector = base.choose_reflector(mine)
@@ -220,7 +220,7 @@ def _stiff(base: Undisturbed, cover: float, offset: float) -> Tumours:
     return Tumours(*np.reshape([offset * outer, 0, (cover + 0.5) * DIAMETER, DIAMETER, modulus, 0.47], (6, 1, 1)))
 
 
-def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
+def one_map(points: int, sample: int, accuracy: float, progress: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the seconds of one map of ``points`` x ``points`` depths and diameters, and of ``axisymmetric`` for each of them."""
     scene = read_scene(SCENE)
     target = scene.inclusion[0]
@@ -238,13 +238,13 @@ def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], Non
         ("by", "points", "with reflections", "worst bound, error", "off by, error", "wall, s", "process, s"),
     )
     chosen = np.random.default_rng(1).choice(points**2, sample, replace=False)
-    tell("map: readings")
+    progress("map: readings")
     maps: dict[str, Readings] = {}
     texts = {"readings": False, "readings with sensitive=True": True}
     times = {
         text: time_runs(partial(_map, maps, text, scene, accuracy, tumours, sensitive), 1) for text, sensitive in texts.items()
     }
-    results = [_axisymmetric(scene, tumours, int(k), accuracy, tell) for k in chosen]
+    results = [_axisymmetric(scene, tumours, int(k), accuracy, progress) for k in chosen]
     ratios = np.array([result.ratio for result, _ in results])
     for text, spent in times.items():
         known_times = maps[text]
@@ -270,8 +270,10 @@ def _map(results: dict[str, Readings], text: str, scene: Scene, accuracy: float,
     results[text] = compute_readings(_solve_anew(scene, accuracy), tumours, sensitive=sensitive)
 
 
-def _axisymmetric(scene: Scene, tumours: Tumours, k: int, accuracy: float, tell: Callable[[str], None]) -> tuple[Result, Time]:
-    tell(f"map: axisymmetric, point {k}")
+def _axisymmetric(
+    scene: Scene, tumours: Tumours, k: int, accuracy: float, progress: Callable[[str], None]
+) -> tuple[Result, Time]:
+    progress(f"map: axisymmetric, point {k}")
     change = {"x": 0.0, "y": 0.0, "depth": float(tumours.depth[k, 0]), "diameter": float(tumours.diameter[k, 0])}
     changed = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update=change),)})
     results: list[Result] = []

@@ -19,7 +19,7 @@ SCENE, TWO_TUMOURS, GROOVE = (
     str(path) for path in (EXAMPLES / "scene.toml", EXAMPLES / "two-tumours.toml", REFERENCE / "solid/groove-on-axis.toml")
 )
 SWEEP = str(EXAMPLES / "sweep.toml")
-VERBS = {
+COMMAND_LINES = {
     "help": ("--help",),
     "evaluate": ("evaluate", SCENE, "--json"),
     "evaluate, a table": ("evaluate", SCENE, "--evaluator", "closed-form"),
@@ -46,29 +46,31 @@ VERBS = {
 
 
 def main() -> None:
-    """Interrupt, judge, count."""
+    """Interrupt, check, count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tries", type=int, default=20, help="for each command")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("commands", nargs="*", metavar="VERB", help=f"of {', '.join(VERBS)}; all without")
+    parser.add_argument("commands", nargs="*", metavar="COMMAND", help=f"of {', '.join(COMMAND_LINES)}; all without")
     options = parser.parse_args()
-    print("| verb | tries | interrupted | finished | wrong | longest wait, s |\n|---|---|---|---|---|---|", flush=True)
-    for verb in options.commands or VERBS:
-        print(row(verb, options.tries, options.seed), flush=True)
+    print("| command | tries | interrupted | finished | wrong | longest wait, s |\n|---|---|---|---|---|---|", flush=True)
+    for command in options.commands or COMMAND_LINES:
+        print(row(command, options.tries, options.seed), flush=True)
 
 
-def row(verb: str, tries: int, seed: int) -> str:
-    """Interrupt one verb, and return the table's line."""
-    whole = left(VERBS[verb])
+def row(command: str, tries: int, seed: int) -> str:
+    """Interrupt one command, and return the table's line."""
+    whole = left(COMMAND_LINES[command])
     ended: list[tuple[float, int, Leftovers]] = []
-    for delay, number in moments(whole.seconds, tries, [seed, *verb.encode()]):
-        ended.append((delay, number, left(VERBS[verb], delay, number)))
-    faults = [(delay, number, why) for delay, number, interrupted_run in ended if (why := interrupted_run.wrong(number, whole))]
-    for delay, number, why in faults:
-        print(f"{verb}, signal {number} after {delay:.3f} s of {whole.seconds:.3f}: {why}")
+    for delay, number in moments(whole.seconds, tries, [seed, *command.encode()]):
+        ended.append((delay, number, left(COMMAND_LINES[command], delay, number)))
+    faults = [
+        (delay, number, reason) for delay, number, interrupted_run in ended if (reason := interrupted_run.wrong(number, whole))
+    ]
+    for delay, number, reason in faults:
+        print(f"{command}, signal {number} after {delay:.3f} s of {whole.seconds:.3f}: {reason}")
     interrupted = sum(interrupted_run.code == 128 + number for _, number, interrupted_run in ended)
     waits = [interrupted_run.seconds - delay for delay, number, interrupted_run in ended if interrupted_run.code == 128 + number]
-    return f"| {verb} | {tries} | {interrupted} | {tries - interrupted} | {len(faults)} | {max(waits, default=0):.1f} |"
+    return f"| {command} | {tries} | {interrupted} | {tries - interrupted} | {len(faults)} | {max(waits, default=0):.1f} |"
 
 
 if __name__ == "__main__":

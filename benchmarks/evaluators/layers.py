@@ -36,7 +36,7 @@ def scenes() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
 
 
 def describe_errors(scene: Scene, values: dict[str, Any], level: str) -> str:
-    """Say true / stated error of the ratio and the true one of the log-sensitivity, or why there is no answer."""
+    """Describe true / stated error of the ratio and the true one of the log-sensitivity, or the reason for a refusal."""
     try:
         result = evaluate(scene, level, ACCURACY.get(level, 0.01))
     except ProbeError:

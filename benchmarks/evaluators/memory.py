@@ -4,7 +4,7 @@
 
 Random scenes are evaluated by each evaluator in turn, at three accuracies in turn;
 after every fifty a line with the memory of the process, the most in between, the bytes that the workspace holds, and the
-processor's seconds. Linux alone tells a process's memory so.
+processor's seconds. Linux alone reports a process's memory so.
 
 Duration: minutes.
 """
@@ -27,7 +27,7 @@ from solver import evaluate
 from solver.linalg.workspace import get_workspace
 from tests.support.random_scenes import scenes
 
-LEVELS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric")
+EVALUATORS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric")
 ON_AXIS = ("published", "axisymmetric")
 ACCURACIES = (0.05, 0.01, 0.003)
 QUESTIONS_PER_ROW = 50
@@ -51,11 +51,11 @@ def draw_scenes(count: int, **kind: Any) -> list[Scene]:
 
 
 def questions(count: int) -> Iterator[tuple[Scene, str, float]]:
-    """Yield scenes with the level and the accuracy that they are asked with; each evaluator sees every accuracy."""
+    """Yield scenes with the evaluator and the accuracy of their evaluation; each evaluator sees every accuracy."""
     kinds = {True: draw_scenes(count), False: draw_scenes(count, farthest=1.0, tumours=2)}
     each = {on_axis: cycle(scenes) for on_axis, scenes in kinds.items()}
-    for number, level in enumerate(islice(cycle(LEVELS), count)):
-        yield next(each[level in ON_AXIS]), level, ACCURACIES[number // len(LEVELS) % len(ACCURACIES)]
+    for number, evaluator in enumerate(islice(cycle(EVALUATORS), count)):
+        yield next(each[evaluator in ON_AXIS]), evaluator, ACCURACIES[number // len(EVALUATORS) % len(ACCURACIES)]
 
 
 def memory(key: str) -> int:
@@ -69,10 +69,10 @@ def reset() -> None:
     RESET.write_text("5")
 
 
-def is_answered(scene: Scene, level: str, accuracy: float) -> bool:
-    """Whether the level takes the scene."""
+def is_answered(scene: Scene, evaluator: str, accuracy: float) -> bool:
+    """Whether the evaluator takes the scene."""
     try:
-        evaluate(scene, level, accuracy)
+        evaluate(scene, evaluator, accuracy)
     except ProbeError:
         return False
     return True

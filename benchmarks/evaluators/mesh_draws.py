@@ -1,4 +1,4 @@
-"""Check that a probe anywhere on its tissue can be meshed, near edges and corners, with tumours near floor and sides.
+"""Check that a probe anywhere on its tissue can be meshed, near edges and corners, with tumours near bottom and sides.
 
 Each line: number, distance of the probe's rim from the nearest edge in outer radii, bodies, groove, tilt; tetrahedra, trials and
 seconds of both first meshes of ``solid``, or what failed.
@@ -73,7 +73,7 @@ def _place(random: np.random.Generator, tube: float, half: Any, round_: bool) ->
 
 
 def _body(random: np.random.Generator, tube: float, half: Any, depth: float) -> dict[str, Any]:
-    """Draw a sphere or an ellipsoid of up to 3 : 1, in half of the cases near floor or side."""
+    """Draw a sphere or an ellipsoid of up to 3 : 1, in half of the cases near bottom or side."""
     size = float(random.uniform(0.4, 1.6) * tube)
     shape: dict[str, Any] = {"diameter": size}
     if random.random() < 0.3:

@@ -1,8 +1,8 @@
 """Print the result of every evaluator for every reference scene to the last digit, to show that a change only moves code.
 
-Usage: ``python -m benchmarks.evaluators.reference_results [LEVEL ...] [--folder NAME]``: a line a scene and level, and at the end
-the SHA-256 of all lines. Run it before and after the change, and compare. The evaluators' seconds are left out; ``solid``,
-whose meshes take minutes where they are not cached, is asked for by name.
+Usage: ``python -m benchmarks.evaluators.reference_results [EVALUATOR ...] [--folder NAME]``: a line for each scene and
+evaluator, and at the end the SHA-256 of all lines. Run it before and after the change, and compare. The evaluators' seconds are
+left out; ``solid``, whose meshes take minutes where they are not cached, runs where it is named.
 
 Duration: minutes.
 """
@@ -18,15 +18,15 @@ from geometry import ProbeError, read_scene
 from solver import evaluate, plan
 
 REFERENCE = next(parent / "tests" / "reference" for parent in Path(__file__).resolve().parents if (parent / "tests").is_dir())
-LEVELS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "plan")
+EVALUATORS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "plan")
 
 
-def answer(path: Path, level: str) -> str:
-    """Return the level's answer as JSON in which every float stands in full, or its refusal."""
+def describe_result(path: Path, evaluator: str) -> str:
+    """Return the evaluator's result as JSON in which every float stands in full, or its refusal."""
     try:
-        if level == "plan":
+        if evaluator == "plan":
             return repr(plan(read_scene(path)))
-        fields = evaluate(read_scene(path), level).as_dict()
+        fields = evaluate(read_scene(path), evaluator).as_dict()
     except ProbeError as refusal:
         return f"{type(refusal).__name__}: {refusal}"
     del fields["seconds"]
@@ -36,13 +36,13 @@ def answer(path: Path, level: str) -> str:
 def main() -> None:
     """Print all results and their digest."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("levels", nargs="*", default=LEVELS)
+    parser.add_argument("evaluators", nargs="*", default=EVALUATORS)
     parser.add_argument("--folder", default="*", help="of tests/reference")
     options = parser.parse_args()
     digest = hashlib.sha256()
     for path in sorted(REFERENCE.glob(f"{options.folder}/*.toml")):
-        for level in options.levels:
-            line = f"{path.parent.name}/{path.stem} {level}: {answer(path, level)}"
+        for evaluator in options.evaluators:
+            line = f"{path.parent.name}/{path.stem} {evaluator}: {describe_result(path, evaluator)}"
             digest.update(f"{line}\n".encode())
             print(line, flush=True)
     print(digest.hexdigest())

@@ -37,7 +37,9 @@ def run(path: Path, wanted: list[tuple[Row, str]]) -> None:
             file.write(json.dumps(asdict(outcome)) + "\n")
         cell = classify(row, outcome)
         print(
-            f"{k}/{len(wanted)} {row.key} {evaluator}: {cell.mark} {cell.why}, {cell.seconds:.2g} s", file=sys.stderr, flush=True
+            f"{k}/{len(wanted)} {row.key} {evaluator}: {cell.mark} {cell.reason}, {cell.seconds:.2g} s",
+            file=sys.stderr,
+            flush=True,
         )
 
 
@@ -63,7 +65,7 @@ def main() -> None:
         options.document.write_text(document(cases, classified), encoding="utf-8")
     for cell in classified:
         if cell.mark == "wrong":
-            print(f"wrong: {cell.row} by {cell.evaluator}: {cell.why}")
+            print(f"wrong: {cell.row} by {cell.evaluator}: {cell.reason}")
     print(f"{len(classified)} of {len(wanted)} cells, {sum(cell.mark == 'wrong' for cell in classified)} wrong")
 
 

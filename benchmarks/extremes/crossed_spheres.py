@@ -8,7 +8,7 @@ outside, or exactly at it; spheres are up to three times as wide as the probe, l
     python -m benchmarks.extremes.crossed_spheres --scenes 60 --seed 1 --truths truths.jsonl
     python -m benchmarks.extremes.crossed_spheres --ngsolve 10 --truths truths.jsonl
 
-Truth is order 9 with half as many cells again and up to three layers more at corners than the meshes that answer. Truths are
+Truth is order 9 with half as many cells again and up to three layers more at corners than the meshes of results. Truths are
 read from a file of an earlier run where one is named.
 
 Duration: half an hour.
@@ -33,7 +33,7 @@ from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import Limits, use_limits
 from geometry.meridian.mesh import build_topology, compute_nodes
 from geometry.meridian.mesh_lines import MeridianFineness, find_kind
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
@@ -152,7 +152,7 @@ def draw_scenes(seed: int, count: int) -> Iterator[tuple[str, Scene]]:
 
 
 def meshes(scene: Scene) -> int:
-    """Return how many of the level's meshes have a cell without area."""
+    """Return how many of the evaluator's meshes have a cell without area."""
     section, bad = build_sections(scene).section, 0
     for level in MESH_LEVELS:
         functions = build_shapes(level.order)

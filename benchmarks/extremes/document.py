@@ -31,7 +31,7 @@ printed this page; a run that was interrupted goes on where it ended.
 
 "Largest true / stated" is of what the true value's own uncertainty cannot explain.
 
-The load does not matter in linear elasticity; a warning says where that ends, and `auto` is asked under a thousandth of each,
+The load does not matter in linear elasticity; a warning says where that ends, and `auto` evaluates under a thousandth of each,
 or less of probes below 1 mm. The rows of `loads` are pressed, by `contact` and `auto`: beyond the largest load that another code
 has reached a refusal alone is right. stress_inner crosses zero in the rows named `inner-...`, where the ring presses a lid of
 tissue over a hollow, stress_outer in those of `zero`.
@@ -64,20 +64,20 @@ class Reasons:
     def __init__(self) -> None:
         self.numbers: dict[str, int] = {}
 
-    def number(self, why: str) -> int:
+    def number(self, reason: str) -> int:
         """Return a reason's number."""
-        return self.numbers.setdefault(general(why), len(self.numbers) + 1)
+        return self.numbers.setdefault(general(reason), len(self.numbers) + 1)
 
     def lines(self) -> Iterator[str]:
         """Yield the list of reasons."""
         yield "## Reasons of refusals and nulls\n"
-        yield from (f"{number}. {why}" for why, number in self.numbers.items())
+        yield from (f"{number}. {reason}" for reason, number in self.numbers.items())
         yield ""
 
 
-def general(why: str) -> str:
+def general(reason: str) -> str:
     """Return a reason without the numbers of the scene."""
-    return re.sub(r"(?<![\w-])-?\d[\d.]*(e[+-]?\d+)?(?![\w-])", "#", why).replace("|", "/")
+    return re.sub(r"(?<![\w-])-?\d[\d.]*(e[+-]?\d+)?(?![\w-])", "#", reason).replace("|", "/")
 
 
 def counts(cells: list[Cell]) -> Iterator[str]:
@@ -107,7 +107,7 @@ def quality(cells: list[Cell]) -> str:
 
 
 def is_reached(cell: Cell) -> bool:
-    """Whether an answer is right and its stated error no larger than the accuracy."""
+    """Whether a result is right and its stated error no larger than the accuracy."""
     return cell.mark == "right" and cell.stated is not None and cell.stated <= ACCURACY
 
 
@@ -116,7 +116,7 @@ def wrongs(cells: list[Cell]) -> Iterator[str]:
     wrong = [cell for cell in cells if cell.mark == "wrong"]
     if wrong:
         yield "## Wrong\n"
-        yield from (f"- {cell.row} by {cell.evaluator}: {cell.why}" for cell in wrong)
+        yield from (f"- {cell.row} by {cell.evaluator}: {cell.reason}" for cell in wrong)
         yield ""
 
 
@@ -143,4 +143,4 @@ def text(cell: Cell | None, reasons: Reasons) -> str:
         return ""
     if cell.mark == "right":
         return f"{cell.true:.0e} / {cell.stated:.0e}" if cell.true is not None and cell.stated is not None else "right"
-    return "**wrong**" if cell.mark == "wrong" else f"{cell.mark} {reasons.number(cell.why)}"
+    return "**wrong**" if cell.mark == "wrong" else f"{cell.mark} {reasons.number(cell.reason)}"

@@ -32,7 +32,7 @@ from tests.support.paths import REFERENCE
 FINE, SMALL_NEARING_SHARE = (
     MESH_LEVELS[3],
     0.05,
-)  # where the nearing is less than this share of eq. PL.4 the floor of eq. PL.9 counts
+)  # where the nearing is less than this share of eq. PL.4 the bottom of eq. PL.9 counts
 FOLDERS = ("axisymmetric", "contact", "extra", "extremes", "half-space", "solid")
 
 

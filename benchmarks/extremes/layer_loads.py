@@ -25,8 +25,8 @@ from geometry import ProbeError, Scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached, start_clock
-from geometry.scenes.scene import Contact
 from geometry.scenes.scene_file import scene_from_dict
+from geometry.scenes.scene_tables import Contact
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import is_gap_closed
 from solver.contact.loaded_scene import LoadedScene
@@ -182,15 +182,15 @@ class LayerAudit:
         That the rule states.
     taken
         Shares of the promises on ratio, stresses and stiffness, log-sensitivity at that limit.
-    room
+    margin
         True limit over the stated one.
     ends
-        Whether a promise breaks on the way; else ``room`` is a bound from below.
+        Whether a promise breaks on the way; else ``margin`` is a bound from below.
     """
 
     limit: LargestLoad
     taken: tuple[float, float, float]
-    room: float
+    margin: float
     ends: bool
 
 
@@ -249,9 +249,9 @@ def main() -> None:
         audits.append(outcome)
         shares = " | ".join(f"{value:.2f}" for value in outcome.taken)
         mark = " **unsafe**" if max(outcome.taken) > 1 else ""
-        room = f"{'' if outcome.ends else '> '}{outcome.room:.3g}"
+        margin = f"{'' if outcome.ends else '> '}{outcome.margin:.3g}"
         print(
-            f"| {number}: {describe_scene(scene)}{mark} | {outcome.limit.force:.3g} | {outcome.limit.by} | {shares} | {room} |",
+            f"| {number}: {describe_scene(scene)}{mark} | {outcome.limit.force:.3g} | {outcome.limit.by} | {shares} | {margin} |",
             flush=True,
         )
     summarise(audits)
@@ -259,8 +259,8 @@ def main() -> None:
 
 def summarise(audits: list[LayerAudit]) -> None:
     """Print what all scenes say; those that ``contact`` cannot press to the stated limit say nothing of it."""
-    known = [outcome for outcome in audits if outcome.ends or outcome.room >= 1]
-    taken, ends = np.array([outcome.taken for outcome in known]), np.array([outcome.room for outcome in known if outcome.ends])
+    known = [outcome for outcome in audits if outcome.ends or outcome.margin >= 1]
+    taken, ends = np.array([outcome.taken for outcome in known]), np.array([outcome.margin for outcome in known if outcome.ends])
     print(
         f"\n{len(audits)} scenes, {len(known)} of them pressed to the stated limit, {int((taken.max(axis=1) > 1).sum())} unsafe"
     )

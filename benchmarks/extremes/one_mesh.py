@@ -79,7 +79,7 @@ def draw_case(seed: int, number: int, layers: bool) -> Scene | None:
 
 
 def references() -> Iterator[tuple[str, Scene]]:
-    """Yield the references that the level takes."""
+    """Yield the references that the evaluator takes."""
     for path in (path for folder in FOLDERS for path in sorted((REFERENCES / folder).glob("*.toml"))):
         scene = read_scene(path)
         if Axisymmetric().refusal(scene) is None and is_graded_everywhere(build_sections(scene).section):

@@ -50,16 +50,16 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
+def measure(chosen: argparse.Namespace, progress: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the tables as they are ready."""
     scenes, points, fewer_repeats = cases(chosen.scene or NAMES), chosen.points, min(chosen.repeats, 3)
     parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
-        "evaluate": lambda: comparisons.evaluations(scenes, chosen.repeats, tell),
-        "calculix": lambda: comparisons.calculix(scenes, tell),
-        "curve": lambda: comparisons.curves(scenes, points, fewer_repeats, tell),
-        "gradients": lambda: comparisons.gradients(scenes, points, fewer_repeats, tell),
-        "factorisations": lambda: comparisons.factorisations(scenes, points, chosen.repeats, tell),
-        "growth": lambda: comparisons.growth(scenes, tell),
+        "evaluate": lambda: comparisons.evaluations(scenes, chosen.repeats, progress),
+        "calculix": lambda: comparisons.calculix(scenes, progress),
+        "curve": lambda: comparisons.curves(scenes, points, fewer_repeats, progress),
+        "gradients": lambda: comparisons.gradients(scenes, points, fewer_repeats, progress),
+        "factorisations": lambda: comparisons.factorisations(scenes, points, chosen.repeats, progress),
+        "growth": lambda: comparisons.growth(scenes, progress),
     }
     for part in chosen.part or PARTS:
         yield from parts[part]()

@@ -2,7 +2,7 @@
 
 ``ccx`` reads the mesh from a file; the film forces are the reactions RF of the nodes at the blocks' ends, the base moved by
 one inner radius. One thread. Times: mesh; writing the file; ``ccx`` with its reading, assembly, SPOOLES and writing, which
-cannot be told apart.
+cannot be separated.
 """
 
 from __future__ import annotations

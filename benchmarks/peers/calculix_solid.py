@@ -2,7 +2,7 @@
 
 The film forces are the reactions RF of the nodes at the blocks' ends, the base moved by 1 mm. Run as a program it takes a
 scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON; ``ccx`` with its reading, assembly,
-solving and writing cannot be told apart. Solvers: those Debian's package has, ``SPOOLES``, ``ITERATIVE CHOLESKY``,
+solving and writing cannot be separated. Solvers: those Debian's package has, ``SPOOLES``, ``ITERATIVE CHOLESKY``,
 ``ITERATIVE SCALING``.
 
 Duration: a minute.

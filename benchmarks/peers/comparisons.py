@@ -21,6 +21,7 @@ from benchmarks.peers.ngsolve_settings import ACCURACIES, COARSE, EXACT, FINE, c
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
 from solver.axisymmetric.refinement import MESH_LEVELS
+from solver.results.evaluator import ProgressCallback
 
 DIFFERENCE_STEP_RELATIVE = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
 DIFFERENCED_VARIABLES = {
@@ -42,7 +43,6 @@ CURVE_COLUMNS = (
     "reusing / ours, times",
 )
 T = TypeVar("T")
-Tell = Callable[[str], None]
 
 
 def seam(run: Callable[[], T], table: MeasuredTable) -> T | None:
@@ -54,13 +54,13 @@ def seam(run: Callable[[], T], table: MeasuredTable) -> T | None:
         return None
 
 
-def evaluations(cases: list[KnownScene], repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
+def evaluations(cases: list[KnownScene], repeats: int, progress: ProgressCallback) -> Iterator[MeasuredTable]:
     """Compare one evaluation with NGSolve's cheapest, for each accuracy."""
     for accuracy in ACCURACIES:
         columns = ("scene", "code", "order", "unknowns, count", "true error, error", "mesh, ms", "solve, ms", "all, ms")
         table = MeasuredTable(f"a. one evaluation at {accuracy * 100:g} %", (*columns, "ours over it, times"))
         for case in cases:
-            tell(f"one evaluation of {case.name} at {accuracy:g}")
+            progress(f"one evaluation of {case.name} at {accuracy:g}")
             _evaluation(case, accuracy, repeats, table)
         table.note(
             "ours: with log-sensitivity and error estimate, all meshes it needs; first: the first call, which builds what is kept"
@@ -89,7 +89,7 @@ def _evaluation(case: KnownScene, accuracy: float, repeats: int, table: Measured
             table.note(f"{case.name}: {code} misses the accuracy with this release of NGSolve: run ngsolve_settings.py again")
 
 
-def calculix(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
+def calculix(cases: list[KnownScene], progress: ProgressCallback) -> Iterator[MeasuredTable]:
     """Run CalculiX at each refinement with each of its elements."""
     columns = ("scene", "element", "unknowns, count", "true error, error", "mesh, ms", "write, ms", "ccx, ms", "all, ms")
     table = MeasuredTable("a. one evaluation by CalculiX", columns)
@@ -99,17 +99,17 @@ def calculix(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
     for case in cases:
         for element in peer_calculix.ELEMENTS:
             for fineness in peer_calculix.REFINEMENTS:
-                tell(f"CalculiX on {case.name}, {element}")
+                progress(f"CalculiX on {case.name}, {element}")
                 run = peer_calculix.evaluate(case.scene, fineness, element)
                 table.add(case.name, element, run.unknowns, case.error(run.ratio), *run.stages.values(), run.seconds)
     yield table
 
 
-def curves(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
+def curves(cases: list[KnownScene], points: int, repeats: int, progress: ProgressCallback) -> Iterator[MeasuredTable]:
     """Compare whole curves at the first accuracy."""
     table = MeasuredTable(f"b. ratio and log-sensitivity at {points} moduli of the inclusion, {COARSE * 100:g} %", CURVE_COLUMNS)
     for case in cases:
-        tell(f"curves of {case.name}")
+        progress(f"curves of {case.name}")
         table.add(case.name, *_curve(case, case.moduli(points), repeats))
     table.note(f"errors: the largest along the curve of the ratio, relative, against NGSolve of order {EXACT.order}")
     table.note("looping: mesh and space kept, assembled and factorised for each modulus")
@@ -126,12 +126,12 @@ def _curve(case: KnownScene, moduli: Floats, repeats: int) -> tuple[float, ...]:
     return mine.largest_difference(true)[0], seconds, error, loop, reuse, loop / seconds, reuse / seconds
 
 
-def gradients(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
+def gradients(cases: list[KnownScene], points: int, repeats: int, progress: ProgressCallback) -> Iterator[MeasuredTable]:
     """Compare curves with all gradients, NGSolve's by central differences."""
     columns = (*CURVE_COLUMNS[:6], "finer error, error", "finer, ms", *CURVE_COLUMNS[6:], "finer / ours, times")
     table = MeasuredTable(f"c. the curve and its derivatives by {len(VARIABLES)} variables, {COARSE * 100:g} %", columns)
     for case in cases:
-        tell(f"gradients of {case.name}")
+        progress(f"gradients of {case.name}")
         table.add(case.name, *_gradient(case, case.moduli(points), repeats, table))
     table.note(
         f"NGSolve: for each variable two curves, {DIFFERENCE_STEP_RELATIVE:g} up and down; timed for one length (with "
@@ -167,7 +167,7 @@ def _compute_difference(values: Floats, true: Floats) -> float:
     return float(np.max(np.abs(values - true)) / np.max(np.abs(true)))
 
 
-def factorisations(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
+def factorisations(cases: list[KnownScene], points: int, repeats: int, progress: ProgressCallback) -> Iterator[MeasuredTable]:
     """Express our times in factorisations of our own matrix, with each library that is installed."""
     columns = (
         "scene",
@@ -180,7 +180,7 @@ def factorisations(cases: list[KnownScene], points: int, repeats: int, tell: Tel
     )
     table = MeasuredTable(f"d. ours at {COARSE * 100:g} % in bare factorisations of its own matrix", columns)
     for case, library in product(cases, ours.libraries()):
-        tell(f"factorisations of {case.name} by {library}")
+        progress(f"factorisations of {case.name} by {library}")
         with ours.use_library(library):
             table.add(case.name, library, *_count_in_factorisations(case, case.moduli(points), repeats))
     table.note("processor time, all with their error estimates: one mesh or more; the factorisation is that of the matrix of the")
@@ -195,7 +195,7 @@ def _count_in_factorisations(case: KnownScene, moduli: Floats, repeats: int) -> 
     return [single, evaluation / single, bare, *(time_runs(run, repeats, process_time)[1] / bare for run in runs)]
 
 
-def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
+def growth(cases: list[KnownScene], progress: ProgressCallback) -> Iterator[MeasuredTable]:
     """Show how time grows with the number of unknowns, for the first scene."""
     case, stages = cases[0], ("mesh", "assemble", "factorise", "solve")
     columns = ("code", "unknowns, count", "true error, error", *(f"{stage}, s" for stage in stages), "all, s")
@@ -207,13 +207,13 @@ def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
 
     ngsolve_evaluate(case.scene, GROWTH_LEVELS[0])  # what is slow the first time only
     for setting in GROWTH_LEVELS:
-        tell(f"growth: NGSolve, order {setting.order}, {setting.halvings} halvings")
+        progress(f"growth: NGSolve, order {setting.order}, {setting.halvings} halvings")
         add(f"NGSolve, order {setting.order}", ngsolve_evaluate(case.scene, setting))
-    tell("growth: ours")
+    progress("growth: ours")
     try:
         with limit_memory():
             for answer in ours.growth(case.scene):
                 add("ours", answer)
-    except (NotImplementedError, MemoryError, RuntimeError) as why:  # SuperLU raises either for want of memory
-        table.note(f"ours ends here: {why}")
+    except (NotImplementedError, MemoryError, RuntimeError) as fault:  # SuperLU raises either for want of memory
+        table.note(f"ours ends here: {fault}")
     yield table

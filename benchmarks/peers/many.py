@@ -25,7 +25,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.peers.measured import KnownScene, cases
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from solver import Result, Workspace, evaluate, evaluate_many
 from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_workspace
@@ -47,7 +48,7 @@ def replace_probe(scene: Scene, **lengths: Any) -> Scene:
 
 
 def sets(case: KnownScene, count: int) -> Iterator[tuple[str, list[Scene]]]:
-    """Yield what is answered."""
+    """Yield what is evaluated."""
     scene, gaps = case.scene, case.scene.probe.gap * np.linspace(1 / DRAW_FACTOR, DRAW_FACTOR, count)
     moduli, few_moduli = case.moduli(count).tolist(), case.moduli(count // GAP_COUNT).tolist()
     yield "moduli", [replace_modulus(scene, modulus) for modulus in moduli]
@@ -73,7 +74,7 @@ def draw_design(scene: Scene, rng: np.random.Generator) -> Scene:
 
 
 def seconds(run: Callable[[], list[Any]], scenes: list[Scene], name: str) -> tuple[float, list[Any]]:
-    """Processor time of a run in a workspace that has answered one design of the topology, and its answers."""
+    """Processor time of a run in a workspace that has evaluated one design of the topology, and its results."""
     with use_workspace(Workspace()):
         for gap in (0.99, 0.995):  # twice: the second keeps its factorisations' analyses
             evaluate(replace_probe(scenes[0], gap=gap * scenes[0].probe.gap), name, ACCURACIES[name], linear=True)
@@ -83,7 +84,7 @@ def seconds(run: Callable[[], list[Any]], scenes: list[Scene], name: str) -> tup
 
 
 def compute_largest_difference(value: Any, other_value: Any) -> float:
-    """Difference of two answers in shares of their errors; nothing where one has no ratio."""
+    """Difference of two results in shares of their errors; nothing where one has no ratio."""
     if not (isinstance(value, Result) and isinstance(other_value, Result)) or value.ratio is None or other_value.ratio is None:
         return 0.0
     return abs(value.ratio / other_value.ratio - 1) / (

@@ -1,4 +1,4 @@
-"""What all sides of ``axisymmetric.py`` share: the scenes with their true values, answers and their times."""
+"""What all sides of ``axisymmetric.py`` share: the scenes with their true values, results and their times."""
 
 from __future__ import annotations
 

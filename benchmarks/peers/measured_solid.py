@@ -1,4 +1,4 @@
-"""What all sides of ``solid.py`` share: answers, and their seconds by the clock and of the processor."""
+"""What all sides of ``solid.py`` share: results, and their seconds by the clock and of the processor."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SolidAnswer:
     wall, process
         Seconds of each stage, by the clock and of the processor, those of other programs started included.
     details
-        What else the code tells.
+        What else the code reports.
     """
 
     ratio: float

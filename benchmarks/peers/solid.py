@@ -7,7 +7,7 @@ meshes too), ``--ours PYTHON`` likewise. Each run is a process of its own, on ``
 process and of those it starts. True values: ``tests/reference/solid``, else the folder ``SOLID_REFERENCE`` names.
 
 The peers' settings are the cheapest ones that reach the error and keep it when refined (``solid_settings.py``), the ratio
-alone, without an error estimate. Ours is asked for the accuracy and answers with its own error estimate; its meshing is
+alone, without an error estimate. Ours is given the accuracy and returns its own error estimate; its meshing is
 the difference between a run with an empty cache of meshes and runs with that cache filled.
 
 Duration: half an hour.
@@ -155,7 +155,7 @@ def worst(name: str, ratio: float, stiffness: float) -> float:
     return max(abs(relative - 1), abs(relative * part / whole - 1))
 
 
-def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], None]) -> MeasuredTable:
+def measure(accuracy: float, chosen: argparse.Namespace, progress: Callable[[str], None]) -> MeasuredTable:
     """Return the table of one accuracy."""
     table = MeasuredTable(f"one evaluation at {accuracy * 100:g} %, threads: {chosen.threads}", COLUMNS)
     for name in chosen.scene or SCENES:
@@ -165,11 +165,11 @@ def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], N
             if which in (chosen.skip or ()) or (code.endswith(ALL_SUFFIX) and setting is None):
                 continue
             title = TITLES[which] + (", stresses too" if code.endswith(ALL_SUFFIX) else "")
-            tell(f"{title} on {name} at {accuracy:g}")
+            progress(f"{title} on {name} at {accuracy:g}")
             try:
                 outcome = ours(name, accuracy, chosen) if code == "ours" else peer(which, name, setting or {}, chosen)
-            except (FailedError, OSError) as why:
-                table.note(f"{title} on {name}: not measured: {why}")
+            except (FailedError, OSError) as fault:
+                table.note(f"{title} on {name}: not measured: {fault}")
                 continue
             mine = outcome if code == "ours" else mine
             error = abs(outcome["ratio"] / true["ratio"] - 1)

@@ -96,8 +96,8 @@ class Trials:
                 solved = EVALUATE[peer](self.scenes[name], setting)
                 record |= {"error": abs(solved.ratio / self.true[name] - 1), "seconds": sum(solved.process.values())}
                 record |= {"unknowns": solved.unknowns, "elements": solved.elements, "stages": solved.process}
-            except Exception as why:  # netgen's are of many kinds
-                record["why"] = repr(why)[:100]
+            except Exception as fault:  # netgen's are of many kinds
+                record["why"] = repr(fault)[:100]
             self._keep(record)
         return self.done[key]
 

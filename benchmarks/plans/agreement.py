@@ -1,7 +1,7 @@
 """Check that ``evaluate`` does what ``plan`` states, on random scenes of several kinds.
 
 Usage: ``python -m benchmarks.plans.agreement --scenes 12 --seed 0``, so many of each kind; ``--solid 0`` leaves out what only
-``solid`` answers beyond so many scenes of each kind (some 20 to 60 s each). Printed are the scenes on which both differ.
+``solid`` evaluates beyond so many scenes of each kind (some 20 to 60 s each). Printed are the scenes on which both differ.
 
 Duration: half an hour.
 """
@@ -34,7 +34,7 @@ def outcome(scene: Scene, accuracy: float, solid: bool) -> tuple[str, str]:
     accuracy
         Of both.
     solid
-        Whether ``solid`` is to answer where it is named.
+        Whether ``solid`` is to run where it is named.
     """
     try:
         planned = plan(scene, accuracy)

@@ -19,7 +19,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from geometry.common.resources import Limits
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from probe_design.populations.scan_errors import bound_groove_change
 from solver import evaluate
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion

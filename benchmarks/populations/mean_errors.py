@@ -16,7 +16,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.populations.design_file import Design, read_builtin_design
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings

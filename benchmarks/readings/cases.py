@@ -6,7 +6,8 @@ from pathlib import Path
 
 from benchmarks.readings.truths import Press, ReadingCase
 from geometry import read_scene
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LIGHT_LOAD = Load(force=5e-4)  # N: finite strain is nothing beside the noise

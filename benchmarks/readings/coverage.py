@@ -2,7 +2,7 @@
 
     nice python -m benchmarks.readings.coverage [--draws N]
 
-A row counts what came of a fault: how many readings were refused; of the others, how many were told with a warning, the root
+A row counts what came of a fault: how many readings were refused; of the others, how many had a warning, the root
 mean square of error over stated standard deviation, the largest, and the stated standard deviation.
 
 Duration: minutes.
@@ -60,8 +60,8 @@ def outcome(name: str, draws: int) -> FaultOutcome:
         random = np.random.default_rng([seed, 5])
         try:
             ratio, spread = measure_charge_ratio(FAULTS[name](good(random), random))
-        except HardwareError as why:
-            refused, reason = refused + 1, str(why)
+        except HardwareError as fault:
+            refused, reason = refused + 1, str(fault)
             continue
         z.append((ratio - TRUTH) / spread)
         stated.append(spread / abs(ratio))

@@ -75,7 +75,7 @@ def change_channel(channel: int, change: Callable[[Floats, Floats], Floats]) -> 
 
 
 def clip(share: float, *, below: bool = True) -> Callable[[Floats, Floats], Floats]:
-    """Return what cuts off what exceeds a share of the largest swing, above and, if so told, below."""
+    """Return what cuts off what exceeds a share of the largest swing, above and, if so requested, below."""
 
     def change(v: Floats, t: Floats) -> Floats:
         middle, swing = (v.max() + v.min()) / 2, np.ptp(v) / 2

@@ -153,14 +153,14 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases whose kind or name hold this")
     given = parser.parse_args()
 
-    def tell(text: str) -> None:
+    def progress(text: str) -> None:
         if sys.stderr.isatty():
             print(f"\r{text:70}", end="", file=sys.stderr, flush=True)
 
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
     for case in cases():
         if given.only in f"{case.kind}: {case.name}":
-            truth = ReadingTruth.from_case(case, tell)
+            truth = ReadingTruth.from_case(case, progress)
             defect = (truth.defect(CHECKED_POINTS, np.random.default_rng([given.seed, 36])) / case.noises).max()
             print(build_row(truth, outcome(truth, given.draws, given.seed), float(defect)), flush=True)
 

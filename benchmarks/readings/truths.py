@@ -17,7 +17,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.estimation.model import TARGET_UNKNOWNS
 from solver import evaluator
@@ -159,7 +160,7 @@ class ReadingTruth:
     coefficients: Floats
 
     @classmethod
-    def from_case(cls, case: ReadingCase, tell: Callable[[str], None] = lambda text: None) -> ReadingTruth:
+    def from_case(cls, case: ReadingCase, progress: Callable[[str], None] = lambda text: None) -> ReadingTruth:
         """Compute the readings at the points."""
         axes = [chebyshev.chebpts1(count) for _, _, count in case.box]
         by_curve = case.unknown == "youngs_modulus"  # one solution serves all moduli
@@ -169,7 +170,7 @@ class ReadingTruth:
         rows = []
         for k, point in enumerate(points):
             rows.append(case.readings(point, moduli))
-            tell(f"{case.name}: {k + 1} of {len(points)} points")
+            progress(f"{case.name}: {k + 1} of {len(points)} points")
         counts = [len(axis) for axis in axes[1:]]
         table = np.array(rows).reshape(-1, *counts, *rows[0].shape)
         table = np.moveaxis(table[0], -2, 0) if by_curve else table[..., 0, :]

@@ -19,7 +19,7 @@ import ngsolve as ngs
 
 from benchmarks.references.shallow_tissue import EXAMPLE, LINEAR_INDENTATION, MESHES, VALUES, FiniteStrain
 from geometry import CylinderTissue, Scene, read_scene
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 
 DEPTH, WIDTH = 9.0, 54.0  # outer radii, of the tissue
 

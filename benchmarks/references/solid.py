@@ -20,7 +20,7 @@ The derivative is the exact one of the discrete forces.
 Half of the bodies, y > 0, is meshed (``bodies``). The value is that of the finest mesh; ``relative_uncertainty``
 is the largest change of stresses, ratio and stiffness from the mesh before, which is coarser in size and order at once;
 ``log_sensitivity_uncertainty`` the change of that (absolute). On the axis (contrast 10, cover of
-0.25 diameters), where the axisymmetric code knows the answer, the change from order 4 to 5 was 1.1e-4 and the true error
+0.25 diameters), where the axisymmetric code knows the result, the change from order 4 to 5 was 1.1e-4 and the true error
 left 2.7e-5.
 
 Usage, after ``pip install ngsolve``: ``python -m benchmarks.references.solid SCENE.toml ...``, a folder means all its scenes;
@@ -228,7 +228,7 @@ def build_reference_answer(scene: Scene, forces: np.ndarray, derivatives: np.nda
 
 
 def main(paths: list[Path]) -> None:
-    """Add every scene's answer to the ``expected.json`` beside it."""
+    """Add every scene's result to the ``expected.json`` beside it."""
     ngs.SetNumThreads(1)
     for path in (scene for given in paths for scene in (sorted(given.glob("*.toml")) if given.is_dir() else [given])):
         answer, file = reference(read_scene(path)), path.parent / "expected.json"

@@ -122,7 +122,7 @@ def _run(attempt: Attempt, folder: Path) -> None:
 
 
 def failures(attempt: Attempt, ended: Ended) -> Iterator[str]:
-    """Name all that went wrong; nothing where the program answered or refused as it should."""
+    """Name all that went wrong; nothing where the program returned a result or refused as it should."""
     if ended.code is None:
         yield "hang"
     elif ended.code < 0:
@@ -141,7 +141,7 @@ def failures(attempt: Attempt, ended: Ended) -> Iterator[str]:
 
 
 def _whole(ended: Ended) -> bool:
-    """Whether an answer is one JSON object without NaN or infinity, and everything else prints none."""
+    """Whether an output is one JSON object without NaN or infinity, and everything else prints none."""
     if ended.code != 0 and not (ended.code == TOO_LITTLE_DATA_CODE and ended.output):
         return not ended.output
     try:

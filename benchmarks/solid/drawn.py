@@ -101,7 +101,7 @@ def rows(scene: Scene, evaluator_name: str, accuracies: list[float]) -> Iterator
         for accuracy in accuracies:
             meshes, start = list[str](), processor()
             with use_limits(Limits(seconds=90.0)):
-                evaluator = SolidEvaluator(tell=meshes.append)
+                evaluator = SolidEvaluator(progress=meshes.append)
                 forces = evaluator.solve_forces(scene, accuracy)
                 result = evaluator.build_solution(scene, forces, accuracy).build_result(evaluator.name, scene, 0.0)
             seconds = processor() - start

@@ -1,7 +1,7 @@
 """Compare moved meshes with converged results of independent codes: true and stated errors.
 
 Usage: ``python -m benchmarks.solid.moved [--folder off-axis ...] [--name NAME ...] [--by 0.25]``; some ten seconds a scene. Each
-reference is answered after a scene whose first tumour lay elsewhere, by a share ``--by`` of its least radius: deeper, shallower
+reference is evaluated after a scene whose first tumour lay elsewhere, by a share ``--by`` of its least radius: deeper, shallower
 where that leaves the tissue, and aside, all from an empty cache of meshes.
 
 Duration: ten seconds per scene.

@@ -40,7 +40,7 @@ def export_parts(
     force
         Whether parts of another design that are there are replaced, with all that was written about it.
     question_digest
-        Digest of the question that the probe is the answer to, for the record.
+        Digest of the design file or scene of which the probe is the optimum, for the record.
     other_files
         Other files of the design, such as drawings: by name, the function that writes one to a path. These files take their
         places with the parts, and their paths come last.

@@ -13,6 +13,7 @@ from geometry.common.json_types import JsonObject
 LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
 # tomllib's time and the depth of what it returns grow with the parts of a dotted key; keys of ours have three
 _LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
+_JSON_USE = "probe-design rerun to repeat the run that wrote a JSON file"
 
 
 def read_text(path: Path | str, key: str, kind: str = "a TOML file", max_bytes: int = LARGEST_FILE) -> str:
@@ -84,6 +85,8 @@ def parse_tables(text: str, name: str, allowed: str) -> JsonObject:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
+        if text.lstrip().startswith("{"):
+            raise InputError(name, Words("JSON, not TOML"), f"{allowed}; use {_JSON_USE}") from None
         raise InputError(name, Words(f"not TOML: {str(fault)[:200]}"), allowed) from None
     except (ValueError, RecursionError):  # as Python's limits on the digits of integers and on the depth of calls
         raise InputError(name, Words("TOML with a huge integer or deep nesting"), allowed) from None

@@ -93,7 +93,7 @@ class DaskExecutor(Generic[Item, Row]):
             try:
                 threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_TIMEOUT_S)
             except _DASK_ERRORS:
-                self._report_scheduler("has not answered", "start it again")
+                self._report_scheduler("has not responded", "start it again")
             else:
                 self._worker_count = max(1, sum(threads.values()))
                 if threads:
@@ -139,7 +139,7 @@ class DaskExecutor(Generic[Item, Row]):
     def _report_workers(self) -> None:
         """Report that no batch has finished for longer than expected."""
         max_silence = self._limits.seconds if self._usual_seconds is None else SLOW_BATCH_FACTOR * self._usual_seconds
-        self._worker_silence.report("no Dask worker has answered", "see to them", min_silence=max_silence)
+        self._worker_silence.report("no Dask worker has responded", "see to them", min_silence=max_silence)
 
     def close(self) -> None:
         """Disconnect from the cluster; running batches are cancelled."""
@@ -184,7 +184,7 @@ class DaskExecutor(Generic[Item, Row]):
         return Outcome(refusal=f"Dask workers cannot run this program, of this version ({reason})")
 
     def _finish_batch(self, submitted: _SubmittedBatch[Item]) -> None:
-        """Release the futures of a batch and update the usual duration."""
+        """Release the futures of a batch and update the usual duration of batches, a moving average."""
         self._submitted.remove(submitted)
         seconds = time.monotonic() - submitted.submit_time
         self._usual_seconds = seconds if self._usual_seconds is None else 0.8 * self._usual_seconds + 0.2 * seconds

@@ -256,11 +256,11 @@ def set_number(table: JsonObject, key: str, value: float) -> None:
     Parameters
     ----------
     table
-        Of a block, tissue, layer, inclusion or base, or any other.
+        Table of a block, tissue, layer, inclusion or base, or any other; it is changed.
     key
-        In it.
+        Key of the number in the table.
     value
-        SI.
+        The number's new value, SI.
     """
     if key in CATALOGUE_NUMBERS and table.get(key) != value:
         table.pop("material", None)

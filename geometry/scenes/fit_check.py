@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import combinations, pairwise
-from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
-from geometry.scenes.probe import format_mm
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from geometry.scenes.probe import Probe
-    from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.scene_tables import Inclusion, SceneTables
 
 Matrix = list[list[float]]
 _DIRECTION_COUNT = 72  # in which a body's reach is looked for
@@ -22,7 +17,7 @@ _MAX_EDGE_FRACTION, _MIN_EDGE_FRACTION = 0.4, 0.1  # edge radii: of the smallest
 _TOUCHING_FACTOR = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
 
 
-def check_bodies_fit(scene: Scene) -> None:
+def check_bodies_fit(scene: SceneTables) -> None:
     """Raise ``InputError`` naming the key at fault if the scene's bodies do not fit."""
     targets = [index for index, body in enumerate(scene.inclusion) if body.target]
     if len(targets) > 1:
@@ -106,7 +101,7 @@ def compute_lateral_reach(body: Inclusion) -> float:
     return support((low + high) / 2)
 
 
-def list_doubts(scene: Scene) -> tuple[str, ...]:
+def list_doubts(scene: SceneTables) -> tuple[str, ...]:
     """Return a sentence for each value that is allowed, but probably has a wrong unit or digit."""
     probe = scene.probe
     if probe.gap <= probe.inner_radius:
@@ -117,7 +112,7 @@ def list_doubts(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _check_probe(scene: Scene) -> None:
+def _check_probe(scene: SceneTables) -> None:
     """Raise ``InputError`` unless the whole probe stands on the tissue's top."""
     placement, reach, tissue = scene.placement, scene.probe.tube_radius, scene.tissue
     if tissue.shape == "cylinder":
@@ -141,13 +136,13 @@ def _check_probe(scene: Scene) -> None:
         )
 
 
-def _check_gap(probe: Probe, room: float) -> None:
+def _check_gap(probe: Probe, half_size: float) -> None:
     """Refuse the gap if it is wider than the inner block's radius and the probe would fit the tissue with a narrower gap.
 
-    ``room`` is the tissue's radius, or half the shorter side of a block of tissue, in m. The probe's radius depends on the gap
+    ``half_size`` is the tissue's radius, or half the shorter side of a block, in m. The probe's radius depends on the gap
     where the scene gives ``area_ratio``.
     """
-    square = room**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
+    square = half_size**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
     if probe.area_ratio is None or not probe.gap > probe.inner_radius or square <= probe.inner_radius**2:
         return
     widest = math.sqrt(square) - probe.inner_radius
@@ -159,7 +154,7 @@ def _check_gap(probe: Probe, room: float) -> None:
         )
 
 
-def _check_edges(scene: Scene) -> None:
+def _check_edges(scene: SceneTables) -> None:
     """Raise ``InputError`` if round edges leave no face between them, or are too sharp for any mesh."""
     probe, radius = scene.probe, scene.contact.edge_radius
     size = min(probe.inner_radius, probe.tube_radius - probe.hole_radius, probe.core_height, probe.tube_height)
@@ -175,7 +170,7 @@ def _check_edges(scene: Scene) -> None:
         raise InputError("contact.edge_radius", format_mm(radius), f"0, sharp, or {format_minimum_mm(low)} or more")
 
 
-def _check_layers(scene: Scene) -> None:
+def _check_layers(scene: SceneTables) -> None:
     """Raise ``InputError`` if a layer reaches the tissue's bottom."""
     tissue = scene.tissue
     for index, (upper, lower) in enumerate(pairwise((0.0, *tissue.interfaces))):
@@ -185,30 +180,32 @@ def _check_layers(scene: Scene) -> None:
             raise InputError(f"tissue.layer[{index}].thickness", format_mm(tissue.layer[index].thickness), allowed)
 
 
-def _check_load(scene: Scene) -> None:
+def _check_load(scene: SceneTables) -> None:
     """Raise ``InputError`` if the indentation is as large as the tissue is deep."""
     deep, tissue = scene.load.indentation, scene.tissue
     if deep is not None and tissue.shape != "half-space" and is_at_least(deep, tissue.depth):
         raise InputError("load.indentation", format_mm(deep), f"less than the tissue's depth of {format_mm(tissue.depth)}")
 
 
-def _check_probe_on_tissue(size: str, room: float, reach: float, *, key: str, position: float, offset: float) -> None:
+def _check_probe_on_tissue(size: str, half_size: float, reach: float, *, key: str, position: float, offset: float) -> None:
     """Raise ``InputError`` if the probe does not stand on the tissue along one of its sizes.
 
-    ``size`` is that key of the tissue, ``room`` its half (or the radius) and ``reach`` the probe's radius, in m. ``key`` and
+    ``size`` is that key of the tissue, ``half_size`` its half (or the radius) and ``reach`` the probe's radius, in m. ``key`` and
     ``position`` are those of the placement, for the message; ``offset`` is the distance between the axes.
     """
     reason = f"the whole probe, of radius {format_mm(reach)}, has to stand on the tissue"
-    if is_at_least(reach, room):
+    if is_at_least(reach, half_size):
         times = 1 if size == "radius" else 2
-        raise InputError(f"tissue.{size}", format_mm(times * room), f"above {format_minimum_mm(times * reach)} ({reason})")
-    if is_at_least(offset + reach, room):
+        raise InputError(f"tissue.{size}", format_mm(times * half_size), f"above {format_minimum_mm(times * reach)} ({reason})")
+    if is_at_least(offset + reach, half_size):
         raise InputError(
-            key, format_mm(position), f"the probe's axis less than {format_maximum_mm(room - reach)} from the tissue's ({reason})"
+            key,
+            format_mm(position),
+            f"the probe's axis less than {format_maximum_mm(half_size - reach)} from the tissue's ({reason})",
         )
 
 
-def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
+def _check_inside(scene: SceneTables, index: int, body: Inclusion) -> None:
     """Raise ``InputError`` if an ellipsoid reaches beyond the tissue's surface, bottom or side."""
     tissue, name = scene.tissue, f"inclusion[{index}]"
     half = [math.hypot(*row) for row in compute_semi_axes(body)]
@@ -237,11 +234,15 @@ def _check_inside(scene: Scene, index: int, body: Inclusion) -> None:
         _check_inside_block(name, body, half, (tissue.length / 2, tissue.breadth / 2))
 
 
-def _check_inside_block(name: str, body: Inclusion, half: list[float], rooms: tuple[float, float]) -> None:
-    """Raise ``InputError`` if an ellipsoid reaches beyond a side of a block; ``half`` and ``rooms`` are half extents, m."""
-    for key, centre, size, room in zip("xy", (body.x, body.y), half, rooms, strict=False):
-        if is_at_least(abs(centre) + size, room):
-            allowed = f"the whole body within {format_maximum_mm(room)} of the tissue's middle (it leaves the tissue's side)"
+def _check_inside_block(name: str, body: Inclusion, half_extents: list[float], half_sides: tuple[float, float]) -> None:
+    """Raise ``InputError`` if an ellipsoid reaches beyond a side of a block of tissue.
+
+    ``name`` is the inclusion's in messages, ``half_extents`` are the ellipsoid's along x, y and z, ``half_sides`` those of the
+    block along x and y, m.
+    """
+    for key, centre, half_extent, half_side in zip("xy", (body.x, body.y), half_extents, half_sides, strict=False):
+        if is_at_least(abs(centre) + half_extent, half_side):
+            allowed = f"the whole body within {format_maximum_mm(half_side)} of the tissue's middle (it leaves the tissue's side)"
             raise InputError(f"{name}.{key}", format_mm(centre), allowed)
 
 

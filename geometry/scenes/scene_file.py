@@ -18,9 +18,10 @@ def read_scene(path: Path | str) -> Scene:
     Raises
     ------
     InputError
-        The file is missing, no TOML, empty, or says something that is not allowed.
+        The file is missing, empty or not TOML, or it states something that is not allowed.
     """
     scene, folder = scene_from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
+    # a body with a surface file gets the file's name with the folder, so that it can be opened from anywhere
     if all(body.surface is None for body in scene.inclusion):
         return scene
     bodies = (

@@ -138,7 +138,9 @@ class Quantity:
                 self.check_bare(value)
             return self.convert(value, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
-            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+            raise PydanticCustomError(
+                "quantity", "{allowed} ({reason})", {"allowed": self.allowed, "reason": str(fault)}
+            ) from None
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Tell pydantic how to read and, as JSON, write the quantity."""
@@ -151,11 +153,11 @@ MODULUS_QUANTITY = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 SI_CONTEXT = {"units_required": False}
 """Context of pydantic for numbers that are known to be in SI units, as those of a scene that was read already."""
 FREQUENCY_QUANTITY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)
-"""Of a sinusoidal load."""
+"""Frequency of a sinusoidal load."""
 TIME_QUANTITY = Quantity("time", "s", "s", 1e-3, 1e7)
-"""That an answer may take."""
+"""Limit of the time of one evaluation."""
 MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
-"""That an answer may take."""
+"""Limit of the memory of one evaluation."""
 
 
 def read_number(key: str, entry: object, allowed: str) -> float:

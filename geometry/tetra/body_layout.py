@@ -213,7 +213,7 @@ def do_overlap(first: Ellipsoid | Sheet, second: Ellipsoid | Sheet) -> bool:
 def compute_distances(corners: Points) -> Points:
     """Return the distances (t,) from the origin to the triangles with ``corners`` (t, 3, 3)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    result = np.minimum(_distance_to_edge(a, b), np.minimum(_distance_to_edge(b, c), _distance_to_edge(c, a)))
+    result = np.minimum(_compute_edge_distances(a, b), np.minimum(_compute_edge_distances(b, c), _compute_edge_distances(c, a)))
     normal = np.cross(b - a, c - a)
     size = np.linalg.norm(normal, axis=1)  # twice the area; 0 for a degenerate triangle, of which only the edges count
     # positive where the foot of the perpendicular from the origin lies on the triangle's side of the edge p-q
@@ -223,10 +223,10 @@ def compute_distances(corners: Points) -> Points:
     return np.where(is_foot_inside, height, result)
 
 
-def _distance_to_edge(a: Points, b: Points) -> Points:
-    """Return the distances of the origin from the segments between a and b (t, 3), (t,)."""
+def _compute_edge_distances(a: Points, b: Points) -> Points:
+    """Return the distance of the origin from each segment between the points a and b, both (t, 3); shape (t,)."""
     edge = b - a
-    # position of the nearest point: 0 at a, 1 at b; 1e-300 avoids a division by zero where a equals b
+    # of the segment's point nearest to the origin: 0 at a, 1 at b; 1e-300 avoids a division by zero where a equals b
     position = np.clip(-np.einsum("ij,ij->i", a, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300), 0.0, 1.0)
     return np.asarray(np.linalg.norm(a + position[:, None] * edge, axis=1))
 

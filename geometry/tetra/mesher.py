@@ -111,11 +111,12 @@ def _try_mesher(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> 
 
 def _describe_work(layout: BodyLayout) -> str:
     """Return what takes long when a layout is meshed, and what would shorten it, for the message of a time limit."""
-    uneven = [len(body.triangles) for body in layout.inclusions if isinstance(body, Sheet) and body.fewer is None]
-    if max(uneven, default=0) <= MAX_DIRECT_TRIANGLES:
+    # surfaces from files that cannot be simplified: ``fewer``, the same surface of fewer triangles, is None
+    triangle_counts = [len(body.triangles) for body in layout.inclusions if isinstance(body, Sheet) and body.fewer is None]
+    if max(triangle_counts, default=0) <= MAX_DIRECT_TRIANGLES:
         return "meshing"
     return (
-        f"meshing a surface of {max(uneven)} triangles too uneven to be followed by {DECIMATED_TRIANGLES} (a "
+        f"meshing a surface of {max(triangle_counts)} triangles too uneven to be followed by {DECIMATED_TRIANGLES} (a "
         "smoother one takes less)"
     )
 

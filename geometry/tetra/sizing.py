@@ -95,26 +95,23 @@ def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, poi
         # the gap's two rims are one circle in its middle, less a gap's width
         distance = np.maximum(np.hypot(radius - rim, z) - (layout.gap if rim < layout.hole else 0.0), 0.0)
         rims = np.minimum(rims, size + fine.growth * distance)
-    result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * _distance_from_blocks(layout, radius, z))
+    block_distance = _compute_block_distances(layout, radius, z)
+    result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * block_distance)
     # along the blocks' heights, and across the tube's wall
     heights = fine.wall * min(layout.inner_height, layout.outer_height)
     walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(layout.hole - radius, 0.0))
-    result = np.minimum(result, walls + fine.growth * _distance_from_blocks(layout, radius, z))
+    result = np.minimum(result, walls + fine.growth * block_distance)
     if layout.groove is not None:
         width, depth = layout.groove
         # distance from the groove: to its sides and towards -x, below its floor, and inwards of the hole
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
         distance = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
-        result = np.minimum(
-            result, fine.groove * min(2 * width, depth) + fine.growth * (distance + _distance_from_blocks(layout, radius, z))
-        )
+        result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (distance + block_distance))
     layers = list(pairwise((0.0, *layout.interfaces)))
     for top, bottom in layers:  # depths of a layer's upper and lower plane
         # under the blocks; thinner layers than the lower limit make flat tetrahedra
         layer_size = max(fine.layer * (bottom - top), _FLAT_SIZE_FRACTION * fine.block * layout.inner)
-        result = np.minimum(
-            result, layer_size + fine.growth * (_distance_from_layer(top, bottom, z) + _distance_from_blocks(layout, radius, z))
-        )
+        result = np.minimum(result, layer_size + fine.growth * (_compute_layer_distances(top, bottom, z) + block_distance))
     far_factor = 1 - _FAR_GROWTH * np.log(space.compute_scale(points))
     for body in layout.inclusions:
         # between an inclusion and the surface, then each interface: the sum of both distances is smallest between them
@@ -122,7 +119,7 @@ def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, poi
         for depth in layout.interfaces:
             interface_size = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z + depth))
             layer = np.minimum(layer, np.maximum(interface_size, _FLAT_SIZE_FRACTION * fine.sphere * body.min_semi_axis))
-        result = np.minimum(result, layer + fine.growth * _distance_from_blocks(layout, radius, z))
+        result = np.minimum(result, layer + fine.growth * block_distance)
     result *= far_factor  # far from the probe, where fields change slowly, sizes may be larger
     for body in layout.inclusions:
         inclusion_size, growth = (
@@ -132,12 +129,12 @@ def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, poi
         result = np.minimum(result, inclusion_size + growth * np.abs(body.estimate_distance(points)))
     for top, bottom in layers:
         result = np.minimum(
-            result, _MAX_LAYER_ASPECT_RATIO * (bottom - top) + fine.growth * far_factor * _distance_from_layer(top, bottom, z)
+            result, _MAX_LAYER_ASPECT_RATIO * (bottom - top) + fine.growth * far_factor * _compute_layer_distances(top, bottom, z)
         )
     return result
 
 
-def _distance_from_layer(top: float, bottom: float, z: Points) -> Points:
+def _compute_layer_distances(top: float, bottom: float, z: Points) -> Points:
     """Return the distances (n,) of heights z from the layer between the depths ``top`` and ``bottom``."""
     return np.maximum(np.maximum(top + z, -z - bottom), 0.0)
 
@@ -159,8 +156,8 @@ def count_squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> 
     return total / 2 if layout.half else total
 
 
-def _distance_from_blocks(layout: BodyLayout, radius: Points, z: Points) -> Points:
-    """Return the distances (n,) from the cylinder around the probe's blocks, of points at radii and heights z (n,)."""
+def _compute_block_distances(layout: BodyLayout, radius: Points, z: Points) -> Points:
+    """Return the distances (n,) of points at radii and heights z (n,) from the probe's blocks, a cylinder on the surface."""
     return np.hypot(np.maximum(radius - layout.tube, 0), np.maximum(-z, 0))
 
 

@@ -60,7 +60,7 @@ def write_half(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
 
 
 def check_half(path: Path, name: str, volume: float) -> None:
-    """Raise ``ExportError`` unless a file holds one valid closed solid with this name and volume, mm^3."""
+    """Raise ``ExportError`` unless the STEP file of a mould's half holds one valid closed solid of this name and volume, mm^3."""
     (solid_name, shape, _), *other_parts = read_step(path)
     if other_parts or solid_name != name or shape.ShapeType() != "Solid" or not shape.isValid():
         raise ExportError(f"{path.name}: shape = {solid_name} {shape.ShapeType()}, expected one valid Solid {name}")

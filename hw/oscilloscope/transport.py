@@ -143,7 +143,7 @@ class ScopeTransport:
         """Take one acquisition and read all its channels; the chunk's note describes how to decode their codes."""
         dialect = self._commands
         self._write(dialect.acquire)
-        self._wait(*dialect.finished)
+        self._wait_for_response(*dialect.finished)
         scales, blocks = [], []
         for channel in self._numbers.values():
             self._write(tuple(word.format(channel=channel) for word in dialect.select))
@@ -157,10 +157,10 @@ class ScopeTransport:
         for command in commands:
             self._resource.write(command)
 
-    def _wait(self, query: str, finished: str) -> None:
-        """Wait until the response to a query is ``finished``, that is, the acquisition is complete. Raises ``Timeout``."""
+    def _wait_for_response(self, query: str, expected: str) -> None:
+        """Repeat a query until its response is the ``expected`` one of a complete acquisition. Raises ``Timeout``."""
         limit = time.monotonic() + _ACQUISITION_TIMEOUT_S
-        while self._resource.query(query).strip() != finished:
+        while self._resource.query(query).strip() != expected:
             if time.monotonic() > limit:
                 raise Timeout(f"{self._name}: no acquisition in {_ACQUISITION_TIMEOUT_S:g} s: set the trigger to automatic")
             time.sleep(0.02)

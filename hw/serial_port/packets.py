@@ -20,7 +20,7 @@ def encode_request(number: int, value: int = 0, data: int = 0) -> bytes:
 
 
 def encode_response(number: int, data: bytes = b"") -> bytes:
-    """Encode the response to a request as bytes; ``number`` is the request's, with REFUSED_BIT if it is refused."""
+    """Encode the response to a request: head, data and checksum; ``number`` is the request's, with REFUSED_BIT if refused."""
     body = _RESPONSE_HEAD.pack(RESPONSE_MAGIC, PACKET_VERSION, number, len(data)) + data
     return body + _CRC_FORMAT.pack(zlib.crc32(body))
 

@@ -18,7 +18,10 @@ def split_parts(values: Complexes) -> Floats:
 
 
 def build_multiplication_matrix(factors: Complexes) -> Floats:
-    """Return the real matrix of a multiplication by complex factors (n,), on (re, im) of each in turn, shape (2 n, 2 n)."""
+    """Return the real matrix, (2 n, 2 n), that multiplies n complex numbers by complex factors (n,).
+
+    It acts on the vector of their real and imaginary parts in turn: re, im of the first, re, im of the second, ...
+    """
     return np.asarray(np.kron(np.diag(factors.real), np.eye(2)) + np.kron(np.diag(factors.imag), QUARTER_TURN))
 
 

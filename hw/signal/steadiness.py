@@ -157,7 +157,9 @@ def estimate_change(values: Floats, variances: Floats) -> float:
 
 
 def estimate_spike_error(residuals: Floats, period: float) -> Floats:
-    """Return the error of each amplitude that outliers may cause, V, (channels,); bursts of outliers count as independent.
+    """Return the error of each channel's fitted amplitude that outliers may cause, V, (channels,).
+
+    Outliers close to each other are one burst, whose errors add; the errors of bursts are independent.
 
     Parameters
     ----------
@@ -171,6 +173,7 @@ def estimate_spike_error(residuals: Floats, period: float) -> Floats:
     errors = []
     for channel_sizes, channel_outliers in zip(sizes.T, is_outlier.T, strict=True):
         rows = np.flatnonzero(channel_outliers)
+        # number of each outlier's burst: the next one begins after a pause of more than half a period
         burst_index = np.cumsum(np.diff(rows, prepend=rows[:1]) > period / 2)
         burst_sums = np.bincount(burst_index, channel_sizes[rows])
         errors.append(np.sqrt((burst_sums**2).sum()) * 2 / len(residuals))  # 2 / n: weight of a row in an amplitude

@@ -15,7 +15,8 @@ from scipy.special import expit
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import Probe
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import find_length_sd

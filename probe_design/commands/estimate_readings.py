@@ -10,7 +10,8 @@ from pathlib import Path
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.quantities import POSITION_QUANTITY
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from hw.files.columns import ColumnMap
 from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint
@@ -163,7 +164,9 @@ def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: li
 
 
 def join_reading_texts(texts: tuple[str, ...], other_files: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the readings of a command line: the values of --reading (a file's name and its place), then further files.
+    """Return the texts of all readings on a command line: the values of --reading, then the names of further files.
+
+    A value of --reading has the form ``READING_FORM``: the name of a file and, after commas, where on the tissue it was read.
 
     Raises
     ------

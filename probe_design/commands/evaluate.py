@@ -61,18 +61,18 @@ class EvaluateRequest(LimitedRequest):
         from probe_design.terminal.console import show_steps
         from probe_design.terminal.result_tables import build_result_table
 
-        with show_steps(f"evaluating {self.scene}") as tell:
+        with show_steps(f"evaluating {self.scene}") as progress:
             scene = load_scene(self.scene)
             if self.vtu is not None or self.picture is not None:
                 from probe_design.solid_output.evaluate_with_files import evaluate_with_files
                 from solver.evaluation import add_phase
 
-                result = self.call(evaluate_with_files, scene=scene, tell=tell)
+                result = self.call(evaluate_with_files, scene=scene, progress=progress)
                 result = result if self.frequency is None else add_phase(result, scene, self.accuracy, self.frequency)
             else:
                 from solver import evaluate
 
-                result = self.call(evaluate, scene=scene, tell=tell)
+                result = self.call(evaluate, scene=scene, progress=progress)
         present(result, build_result_table, self.as_json)
 
 
@@ -131,8 +131,8 @@ class CurveRequest(LimitedRequest):
         check_picture(self.picture)
         moduli = np.geomspace(self.low, self.high, self.points)
         moduli[0], moduli[-1] = self.low, self.high  # free of rounding
-        with show_steps(f"curve of {self.scene}") as tell:
-            result = self.call(curve, scene=scene, moduli=moduli, tell=tell)
+        with show_steps(f"curve of {self.scene}") as progress:
+            result = self.call(curve, scene=scene, moduli=moduli, progress=progress)
         present(result, build_curve_table, self.as_json, self.picture, draw=partial(_draw_curve, scene=scene))
 
 

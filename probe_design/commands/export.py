@@ -55,8 +55,8 @@ class ExportRequest(Request):
         from probe_design.terminal.console import show_steps, warn, write_message
         from probe_design.terminal.workshop_tables import write_rounding_lines
 
-        with show_steps("export") as tell:
-            exported = self.call(export, progress=tell)
+        with show_steps("export") as progress:
+            exported = self.call(export, progress=progress)
         if self.as_json:
             print_json(exported.as_dict())
             return
@@ -115,7 +115,7 @@ def export(
                 DEFAULT_CASTING.shrinkage if shrinkage is None else shrinkage, DEFAULT_CASTING.draft if draft is None else draft
             ),
             extra_writers=lambda built_scene: _build_fixture_writers(built_scene, name, bench) if fixture else {},
-            tell=progress or (lambda text: None),
+            progress=progress or (lambda text: None),
         )
 
 

@@ -181,15 +181,17 @@ class CheckRequest(ReferenceRequest):
         measurements = [reading.measurement for reading in block_readings]
         record = setup.calibration
         gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
-        with show_steps("checking") as tell:
-            result = check(setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, report=tell)
+        with show_steps("checking") as progress:
+            result = check(
+                setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, progress=progress
+            )
         result = replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
         json_object, page = add_provenance(result.as_dict()), ""
         if self.report is not None:
             from probe_design.terminal.check_report import build_check_report
 
-            with show_steps("the report") as tell:
-                page = build_check_report(result, setup.scene, json_object, tell)
+            with show_steps("the report") as progress:
+                page = build_check_report(result, setup.scene, json_object, progress)
         if self.output is not None:  # both files are written last: the page takes seconds, in which a signal may end the program
             write_text(self.output, json.dumps(json_object, allow_nan=False, indent=1) + "\n")
         if self.report is not None:

@@ -11,8 +11,9 @@ from pydantic import Field
 from geometry.common.errors import InputError
 from geometry.scenes.probe import format_mm
 from geometry.scenes.quantities import Length, Position
-from geometry.scenes.scene import Force, Indentation, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
+from geometry.scenes.scene_tables import Force, Indentation
 from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Linear, Noise, Picture, SceneSource
 from probe_design.commands.output import check_picture, present
 from probe_design.commands.request import Number, Option, is_positive, use_request
@@ -242,8 +243,8 @@ class LoadRequest(LimitedRequest):
         force, indentation = _read_load(self.max_load)
         scene = load_scene(self.scene)
         check_picture(self.picture)
-        with show_steps(f"pressing {self.scene}") as tell:
-            result = self.call(load, scene=scene, force=force, indentation=indentation, tell=tell)
+        with show_steps(f"pressing {self.scene}") as progress:
+            result = self.call(load, scene=scene, force=force, indentation=indentation, progress=progress)
         present(result, build_load_table, self.as_json, self.picture, lines=list_load_lines)
 
 

@@ -200,7 +200,7 @@ def optimize(
     from geometry.common.files import check_writable
     from probe_design.populations.design_file import read_design_source
 
-    tell, question = progress or ignore_stage, read_design_source(design)
+    progress, question = progress or ignore_stage, read_design_source(design)
     folder = None if output is None else Path(output)
     if folder is not None:
         check_writable(folder)
@@ -208,25 +208,25 @@ def optimize(
     if not isinstance(question, Scene):
         settings = {key: value for key, value in settings.items() if value != OptimizeRequest.model_fields[key].default}
         refuse_options(settings)
-    optimum = _run_search(question, tell, settings)
+    optimum = _run_search(question, progress, settings)
     if folder is not None:
         from probe_design.design_report.build import build_report
 
-        build_report(optimum).write(folder, tell, force=force)
+        build_report(optimum).write(folder, progress, force=force)
     return optimum
 
 
-def _run_search(question: Scene | Design, tell: Stages, settings: JsonMapping) -> PopulationOptimum | TumourOptimum:
+def _run_search(question: Scene | Design, progress: Stages, settings: JsonMapping) -> PopulationOptimum | TumourOptimum:
     """Run the search for the tumour of a scene, with ``settings``, or for the tumours of a design, which has its own settings.
 
-    ``tell`` is called with the name of a stage, the number of steps done and their total.
+    ``progress`` is called with the name of a stage, the number of steps done and their total.
     """
     from probe_design.design_search.population_study import optimize_for_population
     from probe_design.design_search.tumour_study import optimize_for_tumour
 
     if isinstance(question, Scene):
-        return optimize_for_tumour(question, tell, **settings)
-    return optimize_for_population(question, tell)
+        return optimize_for_tumour(question, progress, **settings)
+    return optimize_for_population(question, progress)
 
 
 def refuse_options(options: Mapping[str, object]) -> None:

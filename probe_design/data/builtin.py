@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_toml
+from geometry.scenes.scene_tables import Load
 
 LINEAR_LOAD_N = (
     0.2e-3  # N: linear elasticity holds for the paper's probe, whose outer film's pressures nearly cancel, up to 0.27 mN

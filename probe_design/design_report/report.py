@@ -164,7 +164,7 @@ class Report:
         )
         verdict, improved = self.optimum.verdict, self.optimum.winner is not None
         headline = f"{verdict[0].upper()}{verdict[1:]}."
-        return build_page(title="Probe design", headline=headline, sections=sections, answer=summary, is_positive=improved)
+        return build_page(title="Probe design", headline=headline, sections=sections, json_object=summary, is_positive=improved)
 
 
 def format_limit(limit: Limit) -> str:

@@ -97,16 +97,16 @@ def describe_noise(optimum: TumourOptimum) -> str:
 
 
 def build_verified_table(optimum: TumourOptimum) -> Table:
-    """Return the table of all verified designs, the start, then the best first, with units in the headings."""
+    """Return a table with a row for each verified design: the start, then the others, best first; headings have units."""
     names = [name for name, _ in (*_list_design_cells(optimum.start), *_list_load_cells(optimum.start))]
-    numbers = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
+    number_headings = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
     rows = list[tuple[str, ...]]()
     for name, item in [("start", optimum.start), *((f"{k + 1}", item) for k, item in enumerate(optimum.finalists))]:
         result, objectives = item.result, (item.formula_value, item.value, item.lower, item.upper)
         values = (*objectives, result.ratio, result.log_sensitivity, result.error_estimate)
         cells = [text for _, text in (*_list_design_cells(item), *_list_load_cells(item))]
         rows.append((name, *cells, item.evaluator, *(f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values)))
-    return Table(("design", *names, "evaluator", *numbers), rows)
+    return Table(("design", *names, "evaluator", *number_headings), rows)
 
 
 def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:

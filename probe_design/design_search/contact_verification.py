@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import LimitReached, start_clock
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.loads import (
     BEST_LOAD,
     GAP_CLOSURE,
@@ -218,10 +219,11 @@ def _find_interior_load(noise: Noise, reach: Reach) -> Load | None:
     sizes = [size for size, _ in reach.allowed_points]
     values = [compute_objective(item.films, noise, item.point.force) for _, item in reach.allowed_points]
     k = int(np.argmin(values)) if values else 0
+    # the best is the last, the largest load, or a neighbour of the best has no value
     if k >= len(values) - 1 or not np.isfinite(values[max(0, k - 1) : k + 2]).all():
         return None
     size = sizes[k]
-    if k > 0:
+    if k > 0:  # else the best is the smallest load, which has no neighbour below
         a, b, _ = np.polyfit(np.log(sizes[k - 1 : k + 2]), np.log(values[k - 1 : k + 2]), 2)
         size = math.exp(-b / (2 * a)) if a > 0 else size
     return reach.build_load(round_load_down(size))

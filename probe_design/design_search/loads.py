@@ -25,7 +25,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
-from geometry.scenes.scene import Inclusion, Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
@@ -51,7 +52,7 @@ COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as 
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
 SCENE_LOAD, STRAIN_LIMIT, GAP_CLOSURE = "scene", "strain", "gap closure"  # limits of a load
 MAX_DEPTH, LAST_CONVERGED, TIME_LIMIT = "depth", "last converged load", "time limit"  # limits beyond linear elasticity
-BEST_LOAD = "more tells less"  # beyond linear elasticity: a larger load has a worse objective
+BEST_LOAD = "best load"  # beyond linear elasticity: a larger load has a worse objective
 LIMIT_OF_RULE = {"ratio": STRAIN_LIMIT, "strain limit": STRAIN_LIMIT, "gap closure": GAP_CLOSURE}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from geometry.common.errors import InputError, Refusal
 from geometry.common.json_types import JsonObject
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.choices import Progress, search_combinations
 from probe_design.design_search.population_study import PopulationStudy
 from probe_design.design_search.search_space import build_search_space

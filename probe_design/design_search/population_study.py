@@ -9,7 +9,8 @@ from functools import partial
 from time import perf_counter
 
 from geometry.common.errors import InputError, Refusal
-from geometry.scenes.scene import Inclusion, Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
 from probe_design.design_search.loads import PressingRule, check_load
 from probe_design.design_search.optimum import PopulationOptimum
@@ -31,7 +32,7 @@ SINGLE_STARTS = 4  # local searches for one tumour
 MIN_SINGLE_NOISE = 1e-6
 
 
-def optimize_for_population(design: Design, tell: Progress) -> PopulationOptimum:
+def optimize_for_population(design: Design, progress: Progress) -> PopulationOptimum:
     """Find the best probe for a design file's population: verify the start, search with the closed form, verify the best.
 
     Raises
@@ -43,10 +44,10 @@ def optimize_for_population(design: Design, tell: Progress) -> PopulationOptimum
     """
     begin = perf_counter()
     check_load(design.scene)
-    study = PopulationStudy.from_design(design, tell)
-    start = study.verify_start(tell)
-    search = search_combinations(study.objective, study.search_space, partial(tell, "searching with the closed form"))
-    return study.verify_choices(start, search, tell).set_seconds(perf_counter() - begin)
+    study = PopulationStudy.from_design(design, progress)
+    start = study.verify_start(progress)
+    search = search_combinations(study.objective, study.search_space, partial(progress, "searching with the closed form"))
+    return study.verify_choices(start, search, progress).set_seconds(perf_counter() - begin)
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class PopulationStudy:
     objective: PopulationObjective
 
     @classmethod
-    def from_design(cls, design: Design, tell: Progress, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationStudy:
+    def from_design(cls, design: Design, progress: Progress, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationStudy:
         """Prepare the search, with at most ``max_tumours`` tumours in its objective.
 
         Raises
@@ -79,11 +80,11 @@ class PopulationStudy:
             The closed form cannot model the scene.
         """
         search_space = build_search_space(design)
-        tell("drawing the population", 0, 1)
+        progress("drawing the population", 0, 1)
         objective = PopulationObjective.from_design(
             design, max(search_space.outer_radius, design.scene.probe.tube_radius), max_tumours
         )
-        tell("drawing the population", 1, 1)
+        progress("drawing the population", 1, 1)
         return cls(design, search_space, objective)
 
     def verify(self, scene: Scene, advance: Callable[[int, int], None], choice: Choice | None = None) -> PopulationVerification:
@@ -103,18 +104,18 @@ class PopulationStudy:
         materials = () if choice is None else choice.combination.materials
         return PopulationVerification(loaded, pressed, performance, self.design.objective, materials)
 
-    def verify_start(self, tell: Progress) -> PopulationVerification:
+    def verify_start(self, progress: Progress) -> PopulationVerification:
         """Verify the start."""
-        return self.verify(self.design.scene, partial(tell, "verifying the start"))
+        return self.verify(self.design.scene, partial(progress, "verifying the start"))
 
-    def verify_choices(self, start: PopulationVerification, search: ChoiceSearch, tell: Progress) -> PopulationOptimum:
+    def verify_choices(self, start: PopulationVerification, search: ChoiceSearch, progress: Progress) -> PopulationOptimum:
         """Refine the best design of a search, and verify the best that differ and one for a single tumour."""
-        finalists, verified = self._select_finalists(search, tell), list[tuple[PopulationVerification, Robustness]]()
-        single, reason = self._design_for_one_tumour(tell)
+        finalists, verified = self._select_finalists(search, progress), list[tuple[PopulationVerification, Robustness]]()
+        single, reason = self._design_for_one_tumour(progress)
         for k, (choice, scene) in enumerate(finalists):
             with suppress(Refusal):  # a design that cannot be verified is left out
                 stage = f"verifying candidate {k + 1} of {len(finalists)}"
-                verified.append(self._verify_choice(choice, scene, partial(tell, stage)))
+                verified.append(self._verify_choice(choice, scene, partial(progress, stage)))
         verified += [] if single is None else [single]
         # the best objective first, after the loss that workshop tolerances cause
         verified.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less the tolerances' cost
@@ -129,9 +130,9 @@ class PopulationStudy:
             reason,
         )
 
-    def _select_finalists(self, search: ChoiceSearch, tell: Progress) -> list[tuple[Choice, Scene]]:
+    def _select_finalists(self, search: ChoiceSearch, progress: Progress) -> list[tuple[Choice, Scene]]:
         """Select the best designs that differ, the first one refined, rounded for the workshop."""
-        advance = partial(tell, "refining by equivalent-inclusion")
+        advance = partial(progress, "refining by equivalent-inclusion")
         better = refine_design(self.objective, self.search_space, search.choices[0], advance)
         order = [*([] if better is None else [better]), *search.choices][:MAX_TRIED]
         finalists: list[tuple[Choice, Scene]] = []
@@ -149,7 +150,7 @@ class PopulationStudy:
         """Return the verification of a design, and the effect of workshop tolerances on it."""
         return self.verify(scene, advance, choice), compute_robustness(self.objective, scene, choice.combination.materials)
 
-    def _design_for_one_tumour(self, tell: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
+    def _design_for_one_tumour(self, progress: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
         """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.
 
         It is a candidate like those of the search: if it is verified to be the best, it is recommended.
@@ -161,9 +162,9 @@ class PopulationStudy:
             rule = PressingRule.from_scene(self.design.model_copy(update={"scene": scene}))
             noise = Noise.from_scene(scene, max(self.design.noise.white, MIN_SINGLE_NOISE))
             objective = TumourObjective.from_scene(rule, noise, SINGLE_STARTS)
-            search = search_combinations(objective, self.search_space, partial(tell, "designing for one tumour"))
+            search = search_combinations(objective, self.search_space, partial(progress, "designing for one tumour"))
             for choice, best in iterate_distinct(search.choices, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
-                return self._verify_choice(choice, best, partial(tell, "verifying the design for one tumour")), ""
+                return self._verify_choice(choice, best, partial(progress, "verifying the design for one tumour")), ""
         except (Refusal, InputError) as fault:
             return None, str(fault)
         return None, "no design for one tumour within the limits"

@@ -23,7 +23,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.film import Film
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.data.noise import (
     DEFAULT_CHARGE_NOISE_C,
     DEFAULT_NOISE,

@@ -20,7 +20,8 @@ from time import perf_counter
 from typing import Any
 
 from geometry.common.errors import InputError, Refusal, SolveError, describe_choices
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.data.noise import DEFAULT_NOISE
 from probe_design.design_search.choices import ChoiceSearch, iterate_distinct, search_combinations
 from probe_design.design_search.closed_search import refine_by_ipopt
@@ -61,16 +62,16 @@ UNLIMITED_FORCE_N = 1e9  # N: the largest force that a scene may have
 Progress = Callable[[str, int, int], None]
 
 
-def optimize_for_tumour(scene: Scene, tell: Progress, **settings: Any) -> TumourOptimum:
+def optimize_for_tumour(scene: Scene, progress: Progress, **settings: Any) -> TumourOptimum:
     """Find the best probe for a single reading of a scene's target: verify the start, search, then verify the best designs.
 
     Settings and exceptions are those of ``TumourStudy.from_scene``.
     """
     begin = perf_counter()
     study = TumourStudy.from_scene(scene, **settings)
-    start = study.verify_start(tell)
-    search = search_combinations(study.objective, study.search_space, partial(tell, "searching with the closed form"))
-    return study.verify_choices(start, search, tell).set_seconds(perf_counter() - begin)
+    start = study.verify_start(progress)
+    search = search_combinations(study.objective, study.search_space, partial(progress, "searching with the closed form"))
+    return study.verify_choices(start, search, progress).set_seconds(perf_counter() - begin)
 
 
 @dataclass(frozen=True)
@@ -164,28 +165,28 @@ class TumourStudy:
         """
         return verify_tumour_design(scene, self.noise, self.evaluator, accuracy)
 
-    def verify_start(self, tell: Progress) -> TumourVerification:
+    def verify_start(self, progress: Progress) -> TumourVerification:
         """Verify the start."""
-        tell("verifying the start", 0, 1)
+        progress("verifying the start", 0, 1)
         start = self.verify(self.scene)
-        tell("verifying the start", 1, 1)
+        progress("verifying the start", 1, 1)
         return start
 
-    def verify_choices(self, start: TumourVerification, search: ChoiceSearch, tell: Progress) -> TumourOptimum:
+    def verify_choices(self, start: TumourVerification, search: ChoiceSearch, progress: Progress) -> TumourOptimum:
         """Verify and refine the best designs of a search, and compare them with the start.
 
         If the scene's load is beyond linear elasticity, start and designs are also verified by ``contact`` under larger loads.
         If errors hide a gain within linear elasticity, start and best design are verified more accurately.
         """
-        finalists = self._verify_best(search, tell)
+        finalists = self._verify_best(search, progress)
         if any(map(needs_contact, (start, *finalists))):
-            finalists = merge_designs((*finalists, *self._search_loaded(tell)))
-            tell("pressing the start by contact", 0, 1)
+            finalists = merge_designs((*finalists, *self._search_loaded(progress)))
+            progress("pressing the start by contact", 0, 1)
             loaded = optimize_load(start, self.noise)
             if loaded is start and finalists and finalists[0].evaluator == CONTACT_EVALUATOR:
                 loaded = evaluate_by_contact(start, self.noise)  # so that both have errors of the same model
             start = loaded
-            tell("pressing the start by contact", 1, 1)
+            progress("pressing the start by contact", 1, 1)
         hidden = finalists and finalists[0].value < start.value and not finalists[0].is_better_than(start)
         if hidden and start.linear is None and finalists[0].linear is None:
             with suppress(Refusal):  # errors hide the gain: verify start and best more accurately
@@ -200,13 +201,13 @@ class TumourStudy:
         objective = replace(self.objective, rule=replace(self.objective.rule, design=design))
         return replace(self, design=design, search_space=space, objective=objective)
 
-    def _verify_best(self, search: ChoiceSearch, tell: Progress) -> tuple[TumourVerification, ...]:
+    def _verify_best(self, search: ChoiceSearch, progress: Progress) -> tuple[TumourVerification, ...]:
         """Verify the best designs of a search and refine the best of these; best first."""
         scenes = [
             scene for _, scene in islice(iterate_distinct(search.choices, self.search_space, MIN_LOG_DISTANCE), MAX_VERIFIED)
         ]
-        verified = merge_designs(self._verify_scenes(scenes, partial(tell, f"verifying candidates by {self.evaluator}")))
-        refined = self._refine(verified[:REFINED_DESIGNS], partial(tell, f"refining by {self.evaluator}"))
+        verified = merge_designs(self._verify_scenes(scenes, partial(progress, f"verifying candidates by {self.evaluator}")))
+        refined = self._refine(verified[:REFINED_DESIGNS], partial(progress, f"refining by {self.evaluator}"))
         return merge_designs((*verified, *refined))
 
     def _verify_scenes(self, scenes: list[Scene], advance: Callable[[int, int], None]) -> Iterator[TumourVerification]:
@@ -248,16 +249,16 @@ class TumourStudy:
         )
         return space.build_scene(optimum)
 
-    def _search_loaded(self, tell: Progress) -> Iterator[TumourVerification]:
+    def _search_loaded(self, progress: Progress) -> Iterator[TumourVerification]:
         """Yield designs from searches without a limit of the load, each under its best load up to the scene's."""
         study = self.replace_scene(remove_load_limit(self.scene))
 
-        def tell_unlimited(stage: str, done: int, total: int) -> None:
+        def report_unlimited(stage: str, done: int, total: int) -> None:
             """Report progress, with the stage marked as one without a limit of the load."""
-            tell(f"{stage}, at any load", done, total)
+            progress(f"{stage}, at any load", done, total)
 
-        advance = partial(tell_unlimited, "searching with the closed form")
-        unlimited = study._verify_best(search_combinations(study.objective, study.search_space, advance), tell_unlimited)
+        advance = partial(report_unlimited, "searching with the closed form")
+        unlimited = study._verify_best(search_combinations(study.objective, study.search_space, advance), report_unlimited)
         for item in unlimited:
             with suppress(Refusal):
                 yield self.restore_load(item)
@@ -265,14 +266,14 @@ class TumourStudy:
         radii = [radius for radius in OUTER_RADII_M[::-1] if radius < self.search_space.outer_radius]
         finalists: tuple[TumourVerification | float, ...] = (*unlimited[:PRESSED_DESIGNS], *radii)
         for k, source in enumerate(finalists):
-            tell(stage, k, PRESSED_DESIGNS + len(radii))
+            progress(stage, k, PRESSED_DESIGNS + len(radii))
             with suppress(Refusal, InputError):  # no probe fits within a radius, or a design cannot be verified
                 verified = self.restore_load(source if isinstance(source, TumourVerification) else self._find_best_within(source))
                 if needs_contact(verified) and self._can_improve(verified, best):
                     verified = optimize_load(verified, self.noise)
                 best = min(best, verified.value)
                 yield verified
-        tell(stage, PRESSED_DESIGNS + len(radii), PRESSED_DESIGNS + len(radii))
+        progress(stage, PRESSED_DESIGNS + len(radii), PRESSED_DESIGNS + len(radii))
 
     def restore_load(self, unlimited: TumourVerification) -> TumourVerification:
         """Return a design of a search without load limit under the scene's load, or the largest within linear elasticity.

@@ -108,7 +108,7 @@ def _drop_useless_stiffnesses(model: TargetModel) -> tuple[TargetModel, tuple[st
     is_useless = model.data.is_stiffness & (model.stiffness_error > model.data.noise)
     if not is_useless.any():
         return model, ()
-    limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
+    limit = f"the model predicts stiffness within {100 * model.stiffness_error:.2g} % only"
     note = f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise"
     return replace(model, data=model.data.select(~is_useless)), (note,)
 

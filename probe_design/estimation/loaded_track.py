@@ -23,7 +23,8 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import ProbeError, Refusal
 from geometry.common.resources import start_clock
-from geometry.scenes.scene import Load, Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load, Placement
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
 from probe_design.estimation.profile import Track

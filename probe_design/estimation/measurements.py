@@ -32,7 +32,8 @@ from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.fit_check import check_bodies_fit
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import Quantity, read_fraction, read_number
 from probe_design.data.noise import ALLOWED_NOISE, check_noise
 

@@ -19,7 +19,8 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import Material, format_mm
-from geometry.scenes.scene import Inclusion, Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Placement
 from geometry.scenes.units import MODULUS_QUANTITY
 from geometry.scenes.variables import list_values
 from probe_design.estimation.measurements import Measurements
@@ -105,7 +106,10 @@ class TargetModel:
 
     @property
     def tolerance(self) -> float:
-        """Relative change of the ratio by the load that needs no other model: the smallest noise of the ratio, at most 0.9."""
+        """How much the load may change the ratio, relative, before this linear model is replaced by one that presses.
+
+        It is the smallest noise of the ratios, at most 0.9.
+        """
         return min(float(self.data.noise[self.data.is_ratio].min()), 0.9)
 
     @property

@@ -130,7 +130,7 @@ def select_usable(scene: Scene, data: Measurements) -> tuple[Measurements, tuple
     is_useless = data.is_phase & (data.noise < third_order_bound)
     if not is_useless.any():
         return data, ()
-    reason = f"at these loss factors the model's is good to {third_order_bound:.2g} rad only, which is more than their sd"
+    reason = f"at these loss factors a phase is predicted within {third_order_bound:.2g} rad only, which is more than their sd"
     return data.select(~is_useless), (f"{is_useless.sum()} phases left out: {reason}",)
 
 

@@ -132,7 +132,7 @@ def _explain_interval(findings: Findings, interval: Interval) -> str:
         return _explain_no_fit(findings)
     if low is None and high is None:
         change, noise = np.expm1(np.ptp(findings.log_ratios)), data.noise[data.first_ratio]
-        change_text = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {noise:.2g}"
+        change_text = f"over all of them the ratio changes by {change:.2g} of its value, its noise is {noise:.2g}"
         return f"any {name} explains the readings: {change_text}"
     if low is None or high is None:
         return _explain_open_end(findings, 0 if low is None else -1)

@@ -127,11 +127,12 @@ class LinearGaussian:
 
     def compute_log_likelihood(self, values: Array) -> Array:
         """Return the logarithm of the density N(0, C) at values (..., m), shape (...); all priors have to be finite."""
-        # volume: half of ln(det C / det V), from the diagonals of R and of the rows of the priors
+        # ln density = -(y^T C^-1 y + ln det(2 pi V)) / 2 - ln(det C / det V) / 2
+        chi_square, log_det_white = self.compute_chi_square(values), np.log(2 * np.pi * self.variance).sum(axis=-1)
+        # half of ln(det C / det V), from the diagonals of R and of P^-1/2 D, the rows of the priors in eq. LG.2
         factors = self._factors
-        volume = sum(np.log(factors.R[k, k] / factors.prior_rows[k]) for k in range(len(factors.R)))
-        white = np.log(2 * np.pi * self.variance).sum(axis=-1)
-        return np.asarray(-(self.compute_chi_square(values) + white) / 2 - volume)
+        half_log_det_ratio = sum(np.log(factors.R[k, k] / factors.prior_rows[k]) for k in range(len(factors.R)))
+        return np.asarray(-(chi_square + log_det_white) / 2 - half_log_det_ratio)
 
     def compute_posterior_mean(self, values: Array) -> Array:
         """Return the mean of the unknowns after readings (..., m), shape (..., q); the prior's where these determine nothing."""
@@ -224,7 +225,7 @@ class LinearGaussian:
         return w, coefficients
 
     def _solve_transposed(self, columns: Array) -> tuple[Array, Array]:
-        """Solve R^T z = D c by forward substitution, which gives the standard deviation |z| of c . x.
+        """Solve R^T z = D c of eq. LG.2 by forward substitution; |z| is then the posterior standard deviation of c . x, eq. LG.3.
 
         Parameters
         ----------
@@ -240,7 +241,7 @@ class LinearGaussian:
         R, scale = _align_batch(self._factors.R, 2, columns.ndim - 2), _align_batch(self._factors.scale, 1, columns.ndim - 2)
         right = np.swapaxes(_align_batch(_put_batch_last(columns), 2, scale.ndim - 1), 0, 1) * scale[:, None]
         root, is_resolved = np.zeros(right.shape, dtype=R.dtype), np.ones(right.shape[1:], dtype=bool)
-        for k in range(len(R)):
+        for k in range(len(R)):  # row k of R^T is column k of R
             terms = R[:k, None, k] * root[:k]
             remainder, largest = right[k] - terms.sum(axis=0), np.abs(right[k]) + np.abs(terms).sum(axis=0)
             is_resolved &= (R[k, k] != 0) | (np.abs(remainder) <= _RELATIVE_ROUNDING * len(R) * largest)

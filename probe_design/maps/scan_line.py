@@ -16,7 +16,8 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum_mm
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import SI_CONTEXT
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed

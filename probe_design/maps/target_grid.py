@@ -12,7 +12,8 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.limits import format_minimum_mm
 from geometry.scenes.probe import format_mm
 from geometry.scenes.quantities import LENGTH_QUANTITY
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.inclusions.tumours import Tumours
 
 MIN_COVER_FRACTION = 0.025  # of the diameter: thinnest tissue between a sphere and a face for which the evaluator is accurate

@@ -84,14 +84,16 @@ class FileEntry(ABC, Generic[Entry]):
 
     @abstractmethod
     def encode(self, value: Entry) -> Any:
-        """Return the entry of a design file that states a value."""
+        """Return a value as an entry of a design file, which ``read`` reads back: a text with a unit, a number, or a list."""
 
     def _validate(self, entry: object, info: ValidationInfo) -> Entry:
         """Return the value of an entry, or raise the error that pydantic reports."""
         try:
             return self.read(entry, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
-            raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
+            raise PydanticCustomError(
+                "quantity", "{allowed} ({reason})", {"allowed": self.allowed, "reason": str(fault)}
+            ) from None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return the pydantic schema that reads an entry and writes it as JSON."""
@@ -145,7 +147,7 @@ class Ranged(FileEntry[Range]):
         return Range(values, continuous and values[0] < values[1], self.log)
 
     def encode(self, value: Range) -> Any:
-        """Return the entry of a design file that states a value."""
+        """Return a value as an entry of a design file, which ``read`` reads back: a text with a unit, a number, or a list."""
         texts = [self.quantity.format_value(number) for number in value.values]
         return {"values": texts} if len(texts) == 2 and not value.continuous else texts
 

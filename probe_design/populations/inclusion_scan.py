@@ -1,4 +1,4 @@
-"""Compute a population's readings with equivalent-inclusion, including reflections from surface, blocks and floor.
+"""Compute a population's readings with equivalent-inclusion, including reflections from surface, blocks and bottom.
 
 The probe is solved once on each tissue. All tumours are computed to first order at once. As many as time allows are computed
 again with reflections: the first of each tissue, which are as good a sample as all, and the same ones if more are drawn.
@@ -21,7 +21,8 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import Refusal, Words
-from geometry.scenes.scene import Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.maps.scan_line import ScanLine
 from probe_design.populations.noise import compute_reading_deviations
@@ -125,7 +126,7 @@ class InclusionScan:
     def compute_readings(self, tumours: Tumours, tolerance: Floats, allowed: Bools) -> tuple[Readings, Readings]:
         """Return readings to first order, and those of the allowed tumours with reflections where these matter.
 
-        Reflections are the fields of a tumour that surface, blocks and floor send back to it.
+        Reflections are the fields of a tumour that surface, blocks and bottom send back to it.
 
         Parameters
         ----------
@@ -185,13 +186,14 @@ class InclusionScan:
         return np.concatenate([part[indices] for part in channel_derivatives[: self.protocol.channels]], axis=1)
 
     def select_reflected(self, count: int) -> Ints:
-        """Return the indices of the tumours in this tissue whose reflections are computed: the first ones, see the module.
+        """Return the indices of the tumours in this tissue whose reflections are computed, a sample of them: the first ones.
 
-        Each of the tissues has an equal part of ``count``, the number over all tissues; but at least its part of
-        ``MIN_REFLECTED``, rounded up, or all its k tumours if these are fewer.
+        Each tissue has an equal part of ``count``, the number over all tissues, but at least its part of ``MIN_REFLECTED``; all
+        its tumours if these are fewer.
         """
-        tissue_count, k = len(self.draw.tissues), len(self.members)
-        return self.members[: max(min(k, -(-MIN_REFLECTED // tissue_count)), count // tissue_count)]
+        tissue_count = len(self.draw.tissues)
+        minimum = math.ceil(MIN_REFLECTED / tissue_count)
+        return self.members[: max(minimum, count // tissue_count)]  # a slice beyond the end holds all
 
     def compute_tissue_derivatives(self, tumours: Tumours, indices: Ints, name: str) -> tuple[Floats, Floats]:
         """Return derivatives with respect to the logarithm of a number of the tissue, by central differences to first order.

@@ -206,7 +206,7 @@ class ScenePopulation:
         raise InputError("population", fit, f"ranges of which more fit: most of these {reason}")
 
     def find_misfits(self, scene: Scene, bodies: Floats) -> dict[str, Bools]:
-        """Return which tumours do not fit a scene's tissue, by reason: too near the surface, an interface, a side or the floor.
+        """Return which tumours do not fit a scene's tissue, by reason: too near the surface, an interface, a side or the bottom.
 
         Parameters
         ----------
@@ -226,21 +226,21 @@ class ScenePopulation:
         for face in tissue.interfaces:
             across |= np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter
         if tissue.shape == "cylinder":
-            side_distance = tissue.radius - np.hypot(x, self._y)
+            side_distance = tissue.radius - np.hypot(x, self._tumour_y)
         elif tissue.shape == "block":
-            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - abs(self._y))
+            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - abs(self._tumour_y))
         if tissue.shape != "half-space":
             outside = radius >= SIDE_CLEARANCE_FACTOR * np.minimum(tissue.depth - depth, side_distance)
         needed = "a depth less half the diameter of a tenth of the diameter and of least_cover"
         return {
             f"are not under the least cover: {needed}": shallow,
             "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
-            "reach beyond the tissue's side or floor": outside & ~shallow,
+            "reach beyond the tissue's side or bottom": outside & ~shallow,
         }
 
     @property
-    def _y(self) -> float:
-        """The y of every tumour, m: that of the scene's inclusion, or without one that of the line of readings."""
+    def _tumour_y(self) -> float:
+        """The y of every tumour, m: that of the scene's inclusion, or of the probe's placement where the scene has none."""
         return self.scene.inclusion[0].y if self.scene.inclusion else self.scene.placement.y
 
     @property

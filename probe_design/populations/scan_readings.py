@@ -22,7 +22,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import Refusal
-from geometry.scenes.scene import Inclusion, Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Placement
 from probe_design.populations.population import TumourDraw, is_of_tumour
 from probe_design.populations.tables import Protocol
 from solver.closed_form.designs import (

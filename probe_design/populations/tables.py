@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.quantities import LENGTH_QUANTITY, Frozen, Length
-from geometry.scenes.scene import MAX_LAYERS, Force, Indentation
+from geometry.scenes.scene_tables import MAX_LAYERS, Force, Indentation
 from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
 from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE, MAX_NOISE
 from probe_design.populations.entries import NUMBER_QUANTITY, DesignVariable, Range, Ranged, Varied

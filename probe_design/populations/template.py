@@ -12,7 +12,7 @@ from probe_design.populations.tables import LayerRanges
 
 FILE_HEADER = """\
 # A design file: `probe-design optimize DESIGN.toml -o DIR` designs a probe for these tumours, readings, noise and limits.
-# A key that is a comment shows an example: without it the default holds that its line tells. Quantities have their units.
+# A key that is a comment shows an example: without it the default stated on its line holds. Quantities have their units.
 
 """
 SCENE_LINE = """\

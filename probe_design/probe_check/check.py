@@ -117,7 +117,7 @@ def check(
     variables: Sequence[str] = (),
     predictions: BlockPredictions | None = None,
     linear: bool = False,
-    report: ProgressCallback = ignore_progress,
+    progress: ProgressCallback = ignore_progress,
 ) -> Check:
     """Compare a probe with its prediction.
 
@@ -137,7 +137,7 @@ def check(
         For the blocks of tissue, if they are known already.
     linear
         Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
-    report
+    progress
         Called with a line of text at each step.
 
     Raises
@@ -156,7 +156,7 @@ def check(
     coverage = compute_coverage(deviation, dict(zip(readings.predictions.variables, tolerances, strict=True)))
     verdict = decide_verdict(
         scene, bench, deviation, readings.predictions, [swap.describe(bench.blocks) for swap in swaps],
-        coverage=coverage, report=report,
+        coverage=coverage, progress=progress,
     )  # fmt: skip
     return Check(
         **vars(verdict),

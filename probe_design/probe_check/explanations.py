@@ -104,12 +104,12 @@ def fit_variables(
     predictions: BlockPredictions,
     names: Sequence[str],
     *,
-    report: ProgressCallback = ignore_progress,
+    progress: ProgressCallback = ignore_progress,
 ) -> tuple[Fit, ...]:
-    """Fit each of the named variables alone with changed designs, best first; ``report`` is called with a line at each."""
+    """Fit each of the named variables alone with changed designs, best first; ``progress`` is called with a line at each."""
     fits = []
     for k, name in enumerate(names, 1):
-        report(f"what would explain it: {name}, {k} of {len(names)}")
+        progress(f"what would explain it: {name}, {k} of {len(names)}")
         fits.append(fit_changes(Changes.from_drawing(scene, bench, predictions, name), deviation))
     return tuple(sorted(fits, key=lambda fit: fit.chi_square))
 
@@ -119,7 +119,7 @@ def fit_pairs(
     predictions: BlockPredictions,
     fits: Sequence[Fit],
     *,
-    report: ProgressCallback = ignore_progress,
+    progress: ProgressCallback = ignore_progress,
 ) -> tuple[VariablePair, ...]:
     """Fit the most promising pairs of variables with changed designs, best first.
 
@@ -133,7 +133,7 @@ def fit_pairs(
         For the probe as drawn.
     fits
         Of single variables, from which the pairs start.
-    report
+    progress
         Called with a line of text at each step.
     """
     if len(deviation.logs) < 3:
@@ -147,7 +147,7 @@ def fit_pairs(
     promising = sorted(starts.values(), key=lambda entry: entry[0])[:MAX_FITTED_PAIRS]
     pairs = []
     for k, (_, first_fit, second_name) in enumerate(promising, 1):
-        report(f"which two would: {first_fit.changes.names[0]} and {second_name}, {k} of {len(promising)}")
+        progress(f"which two would: {first_fit.changes.names[0]} and {second_name}, {k} of {len(promising)}")
         pairs.append(_build_pair(fit_changes(first_fit.changes.add_variable(predictions, second_name), deviation), deviation))
     return tuple(sorted(pairs, key=lambda pair: pair.chi_square))
 

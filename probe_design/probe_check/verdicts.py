@@ -49,7 +49,7 @@ class Verdict:
 
 def decide_verdict(
     scene: Scene, bench: Bench, deviation: Deviation, predictions: BlockPredictions, swaps: Sequence[str],
-    *, coverage: Sequence[VariableCoverage], report: ProgressCallback = ignore_progress,
+    *, coverage: Sequence[VariableCoverage], progress: ProgressCallback = ignore_progress,
 ) -> Verdict:  # fmt: skip
     """Decide the verdict for a deviation.
 
@@ -67,7 +67,7 @@ def decide_verdict(
         Descriptions of exchanges of cables or blocks; each exchange alone would explain the deviation.
     coverage
         How well each variable is tested.
-    report
+    progress
         Called with a line of text at each step.
     """
     linear, unresolved = compute_explanations(deviation, predictions)
@@ -76,13 +76,15 @@ def decide_verdict(
     if swaps:
         reason = f"exchanged are: {', or '.join(swaps)}; put it right, and read again"
         return Verdict(VERDICT_UNKNOWN, reason, linear, unresolved)
-    fits = fit_variables(scene, bench, deviation, predictions, [*(item.variable for item in linear), *unresolved], report=report)
+    fits = fit_variables(
+        scene, bench, deviation, predictions, [*(item.variable for item in linear), *unresolved], progress=progress
+    )
     explained = tuple(build_explanation(item, deviation) for item in fits)
     if explained[0].explains:
         names = list_indistinguishable(explained)
         return Verdict(*_decide_single(names), explained, (), names)
     pairs, odd_blocks = (
-        fit_pairs(deviation, predictions, fits, report=report),
+        fit_pairs(deviation, predictions, fits, progress=progress),
         _find_odd_blocks(deviation, bench),
     )
     return Verdict(*_decide_several(pairs, odd_blocks), explained, (), (), pairs)

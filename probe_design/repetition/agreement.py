@@ -97,9 +97,14 @@ def _select_error(error: Any, k: int, count: int) -> Any:
 
 
 def _compute_allowed(place: str, errors: Errors) -> tuple[float, float]:
-    """Return the allowed relative difference, without rounding, and the allowed absolute one, eq. RP.1."""
+    """Return the allowed relative difference of two values, k (e + e') of eq. RP.1, and the allowed absolute one.
+
+    ``place`` is the path of keys to the values, ``errors`` are their error estimates e and e', of which any may be missing.
+    """
     error_sum = sum(error for error in errors if _is_number(error) and error > 0)
-    return (5 * error_sum, LOG_SENSITIVITY_TOLERANCE) if "log_sensitivity" in place else (error_sum, 0.0)
+    if "log_sensitivity" in place:
+        return 5 * error_sum, LOG_SENSITIVITY_TOLERANCE
+    return error_sum, 0.0
 
 
 def _is_equal(recorded: Any, repeated: Any, allowed: tuple[float, float]) -> bool:

@@ -115,7 +115,9 @@ class Chapter:
     parts: tuple[Part, ...]
 
 
-def build_page(title: str, headline: str, sections: Sequence[Chapter], answer: JsonObject, *, is_positive: bool = True) -> str:
+def build_page(
+    title: str, headline: str, sections: Sequence[Chapter], json_object: JsonObject, *, is_positive: bool = True
+) -> str:
     """Build the report as HTML.
 
     Parameters
@@ -126,18 +128,18 @@ def build_page(title: str, headline: str, sections: Sequence[Chapter], answer: J
         The result in a sentence.
     sections
         Chapters of the page, in their order.
-    answer
+    json_object
         The JSON object that the command prints, with its ``provenance``, which is the last table of the page.
     is_positive
         Whether the result is positive: the banner of the headline is green, otherwise amber.
     """
-    block = answer["provenance"]
+    block = json_object["provenance"]
     text: str = _load_template().render(
         title=title,
         headline=headline,
         good=is_positive,
         sections=[*sections, Chapter("Provenance", (_build_provenance_table(block),))],
-        answer=format_html_script("answer", answer),
+        answer=format_html_script("answer", json_object),
         script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),
     )
     return _CONTROL_CHARACTERS.sub(lambda code: escape_unprintable(code[0]), text)

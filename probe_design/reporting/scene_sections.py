@@ -5,7 +5,7 @@ Where a result is not available the section contains the text of the refusal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -30,13 +30,13 @@ from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.sections import build_sections
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
+from solver.results.evaluator import ProgressCallback, ignore_progress
 
 MAP_POINTS, CURVE_POINTS = 12, 13  # points on each side of a map, and on a curve
 NUMBER_ACCURACY, DRAWING_ACCURACY = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures
-Tell = Callable[[str], None]
 
 
-def iterate_scene_sections(scene: Scene, noise: float | None, tell: Tell = lambda text: None) -> Iterator[Chapter]:
+def iterate_scene_sections(scene: Scene, noise: float | None, progress: ProgressCallback = ignore_progress) -> Iterator[Chapter]:
     """Yield the sections of a report about a scene at its load; each takes up to some seconds.
 
     Parameters
@@ -45,7 +45,7 @@ def iterate_scene_sections(scene: Scene, noise: float | None, tell: Tell = lambd
         Subject of the report.
     noise
         Relative standard deviation of one reading of the ratio; None leaves out the maps that depend on it.
-    tell
+    progress
         Called with a line before each long piece of work.
     """
     for title, build in (
@@ -61,7 +61,7 @@ def iterate_scene_sections(scene: Scene, noise: float | None, tell: Tell = lambd
         ("Sensitivity to each dimension", _build_sensitivities),
         ("Stresses", _build_stresses),
     ):
-        tell(f"for the report: {title[0].lower()}{title[1:]}")
+        progress(f"for the report: {title[0].lower()}{title[1:]}")
         try:
             parts = tuple(build(scene))
         except ProbeError as refusal:
@@ -92,7 +92,7 @@ def _build_plan(scene: Scene) -> Iterator[Part]:
         f"Evaluated by {scene_plan.evaluator or 'no evaluator'}: {scene_plan.dimension}. Effects are relative changes "
         "of the ratio."
     )
-    yield Table(("feature", "modelled", "effect", "why"), rows)
+    yield Table(("feature", "modelled", "effect", "reason"), rows)
 
 
 def _build_loads(scene: Scene) -> Iterator[Part]:

@@ -18,7 +18,7 @@ from solver.solid.evaluator import SolidEvaluator, compute_indentation
 
 
 def evaluate_with_files(
-    scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
+    scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, progress: Callable[[str], None]
 ) -> Result:
     """Evaluate with ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
 
@@ -34,7 +34,7 @@ def evaluate_with_files(
         File for ParaView, or None.
     picture
         A .png file, or None.
-    tell
+    progress
         Called with a line before each step.
 
     Raises
@@ -52,7 +52,7 @@ def evaluate_with_files(
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
         check_writable_file(path, key)  # fail before the work, not after it
-    start, solid_evaluator = perf_counter(), SolidEvaluator(tell=tell)
+    start, solid_evaluator = perf_counter(), SolidEvaluator(progress=progress)
     solution = solid_evaluator.solve_forces(scene, accuracy)
     result = solid_evaluator.build_solution(scene, solution, accuracy).build_result(
         solid_evaluator.name, scene, perf_counter() - start
@@ -60,11 +60,11 @@ def evaluate_with_files(
     descent = compute_indentation(scene, solution, 0)  # m
     motion = np.array([descent, descent, scene.placement.tilt])
     if vtu is not None:
-        tell(f"writing {vtu}")
+        progress(f"writing {vtu}")
         write_vtu(vtu, solution.states, motion)
     if picture is not None:
         from probe_design.solid_output.figure import draw_solid
 
-        tell(f"drawing {picture}")
+        progress(f"drawing {picture}")
         draw_solid(picture, solution.states, motion)
     return add_load_warning(result, scene, accuracy)

@@ -49,9 +49,9 @@ class DeformedSection:
 
     @property
     def scale_text(self) -> str:
-        """The factor of exaggeration as text."""
-        times = f"{self.factor:,.0f}".replace(",", " ") if self.factor >= 1 else f"{self.factor:g}"
-        return "true to scale" if self.factor == 1 else f"× {times}"
+        """The factor by which displacements are exaggerated, as text: "× 20", or "true to scale" for 1."""
+        factor_text = f"{self.factor:,.0f}".replace(",", " ") if self.factor >= 1 else f"{self.factor:g}"
+        return "true to scale" if self.factor == 1 else f"× {factor_text}"
 
     def find_colour_limits(self, values: Floats) -> tuple[float, float]:
         """Return the limits between which a stress lies in the shown area, but for its ``TAIL_QUANTILES``.

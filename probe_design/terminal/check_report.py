@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import DEFAULT_NOISE
 from probe_design.probe_check.check import Check
@@ -17,9 +15,10 @@ from probe_design.terminal.hardware_tables import (
     build_pairs_table,
     write_sentences,
 )
+from solver.results.evaluator import ProgressCallback
 
 
-def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], tell: Callable[[str], None]) -> str:
+def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], progress: ProgressCallback) -> str:
     """Return the report as HTML.
 
     Parameters
@@ -30,7 +29,7 @@ def build_check_report(check: Check, scene: Scene, json_object: dict[str, object
         The probe as designed, on the tissue of its scene.
     json_object
         The JSON object of the command, with its provenance.
-    tell
+    progress
         Called with a line of text before each long step.
     """
     summary = write_sentences(check)
@@ -43,7 +42,7 @@ def build_check_report(check: Check, scene: Scene, json_object: dict[str, object
         ),
         Chapter("What was tested", show_below_title(build_coverage_table(check))),
         Chapter("What it comes to", (Items(tuple(summary)),)),
-        *iterate_scene_sections(scene, DEFAULT_NOISE, tell),
+        *iterate_scene_sections(scene, DEFAULT_NOISE, progress),
     ]
     return build_page("Check of a built probe", f"{summary[0][0].upper()}{summary[0][1:]}.", sections, json_object)
 

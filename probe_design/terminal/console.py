@@ -59,7 +59,10 @@ def show_table(table: Table) -> None:
 
 
 def make_console(stderr: bool = True) -> Console:
-    """Return the rich console of standard error, or else output; invalid sizes in ``COLUMNS`` and ``LINES`` are ignored."""
+    """Return the rich console of standard error, or else of standard output.
+
+    Invalid sizes in the environment variables ``COLUMNS`` and ``LINES`` are ignored: rich would fail on them.
+    """
     from rich.console import Console
 
     sizes = (os.environ.get(name) for name in ("COLUMNS", "LINES"))

@@ -71,9 +71,9 @@ class SampleStatistics:
 
     @property
     def curvature_factor(self) -> Floats:
-        """The q of eq. TO.2, shape (4,); 1 for an output that no variable affects."""
-        line = np.sqrt((self.derivatives**2).sum(axis=1))
-        return np.asarray(np.divide(self.sd, line, out=np.ones_like(line), where=line > 0), dtype=float)
+        """The q of eq. TO.2: sampled over linear standard deviation of each output, (4,); 1 if no variable affects it."""
+        linear_sd = np.sqrt((self.derivatives**2).sum(axis=1))
+        return np.asarray(np.divide(self.sd, linear_sd, out=np.ones_like(linear_sd), where=linear_sd > 0), dtype=float)
 
 
 def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: int, seed: int) -> SampleStatistics | None:

@@ -14,7 +14,8 @@ from statistics import median
 from time import perf_counter
 
 from geometry.common.errors import ProbeError
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from geometry.tetra.cache import CACHE_VARIABLE
 from probe_design.tradeoffs.rows import Row, Setting
 from solver import Result, Workspace, evaluator

@@ -24,9 +24,9 @@ from geometry.workshop.overview import draw_probe
 from geometry.workshop.package import DEFAULT_CASTING, Casting, build_writers
 from probe_design.workshop.ratio_budget import check_tolerance, compute_ratio_budget
 from probe_design.workshop.rounding import Rounding, add_cost, round_sizes
+from solver.results.evaluator import ProgressCallback, ignore_progress
 
 SCENE_FILE = "scene.toml"
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def export(
     tolerance: float = 0.01,
     casting: Casting = DEFAULT_CASTING,
     extra_writers: Callable[[Scene], dict[str, Writer]] = lambda scene: {},
-    tell: Tell = lambda text: None,
+    progress: ProgressCallback = ignore_progress,
 ) -> ExportSummary:
     """Write STEP files, drawings, film patterns, moulds, lists and assembly instructions of a scene's probe into a folder.
 
@@ -88,7 +88,7 @@ def export(
         How the blocks are cast.
     extra_writers
         Returns further files to write, for the scene as built.
-    tell
+    progress
         Called with a line before each long step.
 
     Raises
@@ -111,12 +111,12 @@ def export(
     edge = built_scene.contact.edge_radius
     if not force:
         check_same_design(folder, built_scene.probe, edge)
-    tell("tolerances of the dimensions from the ratio")
+    progress("tolerances of the dimensions from the ratio")
     budget = compute_ratio_budget(built_scene, tolerance)
     if rounding is not None:
-        tell("cost of the rounding")
+        progress("cost of the rounding")
         rounding = add_cost(rounding, scene)
-    tell("solids, drawings, patterns and moulds")
+    progress("solids, drawings, patterns and moulds")
     files: dict[str, Writer] = {
         "drawing.png": partial(draw_probe, built_scene.probe, edge_radius=edge),
         **extra_writers(built_scene),

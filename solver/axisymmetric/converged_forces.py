@@ -24,7 +24,7 @@ from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.linalg.workspace import get_workspace
 from solver.results.detail_compliance import FILM_DETAIL, iterate_details
-from solver.results.film_forces import Bound, FilmForces, describe_shortfall
+from solver.results.film_forces import Bound, FilmForces, describe_sensitivity_error, describe_shortfall
 from solver.results.result import Decision
 from solver.results.warnings import Note
 
@@ -186,4 +186,4 @@ def _write_notes(
         obstacle = f"; no finer mesh helped: {reason}" if reason else ": the warnings list why"
         yield Note("accuracy", describe_shortfall(reached, accuracy) + obstacle)
     if insensitive:
-        yield Note("sensitivity", f"log_sensitivity is good to about {worst_sensitivity:.1g} of itself only")
+        yield Note("sensitivity", describe_sensitivity_error(worst_sensitivity))

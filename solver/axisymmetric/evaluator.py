@@ -85,6 +85,6 @@ class Axisymmetric(FilmEvaluator):
                 raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> Axisymmetric:
+def create_evaluator(progress: ProgressCallback | None = None) -> Axisymmetric:
     """Return the evaluator; it reports no progress."""
     return Axisymmetric()

@@ -16,7 +16,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.common.resources import get_limits, start_clock, use_limits
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from solver.axisymmetric.converged_forces import Converged
 from solver.results.evaluator import FilmSolution
 from solver.results.film_forces import find_shortfalls

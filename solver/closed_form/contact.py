@@ -6,7 +6,7 @@ each other, of tissue and blocks' ends, and A_j the areas of the rings under blo
     C t_j = A_j,   F_ij = A_i^T t_j                                                                 (CF.12)
 
 for block j's base moved by one unit, to which the spheres add eq. CF.14 of ``inclusions``. On a half-space C is closed
-(``half_space``); the floor and the spheres take integrals over wave numbers, in which a ring's load is its values at few
+(``half_space``); the bottom and the spheres take integrals over wave numbers, in which a ring's load is its values at few
 radii, exact for polynomials.
 """
 
@@ -58,7 +58,7 @@ class Tissue:
     Attributes
     ----------
     depth
-        Of the rigid floor, m; None for half-spaces.
+        Of the rigid bottom, m; None for half-spaces.
     E, nu
         Young's modulus, Pa, and Poisson's ratio of the tissue's own material.
     radius
@@ -92,7 +92,7 @@ class Tissue:
 
     @property
     def faces(self) -> list[Array]:
-        """Depths of interfaces and floor, m: like the surface they reflect the field of a sphere."""
+        """Depths of interfaces and bottom, m: like the surface they reflect the field of a sphere."""
         faces = list(accumulate(layer.thickness for layer in self.layers))
         return faces if self.depth is None else [*faces, self.depth]
 
@@ -245,7 +245,7 @@ def _compute_works(blocks: BlockPair, tissue: Tissue, layer_nodes: int, bonded: 
 def _choose_waves(
     blocks: BlockPair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
-    """Choose the wave numbers for floor and spheres.
+    """Choose the wave numbers for bottom and spheres.
 
     Returns the wave numbers, 1/m, shape (n, q), the Hankel transforms of pressures and shears there, shapes (n, q, loads), and
     the weights k dk, shape (n, q).
@@ -322,9 +322,9 @@ def _choose_larger(first: Array, second: Array) -> Array:
 
 
 def _compute_floor_works(k: Array, layer: TissueLayer, loads: tuple[Array, Array], weights: Array) -> Array:
-    """Return what a floor below one layer adds to C, shape (n, m, m) for m loads.
+    """Return what a bottom below one layer adds to C, shape (n, m, m) for m loads.
 
-    It is 2 pi times the integral, over waves k (n, q) with ``weights`` k dk, of both loads' transforms times the floor's change
+    It is 2 pi times the integral, over waves k (n, q) with ``weights`` k dk, of both loads' transforms times the bottom's change
     of the compliance.
     """
     scale = (np.pi / layer.mu)[:, :, None]

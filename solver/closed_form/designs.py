@@ -15,7 +15,8 @@ from itertools import accumulate
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import (
     FLOOR_REACH,
@@ -64,7 +65,7 @@ class Shape:
     bonded
         Whether blocks and tissue stick; frictionless otherwise.
     bounded
-        Whether the tissue has a floor at ``tissue_depth``; a half-space otherwise.
+        Whether the tissue has a bottom at ``tissue_depth``; a half-space otherwise.
     side_nodes
         Number for the integrals of the tissue's sides at ``tissue_radius``; 0 where they are far.
     sphere_layers

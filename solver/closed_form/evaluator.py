@@ -19,7 +19,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.common.resources import LimitReached, get_limits, start_clock, use_limits
 from geometry.scenes.probe import Material
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.closed_form.designs import Shape, build_parameters, iterate_solutions
 from solver.closed_form.error_quantile import StatedErrors, state_errors
 from solver.closed_form.lateral_boundary import compute_side_radius
@@ -224,6 +225,6 @@ def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats
     return forces, derivatives, residuals
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> ClosedForm:
+def create_evaluator(progress: ProgressCallback | None = None) -> ClosedForm:
     """Return the evaluator; it reports no progress."""
     return ClosedForm()

@@ -1,7 +1,7 @@
 """Half-space under rings of pressure and radial shear: the work of each load on the displacements by each other, in closed form.
 
 A disc of radius a under unit pressure has the Hankel transform a J1(ka)/k, one under the shear r has a^2 J2(ka)/k. On an
-elastic half-space with shear modulus mu the surface answers a pressure p and a shear q (outwards) by
+elastic half-space with shear modulus mu the surface responds to a pressure p and a shear q (outwards) by
 
     w = [2 (1-nu) p - (1-2nu) q] / (2 mu k),   u = [2 (1-nu) q - (1-2nu) p] / (2 mu k)             (CF.1)
 

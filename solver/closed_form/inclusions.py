@@ -4,7 +4,7 @@ By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of `
 
     dF_ij = Int [(k_v - k_d/3) tr(eps_i) tr(eps_j) + k_d eps_i : eps_j] dV                        (CF.13)
 
-over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere answers to the image G of
+over the tissue's strains without it. Of these the moments e, V e.K e, are treated better: the sphere responds to the image G of
 its own polarisation in the free surface, ``sphere_moments``, or in all faces, ``layered_spheres``, off the axis less that of
 ``off_axis``, so that loads of moments M polarise it by K D^-1 M, D = 1 + G K, and it gives way to them: with all spheres, t'
 takes the place of the t of eq. CF.12,

@@ -1,6 +1,6 @@
 """Free sides of the tissue: how much more compliant a cylinder is than the endless layer that it is cut from.
 
-Cut a layer at r = R. Its loads' fields u leave tractions s on the cut; a field v of the cylinder, fixed to the floor, takes them
+Cut a layer at r = R. Its loads' fields u leave tractions s on the cut; a field v of the cylinder, fixed to the bottom, takes them
 off. By Betti's theorem, inside the cut and outside, the loads' works on each other grow by
 
     dC_ij = -Int_cut s_i . u_j dA + b_i K^-1 b_j,     b_i = -Int_cut s_i . v dA                      (CF.11)
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from geometry.scenes.scene import BlockTissue, CylinderTissue
+from geometry.scenes.scene_tables import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.block_compliance import build_ritz_system, evaluate_radial_functions
 from solver.closed_form.block_functions import (
@@ -172,7 +172,7 @@ def _solve_column(tissue: ElasticBlocks) -> tuple[Array, Array, Array]:
     """Return the response of a cylinder of tissue to unit works at its side.
 
     The works are those of tractions on the f_j and, divided by half the radius, on the g_j: every P_i is 1 at the side, and of
-    the U_i the first alone is not 0. ``tissue`` is the cylinder, as a disc fixed to the floor.
+    the U_i the first alone is not 0. ``tissue`` is the cylinder, as a disc fixed to the bottom.
 
     Returns
     -------

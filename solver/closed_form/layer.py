@@ -50,7 +50,7 @@ class Waves:
 
 
 def solve_waves(k: Array, depth: Array, nu: Array) -> Waves:
-    """Return the waves k (n, q) under unit loads at the surface of single layers on a rigid floor.
+    """Return the waves k (n, q) under unit loads at the surface of single layers on a rigid bottom.
 
     ``depth`` are the layers' thicknesses and ``nu`` their Poisson's ratios, shape (n,).
     """

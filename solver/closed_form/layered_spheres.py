@@ -1,6 +1,6 @@
 """Spheres in layers or half-spaces: the field that reaches them from the surface, and the images of their own fields.
 
-A sphere responds to the image of its own polarisation in the surface, the interfaces and the floor, too. With e the moments of
+A sphere responds to the image of its own polarisation in the surface, the interfaces and the bottom, too. With e the moments of
 ``sphere_moments``, V the sphere's volume and K the form that eq. CF.13 becomes on e, V e.K e, an image G changes the strength:
 
     K~ = K (1 + G K)^-1                                                                           (CF.15)
@@ -13,7 +13,7 @@ layer's top, -1 if it is the surface,
 
     G = V / (2 pi) Int k' (g [-(1 - R N)^-1 R] g^T - m' r m'^T) k dk                              (CF.21)
 
-the floor's image among it. Waves that go as cos about the sphere's axis count twice; those of shear about the vertical do the
+the bottom's image among it. Waves that go as cos about the sphere's axis count twice; those of shear about the vertical do the
 same with k' = mu k / 2 and numbers for matrices. The moment of xx-yy has integrals of all three kinds; in a half-space, with
 t = R/d, radius over depth,
 
@@ -94,7 +94,7 @@ def build_sphere_in_layer(
     layers
         From the surface downwards.
     rigid
-        Whether the last layer lies on a rigid floor; it is a half-space otherwise.
+        Whether the last layer lies on a rigid bottom; it is a half-space otherwise.
     """
     layer, upper_layers = layers[sphere.layer], layers[: sphere.layer]
     layer_echoes = compute_echoes(k, layers, rigid)

@@ -7,7 +7,7 @@ the shortest waves K which are summed, C = A + B k there,
 
 with ``half_space`` for the first, and B for pressures and shears alone. Where K passes the first layer's waves, A is that layer
 and B nothing; above a thinner one A is what carries it, and B its own softness: what is left out beyond K fades with K's square.
-The floor that the stiffest layer would have on its own is taken as in tissue of one material, and out of the integral: layers
+The bottom that the stiffest layer would have on its own is taken as in tissue of one material, and out of the integral: layers
 of one material are that material to rounding.
 
 Under the disc of ``off_axis`` the c of eq. CF.18 is that of each pressure j_l alone, with C on half-spaces,
@@ -56,16 +56,16 @@ def compute_layered_works(
 ) -> list[Array]:
     """Compute the works of loads on each other: of pressures, shears and pressures on shears, (n, i, j) each, by eq. CF.20.
 
-    The effect of a floor below the stiffest layer alone is left out: ``contact`` adds it.
+    The effect of a bottom below the stiffest layer alone is left out: ``contact`` adds it.
 
     Parameters
     ----------
     blocks
         Inner and outer.
     layers
-        Of the tissue from the surface downwards, the last as thick as what is left above the floor.
+        Of the tissue from the surface downwards, the last as thick as what is left above the bottom.
     depth
-        Of the floor, shape (n,); None on half-spaces.
+        Of the bottom, shape (n,); None on half-spaces.
     nodes
         Of the integral over wave numbers.
     bonded
@@ -177,7 +177,7 @@ def compute_disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nod
 def _compute_surface_compliance(k: Array, layers: tuple[TissueLayer, ...], depth: Array | None) -> list[Array]:
     """Return C of eq. CF.20 for pressures, shears and both, shapes (n, q), for waves k (n, q).
 
-    What a floor at ``depth`` would add below the stiffest layer alone is subtracted; ``depth`` is None on half-spaces.
+    What a bottom at ``depth`` would add below the stiffest layer alone is subtracted; ``depth`` is None on half-spaces.
     """
     first, near_echo = layers[0], compute_echoes(k, layers, depth is not None)[0].near_echo
     change = (0.0, 0.0, 0.0) if near_echo is None else compute_compliance_change(first, near_echo)

@@ -8,10 +8,10 @@ at a distance d,
 and J_m(kr) sin(m phi) is [J_m-1 + J_m+1](kd) J_1 sin psi + [J_m-2 - J_m+2](kd) J_2 sin 2 psi + ...
 
 The blocks hold the surface for every m. Beyond the symmetrical tractions, which are solved for, they are taken as one disc of the
-outer radius a that answers with pressure and shear, one independent of the other. Pressures on a disc have the transforms
+outer radius a that responds with pressure and shear, one independent of the other. Pressures on a disc have the transforms
 j_l(ka), l = m, m+2, ..., whose waves cancel beyond it, and which are orthogonal in energy: Int j_l j_l' dk is zero and, for
 l = l', pi / (2 a (2l+1)). With c the compliance in w = c p / k, of tissue and ends together, and h(k) the moments of the sphere
-under the wave of a unit load, the disc answers with
+under the wave of a unit load, the disc responds with
 
     S = sum 2 a (2l+1) / (pi^2 c) v v^T,    v = Int h j_l(ka) k dk                                  (CF.18)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
 from solver.axisymmetric.dofs import Numbering
@@ -30,6 +31,8 @@ class Assembly:
         Column times number of unknowns plus row, for all entries, in rising order.
     places
         Indices of the elements' entries in ``keys``.
+    rows, starts
+        Row numbers of the entries, shape (entries,), and column starts of the matrix in compressed columns, (unknowns + 1,).
     pattern
         The solver's analysis of the sparsity pattern.
     """
@@ -37,6 +40,8 @@ class Assembly:
     numbering: Numbering
     keys: Ints
     places: Ints
+    rows: NDArray[np.int32]
+    starts: NDArray[np.int32]
     pattern: Pattern
 
     @classmethod
@@ -50,7 +55,8 @@ class Assembly:
             free = _find_unknowns(numbering, pair)
             keys.append((free[:, None] * n + free).ravel())
         all_keys = np.unique(np.concatenate(keys))
-        return cls(numbering, all_keys, np.searchsorted(all_keys, element_keys), Pattern())
+        rows, starts = (x.astype(np.int32) for x in (all_keys % n, np.searchsorted(all_keys, np.arange(n + 1) * n)))
+        return cls(numbering, all_keys, np.searchsorted(all_keys, element_keys), rows, starts, Pattern())
 
     def assemble_tangent(self, stiffness: Floats, contact: sp.csr_array | None) -> sp.csc_array:
         """Return the tangent matrix on the unknowns, sparse by columns: the elements' stiffness plus that of contact.
@@ -65,12 +71,10 @@ class Assembly:
         n, data = self.numbering.unknowns, np.zeros(len(self.keys))
         data[self.places] = self.numbering.assemble(stiffness).data
         if contact is not None:
-            gather = self.numbering.gather
-            contact_entries = sp.coo_array(gather.T @ contact @ gather)
-            rows, columns = (index.astype(np.int64) for index in contact_entries.coords)
-            np.add.at(data, np.searchsorted(self.keys, columns * n + rows), contact_entries.data)
-        starts = np.searchsorted(self.keys, np.arange(n + 1) * n)
-        return sp.csc_array((data, (self.keys % n).astype(np.int32), starts.astype(np.int32)), shape=(n, n))
+            entries = sp.coo_array(self.numbering.scatter @ contact @ self.numbering.gather)
+            rows, columns = (index.astype(np.int64) for index in entries.coords)
+            data[np.searchsorted(self.keys, columns * n + rows)] += entries.data  # a product holds every entry once
+        return sp.csc_array((data, self.rows, self.starts), shape=(n, n))
 
 
 def _find_unknowns(numbering: Numbering, pair: Pair) -> Ints:

@@ -12,7 +12,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.common.resources import LimitReached
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Contact, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Contact
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
 from solver.contact.states import StoppedError
@@ -188,6 +189,6 @@ def press_refined(
     return result, loaded, ()
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> ContactEvaluator:
+def create_evaluator(progress: ProgressCallback | None = None) -> ContactEvaluator:
     """Return the evaluator; it does not report progress."""
     return ContactEvaluator()

@@ -34,7 +34,7 @@ FINER_PATH_FACTOR = (
 
 
 def compute_load_curve(
-    scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: ProgressCallback = ignore_progress
+    scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, progress: ProgressCallback = ignore_progress
 ) -> LoadCurve:
     """Press a scene to each of several loads and return the curve; see ``solver.evaluation.load``.
 
@@ -48,7 +48,7 @@ def compute_load_curve(
         Relative accuracy.
     by_force
         Whether loads are forces.
-    tell
+    progress
         Called with a line of text before each load.
 
     Raises
@@ -64,7 +64,7 @@ def compute_load_curve(
         loaded = evaluator.prepare_scene(scene, accuracy)
         try:
             for k, load in enumerate(loads):
-                tell(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
+                progress(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
                 point, loaded = press_with_enough_points(loaded, partial(_press, load=float(load), by_force=by_force))
                 points.append(point)
         except (StoppedError, LimitReached) as fault:

@@ -189,8 +189,8 @@ class ContactModel:
             balance, stiffness, elimination = known.balance, known.stiffness, known.elimination
         touches = self.compute_touches(state)
         stiffnesses = [touch.stiffness for touch in touches if touch.stiffness is not None]
-        gather, m = self.numbering.gather, self.elements.shapes.skeleton
-        contact_forces = sum((touch.forces for touch in touches), np.zeros(gather.shape[0]))
+        numbering, m = self.numbering, self.elements.shapes.skeleton
+        contact_forces = sum((touch.forces for touch in touches), np.zeros(numbering.gather.shape[0]))
         # forces on corners and edges before they cancel: the scale of the residual
         internal = np.abs(balance.internal).reshape(len(balance.internal), 2, -1)[:, :, :m].reshape(-1)
         lengths = self.compute_contact_lengths(state.indentation)
@@ -198,8 +198,8 @@ class ContactModel:
             balance,
             touches,
             contact_forces,
-            residual=gather.T @ (balance.forces.ravel() + contact_forces),
-            scale=float(np.linalg.norm(abs(gather).T @ (internal + np.abs(contact_forces)))),
+            residual=numbering.scatter @ (balance.forces.ravel() + contact_forces),
+            scale=float(np.linalg.norm(numbering.unsigned_scatter @ (internal + np.abs(contact_forces)))),
             deepest=max((touch.max_violation / x for touch, x in zip(touches, lengths, strict=True) if x > 0), default=0.0),
             elimination=elimination,
             stiffness=stiffness,
@@ -231,6 +231,11 @@ class ContactModel:
         displacements = self.numbering.gather @ change + deeper * self.numbering.lift.sum(axis=-1).ravel()
         elements = self.elements.move(state.elements, equations.elimination, displacements.reshape(self.lift.shape[:2]))
         return replace(state, indentation=indentation, v=state.v + change, elements=elements)
+
+    def compute_rates(self, state: State, equations: Linearised, changes: Floats) -> State:
+        """Return the derivative of a state with respect to indentation; ``changes`` is that of its unknowns, (unknowns,)."""
+        zero_state = replace(state, indentation=0.0, v=np.zeros_like(state.v), elements=self.elements.build_rest_values())
+        return self.shift(zero_state, equations, changes, 1.0)
 
     def compute_contact_radius(self, equations: Linearised, state: State) -> float:
         """Return the outer radius of the contact with the tissue in the deformed state, m."""
@@ -284,7 +289,7 @@ class ContactModel:
         SolveError
             The residual of the solution is too large.
         """
-        gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
+        gather, scatter, flat = self.numbering.gather, self.numbering.scatter, self.lift.reshape(-1, 2)
         # forces that indentation and modulus cause while the unknowns are held
         driven = self._apply_tangent(equations, flat.sum(axis=1, keepdims=True))
         if target is not None:
@@ -292,9 +297,9 @@ class ContactModel:
             driven = np.concatenate([driven, modulus.reshape(-1, 1)], axis=1)
         factor = self.factorise_tangent(equations).factor
         assert factor is not None
-        changes = -factor.solve(np.ascontiguousarray(gather.T @ driven))
+        changes = -factor.solve(np.ascontiguousarray(scatter @ driven))
         whole = driven + self._apply_tangent(equations, gather @ changes)
-        unbalanced = np.linalg.norm(gather.T @ whole, axis=0)
+        unbalanced = np.linalg.norm(scatter @ whole, axis=0)
         if not np.all(unbalanced <= MAX_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
             raise SolveError("the equations of the tangent cannot be solved")
         return changes, np.asarray(flat.T @ whole)

@@ -63,12 +63,13 @@ def _solve_rounds(model: ContactModel, start: State, rounds: Sequence[tuple[floa
 
     ``rounds`` give the fraction of the penalty and the rounding, in contact lengths; see ``PENALTY_ROUNDS``.
     """
+    check_volume(model.elements, start.elements)
     state, equations, residuals = start, None, list[float]()
     for penalty_fraction, blur in rounds:
         tolerance = GUESS_RESIDUAL_TOLERANCE if penalty_fraction < 1 and not model.may_open else RESIDUAL_TOLERANCE
-        state, equations, round_residuals = _iterate_newton(
-            model, replace(state, penalty_fraction=penalty_fraction, blur=blur), equations, tolerance
-        )
+        state = replace(state, penalty_fraction=penalty_fraction, blur=blur)
+        equations = model.linearise(state, equations)  # a new round changes contact alone, not the elements' part
+        state, equations, round_residuals = _iterate_newton(model, state, equations, tolerance)
         residuals += round_residuals
         # without contact no further round follows: finish this one to the full tolerance
         if not equations.has_contact and equations.relative_residual > RESIDUAL_TOLERANCE:
@@ -95,7 +96,7 @@ def _store_sliding(state: State, equations: Linearised) -> State:
 
 
 def _iterate_newton(
-    model: ContactModel, state: State, known: Linearised | None, tolerance: float = RESIDUAL_TOLERANCE
+    model: ContactModel, state: State, equations: Linearised, tolerance: float = RESIDUAL_TOLERANCE
 ) -> tuple[State, Linearised, list[float]]:
     """Iterate Newton's method with fixed multipliers; return the state, its equations and the residual after each step.
 
@@ -103,13 +104,11 @@ def _iterate_newton(
     ----------
     model, state
         The model and the state to start from.
-    known
-        Equations about the same displacements, whose part of the elements is used again; or None.
+    equations
+        The equations about that state.
     tolerance
         Relative residual at which the iteration ends.
     """
-    check_volume(model.elements, state.elements)
-    equations = model.linearise(state, known)
     residuals: list[float] = []
     rounding = (
         max(ROUNDING_RESIDUAL, LIGHT_ROUNDING_RESIDUAL * model.section.tube_radius / state.indentation)

@@ -11,7 +11,16 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
 from solver.contact.newton import solve
-from solver.contact.states import Equilibrium, PathPoint, State, StoppedError, add_weighted, lagrange_weights
+from solver.contact.states import (
+    Equilibrium,
+    Linearised,
+    PathPoint,
+    State,
+    StoppedError,
+    add_weighted,
+    hermite_weights,
+    lagrange_weights,
+)
 
 FIRST_STEP_RELATIVE, MIN_STEP_RELATIVE, MAX_STEP_RELATIVE = (
     0.02,
@@ -52,18 +61,21 @@ class Path:
     linear: Floats | None = None
     points: list[PathPoint] = field(default_factory=list)
     length: float = 0.0
-    _light_equilibrium: Equilibrium = field(init=False)
+    _light_state: State = field(init=False)
     _scale: Floats = field(default_factory=lambda: np.ones(2))
 
     def __post_init__(self) -> None:
         """Compute the first points: at rest, and under a very light load."""
         self.length = FIRST_STEP_RELATIVE * self.unit
         rest_state = self.model.build_rest_state()
-        light = self._solve_light_load(rest_state)
-        if self.linear is not None:  # before that the scale is 1, so that this is the ratio to this mesh's forces
-            self._scale = self.linear / self._build_point(light).tangent
-        self._light_equilibrium, linear = light, self._build_point(light)
         rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
+        light = self._solve_light_load(rest_equilibrium)
+        # factorised once for both uses below, the scale and the point
+        light = replace(light, equations=self.model.factorise_tangent(light.equations))
+        if self.linear is not None:
+            _, derivatives = self.model.compute_responses(light.state, light.equations)
+            self._scale = self.linear / derivatives[:, 0]
+        self._light_state, linear = light.state, self._build_point(light)
         # under the light load all is linear: its derivatives are those at rest
         gap, zeros = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
         self.points.append(
@@ -218,11 +230,17 @@ class Path:
 
     def _extrapolate(self, indentation: float) -> State:
         """Extrapolate or interpolate the state at an indentation from the nearest points."""
-        states = [point.equilibrium.state for point in self._find_nearest(indentation)]
+        nearest = self._find_nearest(indentation)
+        states = [point.equilibrium.state for point in nearest]
         if len(states) < 2:
-            return self._scale_light_state(indentation) if self.model.may_open else self._follow_tangent(states[0], indentation)
-        # a polynomial through two or three states; where it turns an element inside out, the tangent is safer
-        guess = add_weighted(lagrange_weights([state.indentation for state in states], indentation), states)
+            return self._scale_light_state(indentation) if len(self.points) == 1 else self._follow_tangent(states[0], indentation)
+        places = [state.indentation for state in states]
+        if self.model.may_open or any(state.contact_mask.any() for state in states):
+            # where lines touch, starts with rates lead to another equilibrium of a folding corner: use values alone
+            guess = add_weighted(lagrange_weights(places, indentation), states)
+        else:
+            guess = add_weighted(hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])])
+        # where the polynomial turns an element inside out, the tangent is safer
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)
         return replace(guess, indentation=indentation, grips=self._find_state_before(indentation).grips)
@@ -238,11 +256,10 @@ class Path:
         earlier_states = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
         return earlier_states[-1]
 
-    def _solve_light_load(self, rest_state: State) -> Equilibrium:
+    def _solve_light_load(self, rest_equilibrium: Equilibrium) -> Equilibrium:
         """Solve for a very light load, under which faces that may open are open."""
-        state = self._follow_tangent(
-            rest_state, (OPENING_INDENTATION_RELATIVE if self.model.may_open else LINEAR_INDENTATION_RELATIVE) * self.unit
-        )
+        indentation = (OPENING_INDENTATION_RELATIVE if self.model.may_open else LINEAR_INDENTATION_RELATIVE) * self.unit
+        state = self._follow_tangent(rest_equilibrium.state, indentation, rest_equilibrium.equations)
         if not self.model.may_open:
             return Equilibrium(state, self.model.linearise(state), ())
         pressures = tuple(touch.pressure for touch in self.model.compute_touches(state))
@@ -250,15 +267,13 @@ class Path:
 
     def _scale_light_state(self, indentation: float) -> State:
         """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""
-        state = self._light_equilibrium.state
-        factor = indentation / state.indentation
-        grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
-        scaled_state = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
-        return self._follow_tangent(scaled_state, indentation)
+        factor = indentation / self._light_state.indentation
+        grips = (None if grip is None else replace(grip, shear=factor * grip.shear) for grip in self._light_state.grips)
+        return replace(add_weighted([factor], [self._light_state]), indentation=indentation, grips=tuple(grips))
 
-    def _follow_tangent(self, state: State, indentation: float) -> State:
-        """Return the state at an indentation on the tangent of another state."""
-        equations = self.model.linearise(state)
+    def _follow_tangent(self, state: State, indentation: float, equations: Linearised | None = None) -> State:
+        """Return the state at an indentation on the tangent of another state; ``equations`` are those about it, if known."""
+        equations = equations or self.model.linearise(state)
         changes, _ = self.model.compute_responses(state, equations)
         return self.model.shift(state, equations, (indentation - state.indentation) * changes[:, 0], indentation)
 
@@ -270,7 +285,7 @@ class Path:
         model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)
         model.check_laws(state)
-        _, derivatives = model.compute_responses(state, equations, self._target)
+        changes, derivatives = model.compute_responses(state, equations, self._target)
         films, derivatives = self._scale * model.compute_film_forces(equations), self._scale[:, None] * derivatives
         sensitivity = 0.0
         if self.sensitive:
@@ -286,4 +301,5 @@ class Path:
             strain=model.elements.compute_max_stretch(state.elements.u),
             residual=equations.relative_residual,
             equilibrium=replace(equilibrium, equations=replace(equations, factor=None)),  # factors are large
+            rates=model.compute_rates(state, equations, changes[:, 0]),
         )

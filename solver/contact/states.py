@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.interpolate import CubicHermiteSpline
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
@@ -147,6 +148,8 @@ class PathPoint:
         Relative residual of the equilibrium.
     equilibrium
         The state and its equations.
+    rates
+        Derivative of the state with respect to indentation.
     """
 
     indentation: float
@@ -158,6 +161,7 @@ class PathPoint:
     strain: float
     residual: float
     equilibrium: Equilibrium
+    rates: State
 
     @property
     def force(self) -> float:
@@ -182,7 +186,10 @@ class StoppedError(SolveError):
 
 
 def add_weighted(weights: Sequence[float], states: Sequence[State]) -> State:
-    """Return the weighted sum of states: of unknowns, elements' values and multipliers; all else is copied from the first."""
+    """Return the weighted sum of states, or of states and their rates; all but the sums is copied from the first.
+
+    Unknowns, elements' values and multipliers are summed.
+    """
     terms = list(zip(weights, states, strict=True))
     u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in terms)) for key in ("u", "p"))
     rows = zip(*(state.multipliers for state in states), strict=True)
@@ -197,3 +204,10 @@ def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
         float(np.prod([(wanted - other_place) / (place - other_place) for other_place in places if other_place != place]))
         for place in places
     ]
+
+
+def hermite_weights(places: Sequence[float], wanted: float) -> list[float]:
+    """Return the weights with which two values, then their derivatives, sum to the cubic through them at ``wanted`` (Hermite)."""
+    order, unit = np.argsort(places), np.eye(4)
+    spline = CubicHermiteSpline(np.take(places, order), unit[:2][order], unit[2:][order])
+    return [float(weight) for weight in spline(wanted)]

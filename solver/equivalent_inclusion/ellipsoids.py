@@ -11,7 +11,8 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum_mm
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.equivalent_inclusion.first_order import build_whole_ball, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
@@ -72,8 +73,8 @@ def check_ellipsoids(scene: Scene) -> None:
         or np.any(Strata.from_tissue(scene.tissue).compute_gap(spheres) <= 0)
     )
     if outside or np.any(gaps <= 0):
-        why = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
-        raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
+        allowed = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
+        raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), allowed)
 
 
 def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) -> Readings:
@@ -111,7 +112,7 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) 
 def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
     """Bound how an ellipsoid's reflections differ from those of the sphere of equal volume, each film's total, N/m, shape (2,).
 
-    The bound is a fraction of the effect that grows with the ratio of the longest semi-axis to the distance of surface, floor or
+    The bound is a fraction of the effect that grows with the ratio of the longest semi-axis to the distance of surface, bottom or
     interface, and with the aspect ratio.
     Spheroids on the axis (aspect 1.3 to 16, contrast 1e-7 to 1e4) need up to 0.7 of it by finite elements.
     """

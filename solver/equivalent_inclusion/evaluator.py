@@ -19,7 +19,7 @@ from solver.results.film_forces import Bound, FilmForces, find_shortfalls
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Decision
 
-REFLECTIONS_FEATURE = "reflections of the tumours' fields by surface, blocks and floor"  # name of the feature in plans
+REFLECTIONS_FEATURE = "reflections of the tumours' fields by surface, blocks and bottom"  # name of the feature in plans
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,6 @@ def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decis
     return [Decision(REFLECTIONS_FEATURE, modelled, effect, base.accuracy, reason)]
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> EquivalentInclusion:
+def create_evaluator(progress: ProgressCallback | None = None) -> EquivalentInclusion:
     """Return the evaluator; it reports no progress."""
     return EquivalentInclusion()

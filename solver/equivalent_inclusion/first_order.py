@@ -9,7 +9,7 @@ with the strains eps_i of the tissue without the sphere, their deviators e_i, an
 the position of the sphere's centre and to its radius are integrals of the same products over its surface
 (EI.2).
 
-The first order leaves out reflections by surface, blocks, floor and other tumours; eq. EI.3 bounds its error.
+The first order leaves out reflections by surface, blocks, bottom and other tumours; eq. EI.3 bounds its error.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def bound_first_order_error(relative_errors: Floats, changes: Floats) -> Floats:
 
 
 def estimate_reflection(base: Undisturbed, tumours: Tumours) -> Floats:
-    """Estimate the fraction rho of each tumour's field that surface, floor, side and other tumours reflect to it, (n, t)."""
+    """Estimate the fraction rho of each tumour's field that surface, bottom, side and other tumours reflect to it, (n, t)."""
     hosts = base.strata.find_hosts(tumours.depth)
     sphere_strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
     nu, bulk = hosts.poisson_ratio, hosts.bulk_modulus

@@ -131,13 +131,13 @@ def _solve_loads(model: MeridianModel, elements: Any, loads: Floats) -> Floats:
     """
     count, _, s, k = loads.shape
     edge = model.shapes.skeleton
-    inside = loads[:, :, edge:].reshape(count, -1, k)
+    inside = loads[:, :, edge:].reshape(count, -1, k)  # the functions from ``edge`` on are 0 on the elements' edges
     on_edges = np.zeros((len(model.condensed.stiffness), 2 * edge, k))
     recovery = model.condensed.compute_recovery(elements).transpose(0, 2, 1)
     on_edges[elements] = loads[:, :, :edge].reshape(count, -1, k) + recovery @ inside
     v = model.system.solve(model.system.assemble_forces(on_edges), passes=2).v
     values = model.recover_values(model.system.compute_values(v))
-    inner = model.build_blocks(elements).inside
+    inner = model.build_blocks(elements).inside  # the elements' stiffness of the inner functions
     shaped = values.reshape(len(values), 2, s, k)
     shaped[elements, :, edge:] += np.linalg.solve(inner, inside).reshape(count, 2, s - edge, k)
     return shaped.reshape(values.shape)

@@ -16,7 +16,8 @@ from geometry.common.limits import format_maximum_mm
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import LAYERS, Body, Section
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from solver.axisymmetric.base_states import BaseStates, Materials, build_model, solve_base_states
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.dofs import Interface
@@ -179,7 +180,7 @@ class Undisturbed(ProbeAlone):
         return Reflector(solve_base_states(build_model(fine.section, fine.materials, interface, fineness)), interface)
 
     def move_inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
-        """Move tumours that extend beyond the modelled cylinder of tissue to its side or floor.
+        """Move tumours that extend beyond the modelled cylinder of tissue to its side or bottom.
 
         Returns all tumours, and for each whether it was moved.
 

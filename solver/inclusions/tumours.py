@@ -13,7 +13,8 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Material
-from geometry.scenes.scene import Inclusion, Scene, Tissue
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Tissue
 from solver.materials.linear import Isotropic
 
 

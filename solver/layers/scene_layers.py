@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.scenes.scene import Scene, Tissue
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Tissue
 from solver.layers.stack import TissueLayer, compute_compliance_change, compute_echoes, compute_last_wave
 
 WAVE_COUNT = 12  # wave numbers at which the surface's compliance is computed

@@ -12,7 +12,7 @@ top, and C on the right the compliance there:
 
     r = 4 (1-nu) (C + H')^-1 - 1,     N = e^-2x F^T r F,     C = H - 4 (1-nu) N (1+N)^-1            (LY.2)
 
-From that C, with the other mu, the next layer's r follows: upwards from the floor (C = 0) or from a half-space (N = 0). No term
+From that C, with the other mu, the next layer's r follows: upwards from the bottom (C = 0) or from a half-space (N = 0). No term
 grows with x, and C and H' are both positive: neither thick layers nor contrasts lose digits. Loads t at the surface become
 
     a = (1+N)^-1 t,     and at the next interface     t' = (1+r) e^-x F a                            (LY.3)
@@ -80,7 +80,7 @@ def compute_echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list
     layers
         From the surface downwards; the last has a thickness if ``rigid``.
     rigid
-        Whether the last layer lies on a rigid floor; it is a half-space otherwise.
+        Whether the last layer lies on a rigid bottom; it is a half-space otherwise.
     """
     last = layers[-1]
     results = [compute_echo(k, last, _compute_rigid_reflection(last)) if rigid else Echo(None, None, k)]
@@ -124,7 +124,7 @@ def _scale_minus_one(size: Array, inverse: Symmetric) -> Symmetric:
 
 
 def _compute_rigid_reflection(layer: TissueLayer) -> Symmetric:
-    """Return the reflection r of a rigid floor below a layer: eq. LY.2 with C = 0."""
+    """Return the reflection r of a rigid bottom below a layer: eq. LY.2 with C = 0."""
     pp, _, pq = layer.half_space
     return _scale_minus_one(2 * pp, _invert_symmetric((pp, pp, -pq)))
 
@@ -174,7 +174,7 @@ def compute_compliance_change(layer: TissueLayer, near_echo: Symmetric) -> Symme
 
 
 def compute_floor_change(k: Array, layer: TissueLayer) -> Symmetric:
-    """Return by how much a rigid floor below one layer changes the surface's compliance, times 2 mu k of the layer.
+    """Return by how much a rigid bottom below one layer changes the surface's compliance, times 2 mu k of the layer.
 
     The elements are those of ``compute_compliance_change``, for waves k (n, q).
     """
@@ -208,7 +208,7 @@ def _compute_surface_transmission(near_echo: Symmetric | None) -> Matrix:
 
 
 def compute_fading(x: Array) -> Matrix:
-    """Return e^-x F of eq. LY.1: the factor of downward waves' tractions over a path x = k h."""
+    """Return the elements pp, pq, qp and qq of e^-x F, eq. LY.1: how downward waves fade over a thickness h, with x = k h."""
     fade = np.exp(-x)
     return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
 
@@ -251,7 +251,7 @@ def compute_shear_echoes(k: Array, layers: Sequence[TissueLayer], place: int, ri
     """
     fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
     fades.append(np.exp(-k * layers[-1].thickness[:, None]) if rigid else 0 * k)
-    # from the floor, which reflects 1, or a half-space, which reflects 0, upwards: r in each layer
+    # from the bottom, which reflects 1, or a half-space, which reflects 0, upwards: r in each layer
     far = _chain_reflections(layers[::-1], fades[::-1], 1.0 + 0 * k if rigid else 0 * k)[::-1]
     # from the free surface, which reflects -1, down to the layer's top: R
     top = _chain_reflections(layers, fades, -1.0 + 0 * k)[place]

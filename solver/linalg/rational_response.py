@@ -45,9 +45,12 @@ class BodySpace:
         state_loads: Floats,
         negligible: float,
     ) -> None:
+        """Begin with an empty basis."""
         self._matrix, self._solve, self._multiply_body, self._negligible = matrix, solve, multiply_body, negligible
-        self._state_loads = self._newest_loads = state_loads
-        self.vectors = self._images = self._body_loads = np.zeros((len(state_loads), 0))  # v_k, K v_k and B v_k
+        self._state_loads = state_loads
+        self._newest_loads = state_loads  # the next vectors are K^-1 times these: at first B u_i, then B times the newest vectors
+        # v_k, K v_k and B v_k of the basis by columns; there are none yet
+        self.vectors = self._images = self._body_loads = np.zeros((len(state_loads), 0))
 
     def grow(self) -> bool:
         """Extend the basis by K^-1 B times its newest vectors; return whether any was independent of the basis.

@@ -30,8 +30,11 @@ class _Analysis:
 
     @property
     def foreign_bytes(self) -> int:
-        """Bytes that the library holds: analysis and factors (given in kB), and the matrix twice, as given and permuted."""
-        return 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16)) + 2 * 12 * len(self.order)
+        """Bytes that the library holds, which Python does not see: analysis and factors, and the matrix twice."""
+        # PARDISO's entries 15 and 16: kB that stay after the analysis, and of the factors
+        library_kilobytes = int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
+        matrix_bytes = 2 * 12 * len(self.order)  # as given and permuted; an entry is a float and a 4-byte index
+        return 1024 * library_kilobytes + matrix_bytes
 
 
 @dataclass

@@ -57,7 +57,7 @@ class Yeoh:
 
 
 def build_strain_energy(material: Material) -> StrainEnergy | None:
-    """Return the law of a material; None for neo-Hookean ones, f = x / 2."""
+    """Return the strain energy f(x) of a material with x = I - 3; None for neo-Hookean materials, whose f is x / 2."""
     if material.law == "yeoh" and (material.c2_over_c1 or material.c3_over_c1):
         return Yeoh(material.c2_over_c1, material.c3_over_c1)
     return None

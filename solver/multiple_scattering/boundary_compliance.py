@@ -4,23 +4,23 @@ A scattered field u_s, in equilibrium in the tissue, has tractions t_s on the ti
 added to satisfy the boundary conditions. The unknown is w in the tissue, and the whole displacement in the blocks, w + u_s on
 their ends. With v any test displacement, w follows from
 
-    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor (MS.4)
+    forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the bottom (MS.4)
 
-With Y the matrix that lifts u_s of the ends into the blocks and -u_s of the floor into the tissue, Y_floor its second part, and
+With Y the matrix that lifts u_s of the ends into the blocks and -u_s of the bottom into the tissue, Y_bottom its second part, and
 t_s now the nodal forces of the tractions,
 
-    w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (MS.5)
+    w = v + Y_bottom u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (MS.5)
 
 where K is the stiffness, v the unknowns and F the forces. Only the work of w on other fields u_1 from spheres, with tractions
 t_1, is needed. By Betti's theorem it is an integral over the boundary, where t(w) are the tractions of w and indices 1 and 2 are
 fields:
 
-    Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
-                                   + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (MS.6)
+    Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_bottom u_2
+                                   + Int_surface,side u_1 . t_2 - Int_bottom t_1 . u_2                     (MS.6)
 
 In tissue of layers, the boundary is that of the sphere's own layer: top, side and bottom. u_s ends at an interface to another
 layer, so that w and its traction jump there by u_s and t_s. With v the whole displacement, such an interface is like surface and
-floor together: t_s are forces on it, and -u_s is lifted into the layer's own elements. Y_floor then contains both, and the last
+bottom together: t_s are forces on it, and -u_s is lifted into the layer's own elements. Y_bottom then contains both, and the last
 line has no term of the interface. For spheres in two different layers only v matters, and -F_1^T K^-1 F_2 is the whole work.
 
 The work is symmetric in both fields. All data are interpolated by the elements' functions on the boundary, so that all terms
@@ -61,7 +61,7 @@ class BoundaryData:
         Forces on the values of the e elements with an edge on the boundary, by the tractions on surface, side and interfaces,
         sparse (4 c p e, 6 n), c components.
     values
-        Lifted values of the elements: displacements of the blocks' ends, and minus those of floor and interfaces.
+        Lifted values of the elements: displacements of the blocks' ends, and minus those of bottom and interfaces.
     direct
         The last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """

@@ -1,4 +1,4 @@
-"""Find the element edges on surface, side, floor and interfaces of the tissue's layers and on the blocks' ends."""
+"""Find the element edges on surface, side, bottom and interfaces of the tissue's layers and on the blocks' ends."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Boundary:
     Attributes
     ----------
     surface, side, floor
-        Edges of the layer's elements on the tissue's surface, side and floor.
+        Edges of the layer's elements on the tissue's surface, side and bottom.
     ends
         Edges of the blocks' elements on their ends, for the uppermost layer.
     above, below

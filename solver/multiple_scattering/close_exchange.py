@@ -94,7 +94,7 @@ class CloseExchange:
     def _sample_edges(self, layer: int, scattered: Sequence[Floats]) -> dict[tuple[str, str], Floats]:
         """Sample the fields of a layer's spheres on the layer's edges, (angles, 3, k, points) each, by edges' name and kind.
 
-        These are tractions on surface, side and interfaces, and displacements of ends, floor and interfaces: see ``EdgeData``.
+        These are tractions on surface, side and interfaces, and displacements of ends, bottom and interfaces: see ``EdgeData``.
         """
         surface, side, floor = build_turn_matrices(self.rounds)
         kinds = {(name, "lifted"): (DISPLACEMENT_COMPONENTS, surface[:, 3:]) for name in LIFTED_EDGES}

@@ -1,4 +1,4 @@
-"""Compute the fields that surface, blocks, side, floor and interfaces reflect to spheres.
+"""Compute the fields that surface, blocks, side, bottom and interfaces reflect to spheres.
 
 Scattered fields are known in closed form anywhere (``solver/inclusions/vector_modes.py``), so that the finite elements need no
 sphere: their loads are the tractions and displacements of the field on the tissue's boundary, one azimuthal order at a time. The
@@ -31,7 +31,7 @@ from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.rings import AzimuthalGrid, Panels
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-LESS_MEMORY_HINT = "fewer, or further from surface, floor and interfaces, take less"
+LESS_MEMORY_HINT = "fewer, or further from surface, bottom and interfaces, take less"
 
 
 @dataclass(frozen=True)

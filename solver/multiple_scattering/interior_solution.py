@@ -95,7 +95,7 @@ class Interior:
     def compute_loads(self, data: EdgeData) -> tuple[Floats, Floats]:
         """Compute imposed values of the boundary's elements, (elements, 4 c p, k), and forces -F, (unknowns, k), from data.
 
-        Imposed values are -u_s on floor and interfaces; F = t_s + K Y u_s is that of eq. MS.5, where Y also lifts the ends.
+        Imposed values are -u_s on bottom and interfaces; F = t_s + K Y u_s is that of eq. MS.5, where Y also lifts the ends.
         """
         tractions = {key: values for key, values in data.items() if key[1] == "forces"}
         ends = {key: values for key, values in data.items() if key == ("ends", "lifted")}

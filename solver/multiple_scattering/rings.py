@@ -20,7 +20,7 @@ from solver.multiple_scattering.spheres import ScatteringSphere
 
 MIN_PANEL_RELATIVE = 1.4  # minimum panel in outer radii, times the order of the elements
 PANEL_GROWTH = 0.4  # of panels, per distance from the axis
-MIN_SIDE_PANEL_RELATIVE, MIN_FLOOR_PANEL_RELATIVE = 0.4, 0.3  # minimum panels on side and floor, of the tissue's radius and depth
+MIN_SIDE_PANEL_RELATIVE, MIN_FLOOR_PANEL_RELATIVE = 0.4, 0.3  # minimum panels on side and bottom, per radius and depth
 EXTRA_POINTS = 4  # points of a panel beyond the order of the elements
 STRESS_COMPONENTS = (
     (3, 8, 7),
@@ -83,7 +83,7 @@ class PanelLine:
 
 @dataclass(frozen=True)
 class Panels:
-    """Points on a layer's boundary, in the order top, side, bottom (of tissue without layers surface, side, floor): n of them.
+    """Points on a layer's boundary, in the order top (of the uppermost layer the surface), side, bottom: n of them.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Panels:
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice]:
-        """Slices of surface, side and floor among the n points."""
+        """Slices of surface, side and bottom among the n points."""
         a, b, c = (len(line.places) for line in (self.surface, self.side, self.floor))
         return slice(0, a), slice(a, a + b), slice(a + b, a + b + c)
 
@@ -225,7 +225,7 @@ class Rings:
 
 
 def build_rings(panels: Panels, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> list[Rings]:
-    """Build the rings of surface, side and floor; for a single angle, one ring with all points.
+    """Build the rings of surface, side and bottom; for a single angle, one ring with all points.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def _split_runs(needed: Floats) -> list[slice]:
 def build_turn_matrices(rounds: AzimuthalGrid) -> tuple[Floats, Floats, Floats]:
     """Build matrices from components of ``vector_modes.build_stack`` to tractions and displacements along r, theta, z.
 
-    Returns one matrix, (angles, 6, 9), each for surface, side and floor.
+    Returns one matrix, (angles, 6, 9), each for surface, side and bottom.
     """
     cos, sin, unit = np.cos(rounds.angles), np.sin(rounds.angles), np.ones(rounds.count)
     rotation, radial, vertical = np.zeros((rounds.count, 3, 3)), np.zeros((rounds.count, 3, 9)), np.zeros((rounds.count, 3, 9))

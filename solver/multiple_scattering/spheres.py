@@ -116,7 +116,7 @@ class SphereSet:
 def compute_degrees(section: Section, strata: Strata, tumours: Tumours) -> tuple[Floats, Floats]:
     """Return the degrees that resolve each sphere's images, and those that resolve the probe's field at it; shape (t,) each.
 
-    Images are the parts of a sphere's field that surface, floor and interfaces reflect back to it.
+    Images are the parts of a sphere's field that surface, bottom and interfaces reflect back to it.
     """
     radius = tumours.diameter / 2
     above_floor = section.tissue_depth - tumours.depth - radius
@@ -138,14 +138,14 @@ def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, sphe
     if np.any(4 * radius / inner + 4 > DEGREE_LIMITS[1]):
         return 1e3
     pressed = np.minimum(np.exp(-degree * inner / (2 * radius)), (radius / tumours.depth) ** (2 * degree))
-    images = OMITTED_DEGREES_SHARE * _estimate_images(section, strata, tumours, spheres)
+    images = OMITTED_DEGREES_SHARE * _estimate_omitted_parts(section, strata, tumours, spheres)
     return float(np.max(images + np.maximum(pressed, np.exp(-degree * outer / (2 * radius)))))
 
 
-def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
-    """Estimate which fraction of the work of each sphere's images lies in degrees above the largest degree l of its modes, (t,).
+def _estimate_omitted_parts(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
+    """Estimate which fraction of the work of each sphere's images is omitted, (t,): that of degrees above its largest degree l.
 
-    Images are the parts of the sphere's field that surface, floor and interfaces (walls) reflect back to it. For a sphere of
+    Images are the parts of the sphere's field that surface, bottom and interfaces (walls) reflect back to it. For a sphere of
     radius R at a gap d from a wall the fraction is at most (1 + 2 d / R)^(-2 l). If they almost touch, that is close to 1 for any
     l, and another bound is lower. The field is reflected between sphere and wall again and again. After the k-th time a fraction
     q^k of it is left; its source then lies at k / (k + 1) of the radius, so that its part in degree l is (k / (k + 1))^l. Works
@@ -153,8 +153,8 @@ def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 
-    where unlikeness is the contrast of ``Strata.contrasts``, 1 for surface and floor. The result is the smaller of
-    both bounds, for the worst wall. A stiff sphere at the floor needs high degrees; one five times as stiff as its
+    where unlikeness is the contrast of ``Strata.contrasts``, 1 for surface and bottom. The result is the smaller of
+    both bounds, for the worst wall. A stiff sphere at the bottom needs high degrees; one five times as stiff as its
     layer at an interface does not.
     """
     radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
@@ -168,5 +168,6 @@ def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres
         gap = np.maximum(np.abs(tumours.depth - depth) - radius, MIN_GAP_RELATIVE * tumours.diameter)
         # MS.11: sphere_contrasts * contrast is q^2, hence the power k and not 2 k
         touching = np.max((sphere_contrasts * contrast) ** k * (k / (k + 1)) ** (2.0 * degree), axis=0)
-        fractions = np.maximum(fractions, np.minimum((1 + 2 * gap / radius) ** (-2.0 * degree), touching))
+        separate = (1 + 2 * gap / radius) ** (-2.0 * degree)
+        fractions = np.maximum(fractions, np.minimum(separate, touching))
     return fractions

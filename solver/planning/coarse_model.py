@@ -18,7 +18,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.json_types import JsonObject
 from geometry.meridian.walls import GapWalls
-from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.omitted_details import Change, bound_omitted_changes
@@ -100,7 +101,7 @@ class CoarseModel:
 
     @cached_property
     def edge_effect(self) -> Effect | None:
-        """Effect of the tissue's sides and floor against a half-space; None on a half-space or where that cannot be solved."""
+        """Effect of the tissue's sides and bottom against a half-space; None on a half-space or where that cannot be solved."""
         tissue = self.scene.tissue
         if tissue.shape == "half-space":
             return None

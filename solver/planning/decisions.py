@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from geometry.common.limits import format_maximum
-from geometry.scenes.scene import Layer, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Layer
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import MAX_X, LoadRule, bound_ratio_change
 from solver.results.result import Decision, Effect

@@ -24,7 +24,7 @@ from solver.results.warnings import Note
 FORMULAS_MARGIN = 0.9  # of the stiffness by formulas, which is off by some per cent, and counts tumours that stiffen
 LIMIT_REASONS = {
     "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
-    "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of itself",
+    "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of its value",
     "strain limit": "the effect of larger strains is unknown",
     "gap closure": "at larger loads the gap may close",
 }

@@ -302,7 +302,7 @@ class LoadRule:
         if not promise:
             return changes
         fraction = self.bound_log_sensitivity_change(force)
-        change = f"{fraction:.2g} of itself"
+        change = f"{fraction:.2g} of its value"
         if fraction > 1 and self.films is not None and any(self.films):
             change = (
                 f"{bound_log_sensitivity_change(self.compute_x(force)) * compute_sensitivity_size(self.films):.2g} (absolute)"

@@ -333,7 +333,7 @@ def _decide_dimension(scene: Scene, coarse: CoarseModel, evaluator: str | None, 
 
 
 def _decide_edges(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
-    """Yield the decision on the tissue's sides and floor, against an unbounded tissue."""
+    """Yield the decision on the tissue's sides and bottom, against an unbounded tissue."""
     effect = coarse.edge_effect
     if effect is not None:
         yield Decision.from_effect(

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from geometry.common.arrays import Floats, Numeric
 from geometry.scenes.probe import Interface, Material
-from geometry.scenes.scene import Inclusion, Tissue
+from geometry.scenes.scene_tables import Inclusion, Tissue
 
 RATIO_CHANGE_PER_X = 0.1  # of ratio, stresses and stiffness per x
 COVER_COEFFICIENTS = (

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 from solver.equivalent_inclusion.first_order import Effects, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours

@@ -98,6 +98,6 @@ class Published:
         raise Refusal("evaluator", self.name, "any other for a curve: the paper's equations give no film stresses")
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> Published:
+def create_evaluator(progress: ProgressCallback | None = None) -> Published:
     """Return the evaluator; it reports no progress."""
     return Published()

@@ -27,7 +27,7 @@ def ignore_progress(text: str) -> None:
 
 
 class Evaluator(Protocol):
-    """A model of one fidelity; the function ``create_evaluator(tell)`` in the module ``evaluator`` of its package makes it.
+    """A model of one fidelity; the function ``create_evaluator(progress)`` in the module ``evaluator`` of its package makes it.
 
     Attributes
     ----------

@@ -261,9 +261,15 @@ def find_shortfalls(
     size = abs(films.log_sensitivity or 0.0)
     if films.modulus_derivative is not None and not films.meets_sensitivity(accuracy):
         relative_error = films.sensitivity_error / size if size > 0 else np.inf
-        good = f"good to about {relative_error:.1g} of itself only" if relative_error < 10 else "smaller than its own error"
-        notes.append(Note("sensitivity", f"log_sensitivity is {good}"))
+        notes.append(Note("sensitivity", describe_sensitivity_error(relative_error)))
     return [*stopped, *notes] if notes else []
+
+
+def describe_sensitivity_error(relative_error: float) -> str:
+    """Return a sentence that states the error of a log-sensitivity, relative to its value, in per cent with one digit."""
+    if relative_error >= 10:  # where one digit of the value's own size is unknown, too, a percentage says nothing
+        return "log_sensitivity is smaller than its own error"
+    return f"log_sensitivity is known within {100 * float(f'{relative_error:.1g}'):.4g} % of its value"
 
 
 def describe_shortfall(reached: float, accuracy: float, kind: ErrorKind = "bound") -> str:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Literal
 
 from geometry.scenes.fit_check import compute_semi_axes
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion
 
 TOUCHING_RELATIVE = 1e-6  # of a body's half height: a body this close to an interface of layers counts as crossed by it
 
@@ -50,8 +51,8 @@ def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
 
 def _is_crossed(scene: Scene, body: Inclusion) -> bool:
     """Return whether an interface of the tissue's layers crosses or touches a body."""
-    half = math.hypot(*compute_semi_axes(body)[2])  # half height: the norm of the z components of the semi-axes
-    return any(abs(interface - body.depth) < half * (1 + TOUCHING_RELATIVE) for interface in scene.tissue.interfaces)
+    half_height = math.hypot(*compute_semi_axes(body)[2])  # of an ellipsoid: the norm of the z components of its semi-axes
+    return any(abs(interface - body.depth) < half_height * (1 + TOUCHING_RELATIVE) for interface in scene.tissue.interfaces)
 
 
 def is_round(scene: Scene) -> bool:

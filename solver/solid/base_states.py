@@ -76,9 +76,15 @@ class SolidStates:
         return self.reactions[:2, 2]
 
     def compute_modulus_derivative(self, bodies: Iterable[int]) -> Floats:
-        """Return the derivative of the reactions with respect to ln E, the modulus of some bodies together, shape (3, 3).
+        """Return the derivative of the reactions with respect to ln E, with E the common modulus of some bodies, shape (3, 3).
 
-        The states are their own adjoints, so that it is the sum of the bodies' v_i^T K_b v_j; ``bodies`` are their numbers.
+        The reactions are the energy products v_i^T K v_j of states i and j. As the states v minimise the energy, their own
+        change with E has no effect of first order: the derivative is the bodies' part, the sum of their v_i^T K_b v_j.
+
+        Parameters
+        ----------
+        bodies
+            The bodies' numbers, keys of ``energies``.
         """
         return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATE_NAMES),) * 2)))
 
@@ -239,9 +245,12 @@ class SolidFields:
 
     @property
     def von_mises(self) -> Floats:
-        """Von Mises stress of the elements' means, Pa, shape (t,)."""
+        """Von Mises stress of each element's mean stress, Pa, shape (t,).
+
+        Its square is half the sum of (xx - yy)^2, (yy - zz)^2 and (zz - xx)^2, plus three times that of yz^2, xz^2 and xy^2.
+        """
         direct, shear = self.stress[:, :3], self.stress[:, 3:]
-        differences = direct - np.roll(direct, 1, axis=1)
+        differences = direct - np.roll(direct, 1, axis=1)  # xx - zz, yy - xx, zz - yy
         return np.asarray(np.sqrt((differences**2).sum(axis=1) / 2 + 3 * (shear**2).sum(axis=1)))
 
     @property

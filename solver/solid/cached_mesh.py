@@ -60,11 +60,19 @@ class RestrictedFactor:
 
     @classmethod
     def restrict(cls, factor: Factor, whole: Supports, supports: Supports) -> Factor:
-        """Restrict a factor of all regions to the unknowns in use; return it unchanged if all are."""
+        """Restrict a factor of all regions to the unknowns in use; return it unchanged if all are.
+
+        Parameters
+        ----------
+        factor
+            Factor of the stiffness of all regions.
+        whole, supports
+            Numbers of the unknowns of all regions, and of those in use; a number below 0 is no unknown.
+        """
         if np.array_equal(whole.number, supports.number):
             return factor
-        used, place = supports.number >= 0, np.empty(supports.unknowns, dtype=np.int64)
-        place[supports.number[used]] = whole.number[used]
+        is_used, place = supports.number >= 0, np.empty(supports.unknowns, dtype=np.int64)
+        place[supports.number[is_used]] = whole.number[is_used]
         return cls(factor, place, whole.unknowns)
 
     def solve(self, forces: Floats) -> Floats:

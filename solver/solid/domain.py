@@ -11,7 +11,8 @@ from bisect import bisect_left
 from dataclasses import dataclass
 
 from geometry.scenes.probe import Base
-from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import CylinderTissue, Inclusion, Load, Placement
 from geometry.tetra.layout import is_mirror_symmetric
 
 MIN_SPAN_RADII = 8.0  # outer radii: minimum radius and depth of the modelled tissue

@@ -33,11 +33,11 @@ class SolidEvaluator(FilmEvaluator):
 
     Attributes
     ----------
-    tell
+    progress
         Called with a line before each piece of work.
     """
 
-    tell: ProgressCallback = field(default=ignore_progress, compare=False)
+    progress: ProgressCallback = field(default=ignore_progress, compare=False)
     name: str = "solid"
     summary: str = "3D finite elements: groove, edges, tilt, tumours of any shape; 1e-2 in 10 to 60 s"
 
@@ -109,7 +109,7 @@ class SolidEvaluator(FilmEvaluator):
         _check_sizes(scene)
         with limit_to_one_thread():
             try:
-                return compute_solid_forces(scene, accuracy, moduli, self.tell)
+                return compute_solid_forces(scene, accuracy, moduli, self.progress)
             except SolveError as fault:
                 raise Refusal("evaluator", self.name, f"scenes that can be meshed and solved ({fault})") from fault
 
@@ -187,6 +187,6 @@ def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
     return [Note("linear", f"{sides}: the model lets this side pull the tissue, but real contact opens there")]
 
 
-def create_evaluator(tell: ProgressCallback | None = None) -> SolidEvaluator:
-    """Return the evaluator, which reports its progress to ``tell``."""
-    return SolidEvaluator(tell=tell or ignore_progress)
+def create_evaluator(progress: ProgressCallback | None = None) -> SolidEvaluator:
+    """Return the evaluator, which reports its progress to ``progress``."""
+    return SolidEvaluator(progress=progress or ignore_progress)

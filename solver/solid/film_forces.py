@@ -6,7 +6,7 @@ finer one, if its agreement with the coarser of both would suffice; else a finer
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 from solver.linalg.workspace import get_workspace
+from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 from solver.results.result import Decision
 from solver.results.warnings import Note
@@ -42,7 +43,6 @@ MESH_STAGES = (
     ((ROUGH_FINENESS, COARSE_FINENESS), (ROUGHEST_FINENESS,), (FINE_FINENESS,)),
 )  # from that accuracy on, and below it
 MAX_SENSITIVITY_EXCESS = 2.0  # times the tolerance of log_sensitivity: above this a third mesh would not reach it
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class SolidForces:
 
 
 def compute_solid_forces(
-    scene: Scene, accuracy: float, moduli: Floats | None = None, tell: Tell = lambda text: None
+    scene: Scene, accuracy: float, moduli: Floats | None = None, progress: ProgressCallback = ignore_progress
 ) -> SolidForces:
     """Return film forces from two meshes, or from more if two do not agree to ``accuracy``.
 
@@ -95,7 +95,7 @@ def compute_solid_forces(
         Relative accuracy.
     moduli
         Moduli of the target, Pa, shape (k,); or None for the scene's modulus.
-    tell
+    progress
         Called with a line of text before each piece of work.
 
     Raises
@@ -107,10 +107,10 @@ def compute_solid_forces(
     SolveError
         A mesh or a solution failed.
     """
-    tell("the symmetric part")
+    progress("the symmetric part")
     symmetric = compute_symmetric_part(scene, accuracy)
     get_workspace().begin()  # its memory may be freed
-    films, differences, states, stopped = _refine_until_agreed(scene, symmetric, accuracy, moduli, tell)
+    films, differences, states, stopped = _refine_until_agreed(scene, symmetric, accuracy, moduli, progress)
     notes = (*symmetric.whole.notes, *stopped)
     tilt = _compute_tilt_forces(symmetric, differences[-1])
     coarser_tilt = _compute_tilt_forces(symmetric, differences[-2])
@@ -122,7 +122,7 @@ def compute_solid_forces(
 
 
 def _refine_until_agreed(
-    scene: Scene, symmetric: SymmetricPart, accuracy: float, moduli: Floats | None, tell: Tell
+    scene: Scene, symmetric: SymmetricPart, accuracy: float, moduli: Floats | None, progress: ProgressCallback
 ) -> tuple[tuple[FilmForces, ...], list[SceneDifference], SolidStates, tuple[Note, ...]]:
     """Solve on more and finer meshes until they agree to the accuracy or a limit is reached.
 
@@ -144,8 +144,8 @@ def _refine_until_agreed(
         if stage == (ROUGHEST_FINENESS,) and not _may_suffice(scene, symmetric, differences, accuracy):
             continue
         try:
-            for fineness, mesh in zip(stage, _iterate_meshes(symmetric.domain, stage, tell), strict=True):
-                tell(f"solving on {len(mesh.elements)} tetrahedra")
+            for fineness, mesh in zip(stage, _iterate_meshes(symmetric.domain, stage, progress), strict=True):
+                progress(f"solving on {len(mesh.elements)} tetrahedra")
                 get_workspace().begin()  # a coarser mesh's factor may be freed
                 solutions[fineness] = solve_difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
@@ -172,7 +172,7 @@ def _may_suffice(scene: Scene, symmetric: SymmetricPart, differences: list[Scene
     return not any(_may_improve(film, scene, accuracy) for film in films)
 
 
-def _iterate_meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
+def _iterate_meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], progress: ProgressCallback) -> Iterator[TetMesh]:
     """Yield the meshes of a domain in the order of ``finenesses``, moved from those of a similar scene or made in parallel."""
     moved = move_meshes(domain, finenesses)
     if moved is not None:
@@ -182,7 +182,7 @@ def _iterate_meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell:
         return
     for fineness in finenesses:
         _check_cost(domain, fineness)
-    tell(
+    progress(
         "meshing twice"
         if len(finenesses) > 1
         else "meshing again"

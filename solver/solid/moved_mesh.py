@@ -1,7 +1,7 @@
 """Move an existing mesh with tumours, layer planes and tissue walls that moved or changed size a little.
 
 Nodes move; elements keep their nodes. Nodes of tumours move affinely with them, those of blocks and of the reference cylinder
-stay. Nodes on the tissue's top, floor, side and layer planes move to the new surfaces. All other corners x of the tissue move
+stay. Nodes on the tissue's top, bottom, side and layer planes move to the new surfaces. All other corners x of the tissue move
 by u, from a diffusion equation for each coordinate, with a higher conductivity for small elements so that they deform least:
 
     sum_e (1 / V_e) Int grad w_a . grad u dV = 0 at free corners a,  u = A' A^-1 (x - c) + c' - x in tumours     (SO.9)

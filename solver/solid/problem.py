@@ -139,7 +139,7 @@ class Supports:
     def from_bodies(cls, solid: Solid, bodies: Iterable[int]) -> Supports:
         """Return the supports of a solid of which only ``bodies`` are present.
 
-        The blocks' tops and the tissue's floor are fixed and, on a half mesh, the plane of symmetry y = 0 in y.
+        The blocks' tops and the tissue's bottom are fixed and, on a half mesh, the plane of symmetry y = 0 in y.
         """
         nodes, tolerance = solid.nodes, PLANE_TOLERANCE_RELATIVE * float(np.ptp(solid.nodes, axis=0).max())
         inner, outer = solid.find_nodes([INNER_BODY]), solid.find_nodes({OUTER_BODY, GROOVE_BODY} & set(bodies))

@@ -9,7 +9,8 @@ import numpy as np
 
 from geometry.common.arrays import Ints
 from geometry.scenes.probe import Material
-from geometry.scenes.scene import MAX_INCLUSIONS, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import MAX_INCLUSIONS
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from solver.materials.linear import Elastic, Isotropic
 

@@ -38,10 +38,10 @@ class TumourDraws:
     youngs_modulus, poisson_ratio
         Elastic constants of the spheres, shape (m,).
     tissue
-        Layers from the surface downwards and the tissue's own material, each thickness (of the last the floor's depth, or None on
+        Layers from the surface downwards and the tissue's own material, each thickness (of the last the bottom's depth; None on
         half-spaces), modulus and Poisson's ratio, shape (layers + 1, 3, m).
     bounded
-        Whether the tissue has a floor; if not, the last thickness is ignored.
+        Whether the tissue has a bottom; if not, the last thickness is ignored.
     """
 
     radius: Floats

@@ -71,10 +71,10 @@ def test_one_solution_serves_three_loads(study: Scene) -> None:
 def test_each_position_is_solved_once(study: Scene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     seen: list[Scene] = []
 
-    def solved(scene: Scene, name: str, accuracy: float, tell: Any, *, limits: Limits) -> Result:
+    def solved(scene: Scene, name: str, accuracy: float, progress: Any, *, limits: Limits) -> Result:
         assert limits.seconds > Limits().seconds
         seen.append(scene)
-        tell("meshing")
+        progress("meshing")
         return Result(name, 1.0, 12e3 * 1e-4, 0.5e3 * 1e-4, 24.0, 1e-3, 13.0, error_estimate=0.004)
 
     monkeypatch.setattr(paper_study, "evaluate", solved)

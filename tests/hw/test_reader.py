@@ -128,7 +128,7 @@ def test_a_board_starts_when_it_is_read() -> None:
 
 
 def test_a_board_that_was_reset_and_stays_on_the_bus_is_started_again() -> None:
-    """It said nothing more, and after 3 s the reading ended."""
+    """It sent nothing more, and after 3 s the reading ended."""
     samples = read(probe(Fault("reset", 70)), patience=Patience(silence=0.0))
     assert [(gap.first, gap.count, gap.reason) for gap in samples.gaps] == [(700, -1, "the device was reset")]
     assert right(replace(samples, index=np.where(samples.index > 700, samples.index - 701, samples.index)))
@@ -165,7 +165,7 @@ def test_somebody_reads_while_nobody_fetches() -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no interval timer")
 def test_an_interrupt_at_any_point_leaves_nothing_locked() -> None:
-    """The thread could wait for ever on a lock that the interrupted reader kept, and whoever closes for the thread."""
+    """The thread could wait for ever on a lock that the interrupted reader holds, and whoever closes for the thread."""
     random = np.random.default_rng(1)
     previous = signal.signal(signal.SIGALRM, _interrupted)
     try:

@@ -1,4 +1,4 @@
-"""The verbs as Python functions: scenes or their files in, results out that notebooks show."""
+"""The commands as Python functions: scenes or their files in, results out that notebooks show."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_functions_say_what_they_take() -> None:
         assert text is not None
         for parameter in inspect.signature(function).parameters.values():
             assert re.search(rf"^ *{parameter.name}(:|$| : )", text, re.MULTILINE), (name, parameter.name)
-            if parameter.name in ("progress", "tell"):
+            if parameter.name == "progress":
                 assert parameter.default is None
 
 
@@ -93,7 +93,7 @@ def test_help_page_has_the_functions() -> None:
 
 @pytest.mark.parametrize("package", [probe_design, solver, hw, geometry])
 def test_help_begins_with_what_a_user_calls(package: Any) -> None:
-    """Before the rooms, which pydoc lists of any package, stands each name that the package offers."""
+    """Before the modules, which pydoc lists of any package, stands each name that the package offers."""
     text = pydoc.render_doc(package, renderer=pydoc.plaintext).partition("\nPACKAGE CONTENTS\n")[0]
     assert [name for name in package.__all__ if not re.search(rf"\b{name}\b", text)] == []
 

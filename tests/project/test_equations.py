@@ -1,4 +1,4 @@
-"""Labels of equations: one meaning each in the whole tree, its room's letters, and a page that lists them all."""
+"""Labels of equations: one meaning each in the whole tree, its package's letters, and a page that lists them all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from docs.make_equations import PAGE, ROOMS, definitions, equations, page
 from tests.support.paths import ROOT
 
 LABEL = re.compile(r"\b[A-Z]{2}\.\d+\b")
-UNNAMED = re.compile(r"\b[Ee]qs?\.[\s#]+\(?[A-Z]\d+\b")  # a label without its room
+UNNAMED = re.compile(r"\b[Ee]qs?\.[\s#]+\(?[A-Z]\d+\b")  # a label without its package
 FOLDERS = ("geometry", "solver", "probe_design", "hw", "benchmarks", "docs", "examples", "tests")
 EQUATIONS = equations()
 

@@ -1,6 +1,6 @@
-"""Direction of imports, package by package and room by room; and what a bare import must not load.
+"""Direction of imports, package by package and subpackage by subpackage; and what a bare import must not load.
 
-A room is a folder of a package; the modules of a package's own folder are its face, a room by the package's name.
+A subpackage is a folder of a package; the modules of a package's own folder are its face, which has the package's name.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from graphlib import TopologicalSorter
 
 import pytest
 
-from tests.support.imports import everywhere, module, room, sources
+from tests.support.imports import everywhere, find_subpackage, module, sources
 from tests.support.paths import ROOT
 
 SCENES = {"geometry.common", "geometry.scenes"}
@@ -19,7 +19,8 @@ PROVENANCE = {"geometry.provenance", *SCENES}
 MESHES = {"geometry.meridian", *SCENES}
 ANSWERS = {"solver", "solver.results", *PROVENANCE}  # asked for by the face
 
-# What each room may import of ours beside itself: rooms, or single modules of rooms that it needs nothing else of; and why.
+# What each subpackage may import of ours beside itself: subpackages, or single modules of those that it needs nothing else of;
+# comments state the reasons.
 ALLOWED: dict[str, set[str]] = {
     # geometry stands alone: a workshop needs no solver
     "geometry": SCENES,
@@ -118,7 +119,7 @@ ALLOWED: dict[str, set[str]] = {
         *PROVENANCE,
     },
     # probe_design: what is computed knows neither the terminal nor the command line, so that scripts and workers can ask for it;
-    # beside the solver's face each room sees those inner rooms whose many answers at once it needs
+    # beside the solver's face each subpackage sees those inner subpackages whose batches of results it needs
     "probe_design.data": SCENES,
     "probe_design.inference": {"geometry.common"},
     "probe_design.repetition": PROVENANCE,
@@ -306,23 +307,23 @@ ALLOWED: dict[str, set[str]] = {
         "solver.results",
     },
 }
-# a module that names the type of what calls it: a scene, as it is validated, has its own bodies checked
-TYPES_OF_WHAT_CALLS = {"geometry.scenes.fit_check": "geometry.scenes.scene"}
-PACKAGES = sorted({room.split(".")[0] for room in ALLOWED})
+PACKAGES = sorted({name.split(".")[0] for name in ALLOWED})
 HEAVY = {"cadquery", "OCP", "matplotlib", "vtk", "vtkmodules", "pyvista", "pytetwild", "netgen"}
 
 
-def test_every_room_has_a_direction() -> None:
-    assert {room(module(path)) for package in PACKAGES for path in sources(package)} == ALLOWED.keys()
+def test_every_subpackage_has_a_direction() -> None:
+    assert {find_subpackage(module(path)) for package in PACKAGES for path in sources(package)} == ALLOWED.keys()
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_direction(package: str) -> None:
     wrong = []
     for path in sources(package):
-        own_room = room(module(path))
-        allowed = {own_room, *ALLOWED[own_room]}
-        wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in everywhere(path) if not {name, room(name)} & allowed]
+        subpackage = find_subpackage(module(path))
+        allowed = {subpackage, *ALLOWED[subpackage]}
+        wrong += [
+            f"{path.relative_to(ROOT)} imports {name}" for name in everywhere(path) if not {name, find_subpackage(name)} & allowed
+        ]
     assert wrong == []
 
 
@@ -330,17 +331,15 @@ def test_direction(package: str) -> None:
 def test_no_import_cycles(package: str) -> None:
     """The modules of a package can be put in an order in which each knows earlier ones only, late imports and types included."""
     names = {module(path): everywhere(path) - {module(path)} for path in sources(package)}
-    for called, caller in TYPES_OF_WHAT_CALLS.items():
-        names.get(called, set()).discard(caller)
     TopologicalSorter({name: needs & names.keys() for name, needs in names.items()}).prepare()
 
 
-def test_no_cycles_of_rooms() -> None:
-    """So can all rooms, whatever is imported late or for types only."""
+def test_no_cycles_of_subpackages() -> None:
+    """So can all subpackages, whatever is imported late or for types only."""
     needs: dict[str, set[str]] = {name: set() for name in ALLOWED}
     for path in (path for package in PACKAGES for path in sources(package)):
-        own_room = room(module(path))
-        needs[own_room] |= {room(name) for name in everywhere(path)} - {own_room}
+        subpackage = find_subpackage(module(path))
+        needs[subpackage] |= {find_subpackage(name) for name in everywhere(path)} - {subpackage}
     TopologicalSorter(needs).prepare()
 
 

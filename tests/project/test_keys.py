@@ -1,4 +1,4 @@
-"""The pages of keys and commands are what the models say, and say something of each."""
+"""The pages of keys and commands are those of the models, and describe each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Imports inside functions: only of what is slow to load, and each package says at its top why it has them."""
+"""Imports inside functions: only of what is slow to load, and each package states the reason at its top."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_only_what_is_slow_to_load_is_imported_inside_functions(top: str) -> Non
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.relative_to(ROOT).as_posix())
 def test_a_package_says_why_it_has_imports_inside_functions(package: Path) -> None:
-    """In one comment under its docstring, which names the libraries of others; a package that has none says nothing."""
+    """In one comment under its docstring, which names the libraries of others; a package that has none has no comment."""
     nodes = [node for path in package.glob("*.py") for node in late(path)]
     comments = [line for line in (package / "__init__.py").read_text(encoding="utf-8").splitlines() if line.startswith(LEAD)]
     assert len(comments) == bool(nodes)

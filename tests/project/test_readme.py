@@ -1,6 +1,6 @@
 """Every command and snippet of README runs; its two install commands are the ones that CI runs.
 
-Most take seconds; `tests/probe_design/commands/test_main.py` starts every verb on something cheap.
+Most take seconds; `tests/probe_design/commands/test_main.py` starts every command on something cheap.
 """
 
 from __future__ import annotations

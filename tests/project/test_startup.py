@@ -1,4 +1,4 @@
-"""What a verb imports: the start is short because what it does not need waits. Modules are held, not times."""
+"""What a command imports: the start is short because what it does not need waits. Modules are held, not times."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ print(*sorted({name.split(".")[0] for name in set(sys.modules) - before}), file=
 
 
 def modules(*arguments: object) -> set[str]:
-    """Top-level modules of others and ours, without those of Python, that a verb imports in a process of its own."""
+    """Top-level modules of others and ours, without those of Python, that a command imports in a process of its own."""
     command = [sys.executable, "-W", "error", "-c", PROGRAM, *map(str, arguments)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     assert ended.returncode == 0, ended.stderr

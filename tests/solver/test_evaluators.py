@@ -41,7 +41,7 @@ def test_a_name_gives_an_evaluator_that_answers_to_it(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "rounding"), [("closed-form", 1e-12), ("equivalent-inclusion", 1e-6), ("axisymmetric", 0.01)])
 def test_a_curve_goes_through_the_answers(scene: Scene, name: str, rounding: float) -> None:
-    """The finite elements' curve comes from other solutions on perhaps another mesh: within the accuracy asked for."""
+    """The finite elements' curve comes from other solutions on perhaps another mesh: within the requested accuracy."""
     named = evaluator(name)
     curve = named.curve(scene, MODULI, 0.01)
     for k, modulus in enumerate(MODULI):

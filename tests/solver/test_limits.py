@@ -120,9 +120,9 @@ def held(work):
 def test_the_closed_form_of_many_spheres_holds_what_a_few_hold():
     """Every sphere's moments beside all others' were 2 GB for 343."""
     small, large = lattice(2), lattice(4)
-    level = evaluators.evaluator("closed-form")
-    level.evaluate(small, 0.01)  # what is imported and kept
-    assert held(lambda: level.evaluate(large, 0.01)) < 1.5 * held(lambda: level.evaluate(small, 0.01))
+    closed_form = evaluators.evaluator("closed-form")
+    closed_form.evaluate(small, 0.01)  # what is imported and kept
+    assert held(lambda: closed_form.evaluate(large, 0.01)) < 1.5 * held(lambda: closed_form.evaluate(small, 0.01))
 
 
 def reflections(scene, limits=None):
@@ -139,7 +139,7 @@ def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
 
 def test_what_reflections_will_hold_is_known(monkeypatch):
     kept, texts = [], []
-    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, room: texts.append(room))
+    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, text: texts.append(text))
     works = ModeSamples.compute_works
 
     def seen(self, weights):
@@ -161,12 +161,12 @@ def test_the_time_that_tumours_answer_each_other_is_known_from_the_first_few(mon
 
 def test_what_a_limit_stopped_says_so_and_is_answered_anew_within_another():
     scene = read_scene(SCENE).model_copy(update={"inclusion": ()})
-    level = EquivalentInclusion(workspace=Workspace(1e9))
+    evaluator = EquivalentInclusion(workspace=Workspace(1e9))
     with use_limits(Limits(memory=0.5e9)):
-        rough = level.evaluate(scene, 2e-5)
+        rough = evaluator.evaluate(scene, 2e-5)
     assert rough.error_estimate > 2e-5
     assert [note.kind for note in rough.warnings if note.kind != "sensitivity"] == ["limit", "accuracy"]
-    fine = level.evaluate(scene, 2e-5)  # in the same workspace, which keeps the rough answer's probe
+    fine = evaluator.evaluate(scene, 2e-5)  # in the same workspace, which keeps the rough answer's probe
     assert fine.error_estimate < 2e-5
     assert abs(fine.ratio / rough.ratio - 1) <= fine.error_estimate + rough.error_estimate
     assert not select_notes(fine.warnings, "limit")

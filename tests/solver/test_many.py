@@ -1,4 +1,4 @@
-"""Many scenes at once: each answered as alone to within both's stated errors, in order, refusals among them."""
+"""Many scenes at once: each result is that of the scene alone within both stated errors, in order, refusals among them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from geometry import InputError, Scene, read_scene
 from geometry.common.resources import LimitReached, Limits
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from solver import Result, evaluate, evaluate_many
 from solver.linalg.cholesky import Factor, Pattern, factorise
 from tests.support.paths import SCENE
@@ -103,7 +103,7 @@ def test_formulas_answer_a_mixture_to_the_last_bit() -> None:
 
 
 def without_limits(result: Result) -> Result:
-    """What both say but for loads, and for the time that it took."""
+    """What both results have in common but for loads, and for the time that it took."""
     notes = tuple(note for note in result.warnings if note.kind != "linear")
     return replace(result, seconds=0.0, load_limits=None, warnings=notes)
 
@@ -125,7 +125,7 @@ def test_a_design_s_moduli_and_loads_take_the_factorisations_of_one_curve(monkey
 
 
 def test_moduli_that_no_curve_takes_are_answered_alone() -> None:
-    """A range so wide that no curve spans it leaves the moduli that alone can be answered."""
+    """A range so wide that no curve spans it leaves the moduli that can be computed alone."""
     extreme = [*MODULI, 1e-9, 1e25]
     results = evaluate_many([with_modulus(modulus) for modulus in extreme], "axisymmetric", 0.05)
     for result, modulus in zip(results, extreme, strict=True):

@@ -32,28 +32,28 @@ DRAWN = {
     "axisymmetric": scenes(least_cover=0.03),
     "equivalent-inclusion": scenes(farthest=1.5, tumours=2),
 }
-BESIDE = ("closed-form", "equivalent-inclusion")  # levels that take tumours off the axis
+BESIDE = ("closed-form", "equivalent-inclusion")  # evaluators that take tumours off the axis
 
 
 def held(
-    levels: tuple[str, ...] = tuple(EXAMPLES),
+    evaluators: tuple[str, ...] = tuple(EXAMPLES),
     quick: tuple[str, ...] = ("closed-form", "axisymmetric"),
     **options: st.SearchStrategy,
 ) -> Callable:
-    """Make a law (level, scene, more) a test of each level on scenes that it takes, slow for those that are not quick."""
+    """Make a law (evaluator, scene, more) a test of each evaluator on scenes that it takes, slow unless quick."""
 
     def decorate(law: Callable[..., None]) -> Callable[[str], None]:
-        @pytest.mark.parametrize("level", slow_unless(quick.__contains__, levels))
-        def test(level: str) -> None:
+        @pytest.mark.parametrize("evaluator", slow_unless(quick.__contains__, evaluators))
+        def test(evaluator: str) -> None:
             def check(**drawn: Any) -> None:
-                assume(taken(level, drawn["scene"]))
-                law(level, **drawn)
+                assume(taken(evaluator, drawn["scene"]))
+                law(evaluator, **drawn)
 
-            check.__name__ = f"{law.__name__}_{level}".replace("-", "_")  # examples follow from the name
+            check.__name__ = f"{law.__name__}_{evaluator}".replace("-", "_")  # examples follow from the name
             few_examples = settings(
-                max_examples=EXAMPLES[level], suppress_health_check=[HealthCheck.too_slow], phases=[Phase.generate]
+                max_examples=EXAMPLES[evaluator], suppress_health_check=[HealthCheck.too_slow], phases=[Phase.generate]
             )
-            few_examples(given(scene=DRAWN[level], **options)(check))()
+            few_examples(given(scene=DRAWN[evaluator], **options)(check))()
 
         test.__name__, test.__doc__ = law.__name__, law.__doc__
         return test
@@ -61,27 +61,27 @@ def held(
     return decorate
 
 
-def taken(level: str, scene: Scene) -> bool:
-    """The closed form refuses where its formulas break down; the other levels take every scene."""
-    if level == "closed-form":
+def taken(evaluator: str, scene: Scene) -> bool:
+    """The closed form refuses where its formulas break down; the other evaluators take every scene."""
+    if evaluator == "closed-form":
         try:
-            answer(level, scene)
+            answer(evaluator, scene)
         except Refusal:
             return False
     return True
 
 
-def answer(level: str, scene: Scene) -> Result:
-    return evaluate(scene, level, ACCURACY)
+def answer(evaluator: str, scene: Scene) -> Result:
+    return evaluate(scene, evaluator, ACCURACY)
 
 
-def films(level: str, scene: Scene) -> FilmForces:
-    """The film forces behind an answer; of ``axisymmetric`` those of its first mesh."""
-    if level == "closed-form":
+def films(evaluator: str, scene: Scene) -> FilmForces:
+    """The film forces behind a result; of ``axisymmetric`` those of its first mesh."""
+    if evaluator == "closed-form":
         shape, values = build_parameters(scene)
         forces_found, derivative = compute_forces(shape, values[:, None])
         return FilmForces(forces_found[0], Bound(np.zeros(2), 0.0), derivative[0])
-    if level == "axisymmetric":
+    if evaluator == "axisymmetric":
         scene_sections = build_sections(scene)
         solution = solve_on_mesh(scene_sections.section, scene_sections, scene, MESH_LEVELS[0])
         return FilmForces(solution.forces[0], Bound(np.zeros(2), 0.0), solution.modulus_derivative[0])
@@ -90,7 +90,7 @@ def films(level: str, scene: Scene) -> FilmForces:
 
 
 def assert_same(first: Result, second: Result, stiffness: float = 1.0, rel: float = EXACT) -> None:
-    """Both say the same, errors included, but for a factor of stiffness."""
+    """Both results are the same, errors included, but for a factor of stiffness."""
     assert (first.ratio is None) == (second.ratio is None)
     assert second.stiffness == pytest.approx(stiffness * first.stiffness, rel=rel)
     if first.ratio is not None:
@@ -100,33 +100,33 @@ def assert_same(first: Result, second: Result, stiffness: float = 1.0, rel: floa
 
 
 @held(lengths=draw_between(1e-2, 3.0), moduli=draw_between(0.1, 1e3))
-def test_scale_of_lengths_and_of_moduli(level: str, scene: Scene, lengths: float, moduli: float) -> None:
+def test_scale_of_lengths_and_of_moduli(evaluator: str, scene: Scene, lengths: float, moduli: float) -> None:
     """Linear elasticity has no length and no modulus of its own."""
-    assert_same(answer(level, scene), answer(level, scaled(scene, lengths, moduli)), lengths * moduli)
+    assert_same(answer(evaluator, scene), answer(evaluator, scaled(scene, lengths, moduli)), lengths * moduli)
 
 
 @held()
-def test_reciprocity_and_energy(level: str, scene: Scene) -> None:
+def test_reciprocity_and_energy(evaluator: str, scene: Scene) -> None:
     """Betti: F_ij = F_ji. Work is done on whatever is displaced: F is positive definite."""
-    forces = films(level, scene).forces
+    forces = films(evaluator, scene).forces
     assert forces == pytest.approx(forces.T, rel=EXACT, abs=EXACT * forces.max())
     assert np.linalg.eigvalsh(forces).min() > 0
 
 
 @held(part=st.sampled_from(sorted(MODULI)), times=draw_between(1.05, 100.0))
-def test_every_modulus_stiffens(level: str, scene: Scene, part: str, times: float) -> None:
+def test_every_modulus_stiffens(evaluator: str, scene: Scene, part: str, times: float) -> None:
     """Rayleigh: no displacement of the bases takes less energy where a modulus is larger."""
-    soft, stiff = films(level, scene), films(level, stiffened(scene, part, times))
+    soft, stiff = films(evaluator, scene), films(evaluator, stiffened(scene, part, times))
     slack = soft.bound.totals.sum() + stiff.bound.totals.sum() + EXACT * stiff.forces.max()
     assert np.linalg.eigvalsh(stiff.forces - soft.forces).min() >= -slack
     assert stiff.totals.sum() >= soft.totals.sum() - slack
 
 
 @held()
-def test_a_bond_stiffens(level: str, scene: Scene) -> None:
+def test_a_bond_stiffens(evaluator: str, scene: Scene) -> None:
     """Free slip lets displacements take less energy."""
     bonded, slipping = (
-        films(level, scene.model_copy(update={"contact": scene.contact.model_copy(update={"interface": name})}))
+        films(evaluator, scene.model_copy(update={"contact": scene.contact.model_copy(update={"interface": name})}))
         for name in ("bonded", "frictionless")
     )
     slack = bonded.bound.totals.sum() + slipping.bound.totals.sum() + EXACT * bonded.forces.max()
@@ -134,12 +134,12 @@ def test_a_bond_stiffens(level: str, scene: Scene) -> None:
 
 
 @held(quick=("closed-form",), force=draw_between(1e-6, 1e-2), times=draw_between(0.1, 10.0))
-def test_balance_of_forces_linear_in_the_load(level: str, scene: Scene, force: float, times: float) -> None:
+def test_balance_of_forces_linear_in_the_load(evaluator: str, scene: Scene, force: float, times: float) -> None:
     """Stresses over end areas add up to the load and grow in proportion to it; the ratio does not depend on it."""
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
 
     def evaluate_at(**load: float) -> tuple[Result, np.ndarray]:
-        result = answer(level, scene.model_copy(update={"load": Load(**load)}))
+        result = answer(evaluator, scene.model_copy(update={"load": Load(**load)}))
         return result, np.array([result.stress_inner, result.stress_outer])
 
     (base, stress), (scaled, larger), (unloaded, zero) = (
@@ -161,28 +161,28 @@ def test_balance_of_forces_linear_in_the_load(level: str, scene: Scene, force: f
 
 
 @held(quick=("closed-form",))
-def test_tumours_of_tissue_are_none(level: str, scene: Scene) -> None:
+def test_tumours_of_tissue_are_none(evaluator: str, scene: Scene) -> None:
     """The homogeneous limit; a mesh round a sphere differs from one without, so ``axisymmetric`` within both bounds.
 
     The closed form integrates over fewer waves without a sphere.
     """
     same_tissue = homogeneous(scene)
-    accuracy = 0.002 if level == "axisymmetric" else ACCURACY
-    hidden, bare = (evaluate(x, level, accuracy) for x in (same_tissue, scene.model_copy(update={"inclusion": ()})))
-    waves = 3e-4 if level == "closed-form" else EXACT  # at most 1.6e-4 in drawn scenes
-    slack = hidden.error_estimate + bare.error_estimate if level == "axisymmetric" else waves
+    accuracy = 0.002 if evaluator == "axisymmetric" else ACCURACY
+    hidden, bare = (evaluate(x, evaluator, accuracy) for x in (same_tissue, scene.model_copy(update={"inclusion": ()})))
+    waves = 3e-4 if evaluator == "closed-form" else EXACT  # at most 1.6e-4 in drawn scenes
+    slack = hidden.error_estimate + bare.error_estimate if evaluator == "axisymmetric" else waves
     assert hidden.ratio == pytest.approx(bare.ratio, rel=slack)
     assert hidden.stiffness == pytest.approx(bare.stiffness, rel=slack)
 
 
 @held(like=st.booleans())
-def test_sensitivity_is_the_slope_of_the_ratio(level: str, scene: Scene, like: bool) -> None:
+def test_sensitivity_is_the_slope_of_the_ratio(evaluator: str, scene: Scene, like: bool) -> None:
     """At the tumours' moduli and at the tissue's."""
     scene = homogeneous(scene) if like else scene
-    assume(films(level, scene).stress_below_error is None)
+    assume(films(evaluator, scene).stress_below_error is None)
     step = 1.01
-    logs = [math.log(np.divide(*films(level, stiffened(scene, "inclusion", times)).totals)) for times in (step, 1 / step)]
-    forces_found = films(level, scene)
+    logs = [math.log(np.divide(*films(evaluator, stiffened(scene, "inclusion", times)).totals)) for times in (step, 1 / step)]
+    forces_found = films(evaluator, scene)
     # central differences are off by the third derivative, of the order of the slope, times step^2 / 6
     slack = forces_found.sensitivity_error + 1e-4 * abs(forces_found.log_sensitivity) + 1e-8
     assert forces_found.log_sensitivity == pytest.approx((logs[0] - logs[1]) / (2 * math.log(step)), abs=slack)
@@ -194,14 +194,14 @@ def test_sensitivity_is_the_slope_of_the_ratio(level: str, scene: Scene, like: b
     mirror=st.sampled_from([(-1, 0, 0, 1), (1, 0, 0, -1), (-1, 0, 0, -1), (0, 1, 1, 0), (0, -1, 1, 0)]),
     block=st.booleans(),
 )
-def test_mirrored_tumours(level: str, scene: Scene, mirror: tuple[int, ...], block: bool) -> None:
+def test_mirrored_tumours(evaluator: str, scene: Scene, mirror: tuple[int, ...], block: bool) -> None:
     """Mirrors of the tissue, and x for y."""
     scene = in_a_block(scene) if block else scene
-    assert_same(answer(level, scene), answer(level, moved(scene, *mirror)))
+    assert_same(answer(evaluator, scene), answer(evaluator, moved(scene, *mirror)))
 
 
 @held(BESIDE, turn=st.floats(0.0, 6.3))
-def test_turned_tumours(level: str, scene: Scene, turn: float) -> None:
+def test_turned_tumours(evaluator: str, scene: Scene, turn: float) -> None:
     """Round tissue under the probe's axis has no direction."""
     cos, sin = math.cos(turn), math.sin(turn)
-    assert_same(answer(level, scene), answer(level, moved(scene, cos, -sin, sin, cos)), rel=1e-7)
+    assert_same(answer(evaluator, scene), answer(evaluator, moved(scene, cos, -sin, sin, cos)), rel=1e-7)

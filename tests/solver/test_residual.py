@@ -1,4 +1,4 @@
-"""The residual that results tell: small where solvers are good, larger where they are not, none where formulas answer."""
+"""The residual that results report: small where solvers are good, larger where they are not, none for formulas."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCENE = read_scene(EXAMPLE)
 
 
 class Rough:
-    """A factor that is off by 1e-5."""
+    """A factor that is in error by 1e-5."""
 
     def __init__(self, exact: Factor) -> None:
         self.exact, self.chance = exact, np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""The meridian level's equations with complex moduli, solved as they stand: what phases are checked against."""
+"""The meridian model's equations with complex moduli, solved as they stand: what phases are checked against."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modules of ours, the rooms they lie in, and what they import; found without importing any."""
+"""Modules of ours, the subpackages they lie in, and what they import; found without importing any."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def module(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-def room(name: str) -> str:
-    """Of a module of ours: its package and the folder in it."""
+def find_subpackage(name: str) -> str:
+    """Return the package of a module of ours and the folder in it."""
     parts = name.split(".")
     return ".".join(parts[: 1 + (ROOT / Path(*parts[:2])).is_dir()])
 

@@ -1,4 +1,4 @@
-"""A job for workers whose items say what they do: return, crash, leave, wait for ever, or raise."""
+"""A job for workers whose items state what they do: return, crash, leave, wait for ever, or raise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ActJob:
-    """Each item is evaluated alone; ``refuses`` says that this worker cannot do the job."""
+    """Each item is evaluated alone; ``refuses`` states that this worker cannot do the job."""
 
     refuses: bool = False
 

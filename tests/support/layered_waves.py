@@ -4,7 +4,7 @@ Displacements u = U(z) J1(kr), w = W(z) J0(kr), w downwards, and stresses s of r
 
     U' = k W + s_rz / mu,  W' = (s_zz - lam k U) / (lam + 2 mu),  s_rz' = k^2 (lam + 2 mu) U + k lam W',  s_zz' = -k s_rz
 
-on a rigid floor under a unit pressure or a unit shear; a half-space is a floor that is far away.
+on a rigid bottom under a unit pressure or a unit shear; a half-space is a bottom that is far away.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def states(k: float, layers: Sequence[tuple[float, float, float]], depths: Seque
     k
         Wave number.
     layers
-        Thickness, Young's modulus, Poisson's ratio, from the surface down to the floor.
+        Thickness, Young's modulus, Poisson's ratio, from the surface down to the bottom.
     depths
-        Where, none at or below the floor.
+        Where, none at or below the bottom.
     """
     with localcontext() as context:
         context.prec = DIGITS

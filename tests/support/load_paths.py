@@ -39,7 +39,7 @@ def ratio(scene: Scene, point: PathPoint) -> float:
 
 
 def work(path: Path) -> float:
-    """Work of the base along a path, J, by cubics through forces and their slopes."""
+    """Work of the base along a path, J, by cubics through forces and their derivatives."""
     total = 0.0
     for a, b in pairwise(path.points):
         d = b.indentation - a.indentation

@@ -39,7 +39,7 @@ def section(
 
     ``cover`` and ``below`` are the tissue above and below the sphere in its diameters (without one, the tissue is ``below``
     tube radii deep), ``beside`` that beyond probe and sphere in the wider one's radii. Film and adhesive are lengths,
-    the base's sizes are told in tube radii, ``flange`` from the tube to the edge.
+    the base's sizes are in tube radii, ``flange`` from the tube to the edge.
     """
     hole = inner + gap
     tube = (hole**2 + inner**2 / area_ratio) ** 0.5

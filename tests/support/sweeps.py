@@ -21,7 +21,7 @@ VARIABLE = {"name": "probe.gap", "unit": "m", "shown": "mm", "values": [1e-4, 2e
 
 
 def make_table(designs: int) -> dict[str, Any]:
-    """What a store says that a sweep of one variable was asked."""
+    """The request of a sweep of one variable, as its store records it."""
     return {
         "names": ["probe.gap"], "variables": [VARIABLE], "designs": designs, "digest": "ab", "sample": {"kind": "grid"},
         "constraints": [], "evaluator": "closed-form", "accuracy": 0.01, "version": "1", "base": {},

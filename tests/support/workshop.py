@@ -26,7 +26,7 @@ def entities(path: Path, kind: str) -> list[dict[str, Any]]:
 
 
 def distance(dimension: dict[str, Any]) -> float:
-    """What a linear dimension measures between its points, or what a radius tells of itself."""
+    """What a linear dimension measures between its points, or the size of a radius."""
     if "linearOrAngularPoint1" not in dimension:
         return float(dimension["actualMeasurement"])
     first, second = dimension["linearOrAngularPoint1"], dimension["linearOrAngularPoint2"]

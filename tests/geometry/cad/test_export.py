@@ -153,7 +153,7 @@ class TestBase:
             (Base(rigid=True, thickness=6e-3), (1.0, 1.0, 0.0)),
             (Base(rigid=True, flange_radius=9e-3), (1.5, 0.3, 0.2)),
             (Base(rigid=True, step_height=6e-3), (1.25, 0.3, 1.0)),
-            (Base(youngs_modulus=1e9, poisson_ratio=0.3), (1.25, 0.3, 0.2)),  # what the levels solve
+            (Base(youngs_modulus=1e9, poisson_ratio=0.3), (1.25, 0.3, 0.2)),  # what the evaluators solve
         ],
     )
     def test_a_flange_is_there_where_one_is_asked_for(self, tmp_path, base, sizes):

@@ -36,7 +36,7 @@ def test_files_hold_closed_solids_of_the_volumes_written_out_here(tmp_path: Path
 
 @pytest.mark.parametrize("changes", [{}, {"base": FLANGE}])
 def test_pin_and_ring_touch_one_block_alone_though_misaligned(changes: dict[str, Any]) -> None:
-    """Both off by 0.05 mm stay on their block; the sleeve grips carrier and rim, and parked it stays below the blocks."""
+    """Both, displaced by 0.05 mm, stay on their block; the sleeve grips carrier and rim, and parked it stays below the blocks."""
     probe = make(**changes)
     solid, scale = fixture.find_fixture_sizes(probe), 1e3
     assert solid.pin + fixture.RING_ALIGNMENT_MM < scale * probe.inner_radius

@@ -1,4 +1,4 @@
-"""Parts with round lower edges: read by the plain reader, measured against quadrature, drawn, told apart from sharp ones."""
+"""Parts with round lower edges: read by the plain reader, measured against quadrature, drawn, distinguished from sharp ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the STEP files say of themselves, read by steputils: a reader of ISO 10303-21 that knows nothing of OpenCASCADE."""
+"""What the headers of STEP files state, read by steputils: a reader of ISO 10303-21 that knows nothing of OpenCASCADE."""
 
 from __future__ import annotations
 

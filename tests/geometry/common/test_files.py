@@ -56,11 +56,11 @@ def test_a_file_in_a_folder_s_place_is_named_with_the_remedy(name: str, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("name", "why"), [("link", "link is a link to nothing"), ("n" * 300, "File name too long"), ("/proc/new", "/proc")]
+    ("name", "reason"), [("link", "link is a link to nothing"), ("n" * 300, "File name too long"), ("/proc/new", "/proc")]
 )
-def test_other_folders_that_cannot_be_are_refused(name: str, why: str, tmp_path: Path) -> None:
+def test_other_folders_that_cannot_be_are_refused(name: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "nothing" / "there")
-    with pytest.raises(InputError, match=rf"^there = .*: allowed: a folder that files can be written to: .*{why}"):
+    with pytest.raises(InputError, match=rf"^there = .*: allowed: a folder that files can be written to: .*{reason}"):
         check_writable(tmp_path / name, "there")
 
 

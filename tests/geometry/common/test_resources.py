@@ -19,7 +19,7 @@ from geometry.common.resources import (
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that shows what it is told to."""
+    """A clock that shows the times that it was given."""
     now = [1000.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
     return now

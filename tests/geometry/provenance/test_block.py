@@ -1,4 +1,4 @@
-"""The block that says where numbers come from: complete, the same for the same scene, without a machine's paths."""
+"""The block that states where numbers come from: complete, the same for the same scene, without a machine's paths."""
 
 from __future__ import annotations
 

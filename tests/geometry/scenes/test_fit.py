@@ -162,11 +162,11 @@ class TestInclusions:
 
     @pytest.mark.parametrize("tissue", [ROUND, BLOCK], ids=["cylinder", "block"])
     def test_bottom(self, tissue: Tissue) -> None:
-        why = "(it leaves the tissue's bottom at 60 mm)"
-        wanted = f"inclusion[0].depth = 56 mm: allowed: a centre less than 56 mm deep {why}"
+        reason = "(it leaves the tissue's bottom at 60 mm)"
+        wanted = f"inclusion[0].depth = 56 mm: allowed: a centre less than 56 mm deep {reason}"
         assert refusal(tissue, sphere(8e-3, 56e-3)) == wanted
         assert refusal(tissue, sphere(8e-3, 55.999e-3)) is None
-        assert refusal(tissue, sphere(61e-3, 31e-3)) == f"inclusion[0].depth = 31 mm: allowed: a smaller body {why}"
+        assert refusal(tissue, sphere(61e-3, 31e-3)) == f"inclusion[0].depth = 31 mm: allowed: a smaller body {reason}"
         assert refusal(ENDLESS, sphere(8e-3, 1.0)) is None
 
     @pytest.mark.parametrize(
@@ -227,8 +227,8 @@ class TestProbe:
         ],
     )
     def test_over_the_edge(self, tissue: Tissue, x: float, y: float, message: str) -> None:
-        why = " (the whole probe, of radius 6 mm, has to stand on the tissue)"
-        assert refusal(tissue, x=x, y=y) == message + why
+        reason = " (the whole probe, of radius 6 mm, has to stand on the tissue)"
+        assert refusal(tissue, x=x, y=y) == message + reason
         assert refusal(ENDLESS, x=x, y=y) is None
 
     @pytest.mark.parametrize(("key", "size"), [("radius", 6e-3), ("length", 12e-3), ("breadth", 11e-3)])

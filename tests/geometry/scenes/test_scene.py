@@ -162,11 +162,12 @@ class TestFiles:
             (b"a = " + b"9" * 5000, r"TOML with a huge integer or deep nesting: "),
             (b".".join([b"a"] * 10_000) + b" = 1", r"a line with 100 dots: "),
             (b"\x00", r"not TOML: "),
+            (b'{"format": "probe-design parts"}', r"JSON, not TOML: allowed: a TOML scene file; use probe-design rerun"),
             (b"\xff\xfe\x00\x01binary", r"a TOML file, which is UTF-8 text"),
             ("a = 1".encode("utf-16"), r"a TOML file, which is UTF-8 text"),
             (b"#" * 1_000_001, r"a TOML file of at most 1000000 bytes"),
         ],
-        ids=range(14),
+        ids=range(15),
     )
     def test_content(self, tmp_path: Path, content: bytes, fault: str) -> None:
         path = tmp_path / "scene.toml"

@@ -1,4 +1,4 @@
-"""What a scene file may not say: each refusal is one line that names the key, the value and what is allowed."""
+"""What a scene file may not state: each refusal is one line that names the key, the value and what is allowed."""
 
 from __future__ import annotations
 

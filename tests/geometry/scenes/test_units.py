@@ -79,7 +79,7 @@ class TestReading:
 
 class TestRefusals:
     @pytest.mark.parametrize(
-        ("kind", "text", "why"),
+        ("kind", "text", "reason"),
         [
             (LENGTH_QUANTITY, "5", "the unit is missing"),
             (LENGTH_QUANTITY, "5.0e3", "the unit is missing"),
@@ -127,10 +127,10 @@ class TestRefusals:
             (ANGLE, "0.1 count", "'count' is no unit that converts to rad"),
         ],
     )
-    def test_says_why(self, kind: Quantity, text: str, why: str) -> None:
+    def test_states_the_reason(self, kind: Quantity, text: str, reason: str) -> None:
         with pytest.raises(ValueError) as fault:  # noqa: PT011 - the whole text is compared
             kind.parse(text)
-        assert str(fault.value) == why
+        assert str(fault.value) == reason
 
     @pytest.mark.timeout(10)
     @pytest.mark.parametrize(

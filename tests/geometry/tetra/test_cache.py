@@ -67,8 +67,8 @@ def test_who_meshes_the_same_at_the_same_time_uses_the_mesh_of_the_first(made, m
 
 
 @pytest.fixture
-def room(monkeypatch, tmp_path):
-    """A copy of the room's sources in their place."""
+def package(monkeypatch, tmp_path):
+    """A copy of the package's sources in their place."""
     copy = shutil.copytree(mesh_cache.SOURCE_FOLDER, tmp_path / "tetra", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(mesh_cache, "SOURCE_FOLDER", copy)
     yield copy
@@ -80,20 +80,20 @@ def digest():
     return mesh_cache.compute_source_digest()
 
 
-def test_a_change_of_any_source_makes_other_meshes(room):
+def test_a_change_of_any_source_makes_other_meshes(package):
     known = {digest()}
-    (room / "body_layout.py").rename(room / "moved.py")
+    (package / "body_layout.py").rename(package / "moved.py")
     known.add(digest())
-    for path in sorted(room.iterdir()):
+    for path in sorted(package.iterdir()):
         path.write_bytes(path.read_bytes() + b"#")
         known.add(digest())
-    assert len(known) == 2 + len(list(room.iterdir())) > 10
+    assert len(known) == 2 + len(list(package.iterdir())) > 10
 
 
-def test_meshes_of_other_sources_are_not_taken(made, room):
+def test_meshes_of_other_sources_are_not_taken(made, package):
     digest()
     mesh_cache.read_or_make_mesh(scene())
-    (room / "smoothing.py").unlink()
+    (package / "smoothing.py").unlink()
     mesh_cache.read_or_make_mesh(scene())
     assert len(made) == 1  # read once a process: what runs is what was imported
     digest()

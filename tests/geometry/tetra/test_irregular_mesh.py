@@ -21,7 +21,7 @@ from geometry.tetra.tet_mesh import (
 )
 from tests.support.scenes import block_scene as scene
 
-COVER = 1e-3  # of the sphere above the floor
+COVER = 1e-3  # of the sphere above the bottom
 FAR = {
     "tissue": {"shape": "cylinder", "radius": "64 mm", "depth": "45 mm", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45},
     "inclusion": [
@@ -99,7 +99,7 @@ EDGE = {
 
 @pytest.mark.slow
 def test_a_probe_near_a_blocks_edge_is_meshed():
-    """It was refused after three trials of each mesh: folded or flat elements at the floor.
+    """It was refused after three trials of each mesh: folded or flat elements at the bottom.
 
     pytetwild's meshes differ from run to run: one to three trials have been seen, each finer than the one before it.
     """

@@ -1,4 +1,4 @@
-"""One package for all tests of the room: the paper's probe with round edges and a flange."""
+"""One package for all tests of this folder: the paper's probe with round edges and a flange."""
 
 from __future__ import annotations
 

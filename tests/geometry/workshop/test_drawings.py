@@ -87,7 +87,7 @@ def test_pdf_holds_the_same_sizes_and_the_title_block(package: Path, name: str) 
 
 @pytest.mark.parametrize("name", ["inner", "base"])
 def test_pdf_is_to_scale(package: Path, name: str) -> None:
-    """A line of the page is as long as the part's size times the scale that the title block tells."""
+    """A line of the page is as long as the part's size times the scale that the title block states."""
     page = PdfReader(package / f"{name}.pdf").pages[0]
     assert [float(side) / 72 * 25.4 for side in page.mediabox[2:]] == pytest.approx([210, 297], abs=0.1)
     scale = int(re.findall(r"Scale (\d+):1", page.extract_text())[0])

@@ -1,4 +1,4 @@
-"""Bill of materials, tolerances and order of assembly: what they say against the scene's numbers."""
+"""Bill of materials, tolerances and order of assembly: what they state, compared with the scene's numbers."""
 
 from __future__ import annotations
 

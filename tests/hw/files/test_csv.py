@@ -1,4 +1,4 @@
-"""Text files as spreadsheets, loggers and oscilloscopes write them: read right or refused in a line that says what is missing."""
+"""Text files as spreadsheets, loggers and oscilloscopes write them: read right or refused with what is missing."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def samples() -> Samples:
 
 
 def test_saturation_and_long_recordings_survive(tmp_path: Path) -> None:
-    """More rows than one chunk, flagged by amplifiers at values that say nothing."""
+    """More rows than one chunk, flagged by amplifiers at values that mean nothing."""
     whole = samples()
     saturated = whole.saturated.copy()
     saturated[3, 1] = True

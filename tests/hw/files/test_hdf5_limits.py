@@ -116,7 +116,7 @@ def test_numbers_beyond_reason_end_in_words_not_in_warnings(large: float, column
 
 
 def test_a_recording_has_the_rights_of_any_new_file(tmp_path: Path) -> None:
-    """One rule for both kinds: what the user's umask says."""
+    """One rule for both kinds: what the user's umask allows."""
     for name in ("a.h5", "a.probe"):
         with Reader.open(probe()) as reader:
             reader.collect(0.01, record=tmp_path / name)

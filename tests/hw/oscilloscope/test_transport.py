@@ -1,4 +1,4 @@
-"""Oscilloscopes: the answers of three families by a fake resource, and pyvisa-py itself against a server on a socket."""
+"""Oscilloscopes: the responses of three families, by a fake resource, and pyvisa-py itself against a server on a socket."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SCALES = (":WAVEFORM:PREAMBLE?", "WFMOUTPRE:XINCR?;YMULT?;YOFF?;YZERO?")
 
 
 class Scope:
-    """Answers as a family's programming guide lays down; channel 1 has 1 mV a code, channel 2 0.5 mV, both 20 mV offset."""
+    """Respond as a family's programming guide lays down; channel 1 has 1 mV a code, channel 2 0.5 mV, both 20 mV offset."""
 
     def __init__(self, identity: str) -> None:
         self.identity, self.words, self.channel, self.closed = identity, list[str](), 1, False
@@ -161,7 +161,7 @@ def test_faults_of_visa_are_named() -> None:
 
 
 class Line(socketserver.StreamRequestHandler):
-    """A Rigol on a socket: commands by line, blocks by IEEE 488.2; disappears after as many acquisitions as it is told."""
+    """A Rigol on a socket: commands by line, blocks by IEEE 488.2; disappears after a given number of acquisitions."""
 
     left = 2
 

@@ -118,7 +118,7 @@ def test_damage_in_the_middle_is_a_gap_with_its_reason(recorded: Path) -> None:
 
 
 def test_a_full_disk_ends_the_recording_not_the_reading(tmp_path: Path) -> None:
-    """A file may be as large as the limit on files says: what reaches the disk until then is whole, and read again."""
+    """A file may be as large as the limit on files allows: what reaches the disk until then is whole, and read again."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limits[1]))
     try:

@@ -29,7 +29,7 @@ SIZE, ROWS = 64, 10
 
 
 class Board(threading.Thread):
-    """Answers requests and, once started, sends frames; ``spoil`` is done to each frame's bytes by its number."""
+    """Respond to requests and, once started, sends frames; ``spoil`` is done to each frame's bytes by its number."""
 
     def __init__(self, spoil=None, deaf: bool = False, size: int = SIZE, most: int = 2000) -> None:  # type: ignore[no-untyped-def]
         super().__init__(daemon=True)

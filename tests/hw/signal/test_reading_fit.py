@@ -1,4 +1,4 @@
-"""Readings fitted as they come: what one fit of the whole would tell, whatever their length."""
+"""Readings fitted as they come: the result of one fit of the whole, whatever their length."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ RESOURCE = "USB0::0x1AB1::0x04CE::DS1::INSTR"
 
 
 def reading(*devices: dict[str, Any], serial: str = "", seconds: float = 0.1) -> dict[str, Any]:
-    """What the program tells that reads for a while among the devices."""
+    """What the program reports that reads for a while among the devices."""
     command = [
         PYTHON,
         str(ROOT / "tests" / "support" / "hw" / "usb_emulator.py"),
@@ -139,7 +139,7 @@ FIRST = 30 * ROWS[512]
     ]),
 )  # fmt: skip
 def test_fault_becomes_a_gap(kind: str, count: int, lost: int, reason: str) -> None:
-    """What came in the same transfer before the fault is kept: the gap begins at the fault's frame."""
+    """What came in the same transfer before the fault is not lost: the gap begins at the fault's frame."""
     assert gaps(faulty(kind, count)) == [(FIRST, lost * ROWS[512], reason)]
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong is named, in one line that says what to do."""
+"""What goes wrong is named, in one line that states what to do."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_other_serial_is_not_found() -> None:
     ],
 )  # fmt: skip
 def test_meaning_of_faults_by_class_and_code(fault: Exception, kind: type[HardwareError]) -> None:
-    """libusb's codes (libusb.h) tell, whatever a system's errno says: 60 is ETIMEDOUT on macOS, ENOSTR on Linux."""
+    """libusb's codes (libusb.h) decide, whatever a system's errno is: 60 is ETIMEDOUT on macOS, ENOSTR on Linux."""
     assert classify_fault(fault) is kind
 
 

@@ -1,4 +1,4 @@
-"""The vendor protocol: bytes are laid out as docs/reference/protocol.md says, and what it prints is what the commands print."""
+"""The vendor protocol: bytes are laid out as docs/reference/protocol.md states, and what it prints is what the commands print."""
 
 from __future__ import annotations
 

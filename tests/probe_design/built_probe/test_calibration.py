@@ -132,7 +132,7 @@ def test_coverage_of_the_gains(force: bool, blocks_alone: bool) -> None:
 
 
 def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, random: np.random.Generator) -> list[Observation]:
-    """Readings of a probe and blocks off by their tolerances, with a force sensor of any scale."""
+    """Readings of a probe and blocks that deviate by their tolerances, with a force sensor of any scale."""
     known, noise = shares(), 2e-5
     design = known.derivatives @ (known.compute_tolerances(BENCH.workshop) * random.standard_normal(len(known.variables)))
     spreads = [share.compute_variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
@@ -315,7 +315,7 @@ def test_workshop_tolerances_by_kind() -> None:
 
 
 def test_lengths_without_a_stated_tolerance_have_the_tightest_of_their_block_s_process() -> None:
-    """ISO 3302-1 M2 of cast blocks, as their drawings say: 0.2 mm of a diameter; half of IT7 of turned ones is below 0.02 mm."""
+    """ISO 3302-1 M2 of cast blocks, as their drawings state: 0.2 mm of a diameter; half of IT7 of turned ones is less."""
     cast = dict(zip(shares().variables, shares().compute_tolerances(Workshop()), strict=True))
     assert cast["probe.gap"] == pytest.approx(0.1e-3 / math.sqrt(3))
     assert cast["probe.height"] == pytest.approx(0.15e-3 / math.sqrt(3))

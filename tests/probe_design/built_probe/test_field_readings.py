@@ -50,7 +50,7 @@ def test_what_all_share_does_not_average_out() -> None:
 
 @pytest.mark.slow
 def test_noise_is_what_seeds_scatter_by() -> None:
-    """Ratios of the same load with other noise differ by as much as each says; 60 draws tell a spread to 9 %."""
+    """Ratios of the same load with other noise differ by as much as each states; 60 draws determine a spread to 9 %."""
     forces = films(shares().log_ratios)[4]
 
     def measure_once(seed: int) -> Measurement:

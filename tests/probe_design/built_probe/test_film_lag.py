@@ -41,7 +41,7 @@ def list_lag_warnings(calibration: Calibration) -> list[str]:
 @pytest.mark.parametrize("cross", [(-0.012, -0.008), (-0.012, 0.008), (0.012, 0.008), (0.0, -1e-4)])
 @pytest.mark.parametrize("channels", [2, 3])
 def test_cross_talk_of_either_sign_is_no_lag(cross: tuple[float, float], channels: int) -> None:
-    """Of a negative one the phase is pi: 71 % of good calibrations were said to differ by 2.8 rad."""
+    """Of a negative one the phase is pi: 71 % of good calibrations were reported to differ by 2.8 rad."""
     built = BuiltProperties(gains=((1.02, cross[0]), (cross[1], 0.97)), drift=0.0)
     fitted = calibrate(scene(), BENCH, readings(built, channels), shares())
     assert not any("lag" in warning or "phase" in warning for warning in fitted.warnings)

@@ -94,7 +94,7 @@ def test_a_filter_s_lag_and_loss(seconds: float) -> None:
 
 
 def test_play_is_seen_by_its_lag_and_its_loss_is_counted() -> None:
-    """Of 2 % of the amplitude: before, nothing was said, and half of what the sensor's tolerance allows was lost."""
+    """Of 2 % of the amplitude: before, there was no warning, and half of what the sensor's tolerance allows was lost."""
     samples = pressed()
     force = samples.volts[:, 2]
     measurement, good = with_force(samples, played(force, 0.02 * np.ptp(force) / 2)), measure_samples(samples, BENCH)

@@ -44,7 +44,7 @@ def find_error(fitted: Gains) -> Floats:
 
 @pytest.mark.parametrize("scale", [0.8, 0.9, 1.0, 1.1, 1.25])
 def test_a_sensor_that_nothing_confirms_is_counted(scale: float) -> None:
-    """Ten per cent high, gains came out 0.937 and 0.883 for 1.03 and 0.97, told to 0.5 %."""
+    """Ten per cent high, gains came out 0.937 and 0.883 for 1.03 and 0.97, with a stated error of 0.5 %."""
     fitted = gains(BENCH, scale)
     assert np.abs(find_error(fitted)).max() < 0.2
     assert fitted.force_scale.factor == pytest.approx(scale, rel=0.01)
@@ -59,7 +59,7 @@ def test_the_films_nominal_gains_are_the_scale_s_measure() -> None:
 
 
 def test_the_ratio_does_not_depend_on_the_sensor() -> None:
-    """What is read of a ratio, and how well it is told, is the same whatever the sensor shows."""
+    """A ratio that is read, and its stated error, are the same whatever the sensor shows."""
     readings, spreads = [], []
     for bench, scale in ((BENCH, 1.1), (BENCH, 0.9), (VERIFIED, 1.0)):
         fitted = gains(bench, scale)

@@ -1,4 +1,4 @@
-"""Loads on references of another unit: refused or told in calibration and check, with a force channel or without."""
+"""Loads on references of another unit: refused or reported in calibration and check, with a force channel or without."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from geometry import InputError, Scene
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.load_plausibility import check_expected, describe_remedy
@@ -62,7 +62,7 @@ def test_a_calibration_at_about_the_scene_s_load_is_not_remarked_on(load: float)
 
 
 def test_bounds_of_what_is_doubtful_and_what_is_refused() -> None:
-    """Twice as much is told where the reading is exact; 5 % of uncertainty leave 2.3 times."""
+    """A load twice as large is reported where the reading is exact; 5 % of uncertainty leave 2.3 times."""
     assert check_expected(1.9, 0.0, 1.0, 1.0, "") == []
     assert len(check_expected(2.1, 0.0, 1.0, 1.0, "")) == 1
     assert check_expected(2.2, 0.05, 1.0, 1.0, "") == []

@@ -10,7 +10,7 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from hw.signal.measurement import Measurement
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Reference
@@ -38,7 +38,7 @@ def measured(forces: Floats, built: BuiltProperties = EXACT, calibrated_at: floa
 
 
 def make_prediction(ratio: float, error: float = 1e-3) -> Result:
-    """A prediction that says what it is told to."""
+    """A prediction that states the numbers it was given."""
     outer = LOAD / (AREAS[1] + ratio * AREAS[0])
     return Result("none", 0.0, stress_inner=ratio * outer, stress_outer=outer, ratio=ratio, error_estimate=error)
 
@@ -119,7 +119,7 @@ def test_share_s_variance_has_block_and_solver() -> None:
 
 
 def test_a_dead_inner_film_is_refused(forces: Floats) -> None:
-    """A ratio of nearly 0 was told to 0.02 %, with the cross-talk of the living film in it or without."""
+    """A ratio of nearly 0 was stated with an error of 0.02 %, with the cross-talk of the living film in it or without."""
     for share in (0.0, 0.004):
         measurement = measured(np.array([share, 1.0]) * forces.sum())
         for bench in (BENCH, BENCH.model_copy(update={"force": None})):

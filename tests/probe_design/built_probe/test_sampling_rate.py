@@ -1,4 +1,4 @@
-"""A wrong sampling rate: told by the drive's frequency, and counted where the amplifiers are divided out at the wrong one."""
+"""A wrong sampling rate: detected by the drive's frequency, and counted where the amplifiers are divided out at the wrong one."""
 
 from __future__ import annotations
 

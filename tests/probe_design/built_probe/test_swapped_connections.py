@@ -1,4 +1,4 @@
-"""Careless calibrations: what is exchanged, dead or half plugged is named, and no record is written of it."""
+"""Calibrations with mistakes: what is exchanged, dead or half plugged is named, and no record is written of it."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_one_reading_that_is_half_plugged_is_named(index: int) -> None:
 
 @pytest.mark.slow
 def test_a_reference_pressed_twice_is_named() -> None:
-    """The 3 kPa block in place of the 6 kPa one: without a force channel nothing else tells the gains."""
+    """The 3 kPa block in place of the 6 kPa one: without a force channel nothing else determines the gains."""
     words = refused(in_order(0, 1, 2, 2, 4, 5, 6), force=False)
     assert f"without the reading on the {NAMES[3]} the others agree" in words
 
@@ -155,12 +155,12 @@ def scale_each(factors: Callable[[float], list[float]]) -> Careless:
     ],
 )
 def test_what_no_prediction_explains_is_not_blamed_on_the_blocks(careless: Careless) -> None:
-    """What both films feel together contradicts the force channel, whatever the probe is: gains came out up to 9 sd off."""
+    """The sum of both films' forces contradicts the force channel, whatever the probe is: gains came out up to 9 sd off."""
     assert "readings that agree with each other" in refused(careless)
 
 
 def test_a_force_sensor_of_a_wrong_sensitivity_is_told_from_the_films() -> None:
-    """20 % on both alike, each alone within four standard deviations of what the bench says of a film."""
+    """20 % on both alike, each alone within four standard deviations of what the bench states of a film."""
     assert "look at the force channel's sensitivity" in refused(scaled(1.0, 1.0, 1.19))
 
 

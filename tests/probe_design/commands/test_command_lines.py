@@ -1,4 +1,4 @@
-"""Command lines with any value for any option: answered, or refused in one line; never a defect or a code for terminals."""
+"""Command lines with any value for any option: computed, or refused in one line; never a defect or a code for terminals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHEAP = ("evaluate", "export", "optimize", "tradeoff", "sweep", "calibrate", "ch
 GIVEN = {
     "evaluate": (str(SCENE), "--evaluator", "closed-form"),
     "estimate": (str(SCENE), "--ratio", "0.56", "--accuracy", "0.3"),
-    **{verb: (str(SCENE), "--points", "2", "--accuracy", "0.3") for verb in ("curve", "scan", "detectability")},
+    **{command_name: (str(SCENE), "--points", "2", "--accuracy", "0.3") for command_name in ("curve", "scan", "detectability")},
     **dict.fromkeys(("optimize", "export", "tradeoff", "sweep"), ("absent.toml", "-o", "out")),
     **dict.fromkeys(("read", "check"), ("--replay", "absent")),
     "calibrate": ("--replay", "absent", "-o", "out"),
@@ -43,11 +43,11 @@ OPTIONS = {
 
 
 @st.composite
-def command_lines(draw: st.DrawFn, verbs: list[str]) -> list[str]:
-    verb = draw(st.sampled_from(verbs))
-    words = [verb, *GIVEN[verb]]
+def command_lines(draw: st.DrawFn, command_names: list[str]) -> list[str]:
+    command_name = draw(st.sampled_from(command_names))
+    words = [command_name, *GIVEN[command_name]]
     for _ in range(draw(st.integers(1, 2))):
-        option = draw(st.sampled_from(OPTIONS[verb]))
+        option = draw(st.sampled_from(OPTIONS[command_name]))
         name = max(option.opts, key=len)
         words += [name] if option.is_flag else [f"{name}={draw(VALUES)}"] if draw(st.booleans()) else [name, draw(VALUES)]
     return words

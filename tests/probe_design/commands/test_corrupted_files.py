@@ -254,7 +254,7 @@ def special(name: str, folder: Path) -> Path:
     return path
 
 
-VERBS: dict[str, tuple[str, ...]] = {
+COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "evaluate": ("evaluate", "FILE"),
     "optimize": ("optimize", "FILE", "-o", "OUT"),
     "export": ("export", "FILE", "-o", "OUT"),
@@ -267,11 +267,11 @@ VERBS: dict[str, tuple[str, ...]] = {
 }
 
 
-@pytest.mark.parametrize("verb", VERBS.values(), ids=VERBS.keys())
+@pytest.mark.parametrize("command", COMMAND_LINES.values(), ids=COMMAND_LINES.keys())
 @pytest.mark.parametrize("name", ["absent", "a folder", "empty", "a pipe", "without end", "nested", "not UTF-8"])
-def test_what_is_no_such_file_is_refused(name: str, verb: tuple[str, ...], tmp_path: Path) -> None:
+def test_what_is_no_such_file_is_refused(name: str, command: tuple[str, ...], tmp_path: Path) -> None:
     path = special(name, tmp_path)
-    line = refused(*({"FILE": path, "OUT": tmp_path / "out"}.get(word, word) for word in verb))
+    line = refused(*({"FILE": path, "OUT": tmp_path / "out"}.get(word, word) for word in command))
     assert "defect" not in line
 
 
@@ -298,11 +298,11 @@ def write_other(name: str, folder: Path) -> Path:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="such files are POSIX systems'")
-@pytest.mark.parametrize("verb", ["evaluate", "plan"])
+@pytest.mark.parametrize("command", ["evaluate", "plan"])
 @pytest.mark.parametrize("name", ["a pipe", "without end", "a loop", "a folder", "sparse", "a long name"])
-def test_what_is_no_surface_is_refused(name: str, verb: str, tmp_path: Path) -> None:
+def test_what_is_no_surface_is_refused(name: str, command: str, tmp_path: Path) -> None:
     scene = tomllib.loads(SCENE.read_text())
     body = {key: value for key, value in scene["inclusion"][0].items() if key != "diameter"}
     text = tomli_w.dumps(scene | {"inclusion": [body | {"surface": str(write_other(name, tmp_path))}]})
     (tmp_path / "scene.toml").write_text(text)
-    assert "inclusion[0].surface" in refused(verb, tmp_path / "scene.toml", "--json")
+    assert "inclusion[0].surface" in refused(command, tmp_path / "scene.toml", "--json")

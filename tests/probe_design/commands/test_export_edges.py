@@ -1,4 +1,4 @@
-"""Every verb that makes parts hands the scene's round edges on to the parts and to their drawing."""
+"""Every command that makes parts hands the scene's round edges on to the parts and to their drawing."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from geometry.provenance.block import build_provenance
-from geometry.scenes.scene import Contact, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
+from geometry.scenes.scene_tables import Contact
 from geometry.workshop.tolerance import NO_BUDGET
 from probe_design.commands.main import cli
 from probe_design.design_report.report import Report

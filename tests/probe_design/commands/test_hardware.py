@@ -1,4 +1,4 @@
-"""The verbs of the built probe as a user runs them: the whole loop, replay, refusals in one line, clean ends."""
+"""The commands of the built probe as a user runs them: the whole loop, replay, refusals in one line, clean ends."""
 
 from __future__ import annotations
 
@@ -96,11 +96,11 @@ def other_calibration(folder: Path) -> Path:
     return folder / "other.toml"
 
 
-@pytest.mark.parametrize("verb", ["read", "check", "estimate"])
-def test_a_calibration_of_another_board_is_refused(folder: Path, other_calibration: Path, verb: str) -> None:
+@pytest.mark.parametrize("command_name", ["read", "check", "estimate"])
+def test_a_calibration_of_another_board_is_refused(folder: Path, other_calibration: Path, command_name: str) -> None:
     """Two probes of one drawing: a ratio of 0.70 +- 0.01 was read for 0.56."""
-    source = ("--reading", folder / "run-3.probe") if verb == "estimate" else ("--virtual",)
-    message = refused(verb, SCENE, *source, "--calibration", other_calibration)
+    source = ("--reading", folder / "run-3.probe") if command_name == "estimate" else ("--virtual",)
+    message = refused(command_name, SCENE, *source, "--calibration", other_calibration)
     assert "serial number = A17 of the calibration; VIRTUAL of" in message
     assert "--any-probe" in message
 
@@ -130,7 +130,7 @@ def test_a_calibration_takes_readings_of_one_board(folder: Path, tmp_path: Path)
 
 
 def test_a_board_that_nobody_knows_is_warned_of(folder: Path, tmp_path: Path) -> None:
-    """What a spreadsheet has recorded tells no serial number."""
+    """What a spreadsheet has recorded has no serial number."""
     run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.h5")
     table = tmp_path / "one.csv"
     with h5py.File(tmp_path / "one.h5") as file:
@@ -154,8 +154,8 @@ def test_millivolts_taken_as_volts_are_refused_without_a_force_channel(kind: str
         with h5py.File(path, "w") as file:
             for name, values in columns.items():
                 file.create_dataset(name, data=values).attrs["units"] = "s" if name == "time" else "V"
-    for verb, option in (("read", "--replay"), ("estimate", "--reading")):
-        assert "millivolts taken as volts" in refused(verb, SCENE, option, path)
+    for command_name, option in (("read", "--replay"), ("estimate", "--reading")):
+        assert "millivolts taken as volts" in refused(command_name, SCENE, option, path)
 
 
 def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> None:

@@ -21,10 +21,10 @@ import atexit, os, signal, sys, threading, time
 {before}
 from probe_design import __main__
 import probe_design.commands.main
-class Verbs:
+class Commands:
     def main(self, **options):
         {body}
-sys.modules['probe_design.commands.main'].cli = Verbs()
+sys.modules['probe_design.commands.main'].cli = Commands()
 __main__.main()
 """
 SWALLOWED = "try:\n    signal.raise_signal(signal.SIGINT)\nexcept KeyboardInterrupt:\n    "
@@ -32,7 +32,7 @@ FALLEN = "class Handle:\n    def __del__(self):\n        signal.raise_signal(sig
 
 
 def program(body: str, setup: str = "") -> tuple[int, str]:
-    """Exit code and standard error of the program whose verb is some lines of Python."""
+    """Exit code and standard error of the program whose command is some lines of Python."""
     text = HEAD.format(body=body.replace("\n", "\n        "), before=setup)
     ended = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=100, check=False)
     assert ended.stdout == ""
@@ -103,7 +103,7 @@ def test_what_nohup_ignores_is_ignored() -> None:
     ids=lambda words: words[0],
 )
 def test_signals_at_any_moment(words: list[str]) -> None:
-    """More of them, and more verbs, in ``benchmarks/evaluators/interrupts.py``."""
+    """More of them, and more commands, in ``benchmarks/evaluators/interrupts.py``."""
     whole = left(words)
     for delay, number in moments(whole.seconds, 8, seed=3):
         assert left(words, delay, number).wrong(number, whole) == "", (delay, number)

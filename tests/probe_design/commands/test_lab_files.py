@@ -1,4 +1,4 @@
-"""Files of other programs through the verb `read`: the same answer as from the probe itself, or one line and exit code 2."""
+"""Files of other programs through the command `read`: the same result as from the probe itself, or one line and exit code 2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb ``load``, as a user runs it."""
+"""The command ``load``, as a user runs it."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def test_json_and_picture(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_loads_are_told_by_evaluate_and_plan_too() -> None:
-    for verb in ("evaluate", "plan"):
-        output = json.loads(run(verb, SCENE, "--loads", "--json").stdout)
+    for command in ("evaluate", "plan"):
+        output = json.loads(run(command, SCENE, "--loads", "--json").stdout)
         assert output["gap_closure_load"]["force"] == pytest.approx(0.45, abs=0.03)  # two other codes: 0.45 +- 0.02
         assert output["linear_limit_load"]["force"] == pytest.approx(0.042, rel=0.06)
 

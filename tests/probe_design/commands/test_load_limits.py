@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from geometry import Scene, read_scene
-from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_to_toml
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.verification import verify_tumour_design
 from solver import evaluate, load, plan
@@ -91,7 +91,7 @@ def test_an_optimisation_presses_as_far_as_the_ratio_holds_to_one_percent(name: 
 
 @pytest.mark.parametrize("name", ["on the axis", "soft blocks"])
 def test_finite_strain_changes_no_more_than_the_bounds_say(name: str) -> None:
-    """Level ``contact`` pressed to each bound: the ratio is off by the accuracy at most, the log-sensitivity by five."""
+    """``contact`` pressed to each bound: the ratio is in error by the accuracy at most, the log-sensitivity by five."""
     scene = scenes()[name]
     limits, still = plan(scene).load_limits, evaluate(scene, "axisymmetric", 1e-3)
     assert limits.ratio is not None
@@ -105,7 +105,7 @@ def test_finite_strain_changes_no_more_than_the_bounds_say(name: str) -> None:
 
 @pytest.mark.slow
 def test_computed_loads_are_those_of_the_load_curve(tmp_path: Path) -> None:
-    """Whatever loads are asked for; pressed there, the log-sensitivity is off by what the question says."""
+    """Whatever loads are requested; pressed there, the log-sensitivity is in error by what was requested."""
     scene = example()
     path = tmp_path / "scene.toml"
     path.write_text(scene_to_toml(scene))

@@ -1,4 +1,4 @@
-"""Loads beyond linear elasticity, asked of every verb that answers at a scene's load."""
+"""Loads beyond linear elasticity, given to every command that computes at a scene's load."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.support.paths import SCENE
 from tests.support.program import refused, run
 from tests.support.slow import slow_unless
 
-VERBS = {
+COMMAND_LINES = {
     "evaluate": (),
     "curve": ("--points", "3"),
     "scan": ("--points", "3"),
@@ -36,34 +36,37 @@ BY_CONTACT = ("evaluate", "curve", "estimate")  # which answers beyond linear el
 
 
 @pytest.mark.parametrize(
-    "verb",
-    slow_unless(lambda verb: verb not in ("calibrate", "check", "read"), [verb for verb in VERBS if verb not in BY_CONTACT]),
+    "command",
+    slow_unless(
+        lambda command: command not in ("calibrate", "check", "read"),
+        [command for command in COMMAND_LINES if command not in BY_CONTACT],
+    ),
 )
 def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
-    verb: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    message = refused(verb, heavy, *VERBS[verb])
+    message = refused(command, heavy, *COMMAND_LINES[command])
     assert "allowed: up to 0.0" in message
     assert "load" in message
 
 
-@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb == "evaluate", BY_CONTACT))
-def test_level_contact_answers_it(verb: str, heavy: Path) -> None:
-    output = json.loads(run(verb, heavy, *VERBS[verb], "--json").stdout)
+@pytest.mark.parametrize("command", slow_unless(lambda command: command == "evaluate", BY_CONTACT))
+def test_level_contact_answers_it(command: str, heavy: Path) -> None:
+    output = json.loads(run(command, heavy, *COMMAND_LINES[command], "--json").stdout)
     assert output["evaluator"] == "contact"
     off_axis = heavy.with_name("beside.toml")
     off_axis.write_text(heavy.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
-    assert "allowed: up to 0.0" in refused(verb, off_axis, *VERBS[verb])
+    assert "allowed: up to 0.0" in refused(command, off_axis, *COMMAND_LINES[command])
 
 
-@pytest.mark.parametrize("verb", ["evaluate", "curve", "scan", "estimate", "read"])
-def test_linear_answers_it_and_counts_the_effect(verb: str, heavy: Path) -> None:
+@pytest.mark.parametrize("command", ["evaluate", "curve", "scan", "estimate", "read"])
+def test_linear_answers_it_and_counts_the_effect(command: str, heavy: Path) -> None:
     """x is 0.138 at 70 mN, of which the ratio may change by a tenth (``tests/reference/contact`` has a stiffness of 93.2 N/m)."""
-    ended = run(verb, heavy, *VERBS[verb], "--linear", "--json")
+    ended = run(command, heavy, *COMMAND_LINES[command], "--linear", "--json")
     assert ended.returncode == 0, ended.stderr
     output = json.loads(ended.stdout)
-    if verb == "read":
+    if command == "read":
         assert output["predicted_ratio_uncertainty"] > 0.0138 / 3**0.5 * 0.563 * 0.99
         return
     errors = output["error_estimate"]

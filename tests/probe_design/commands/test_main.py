@@ -27,7 +27,7 @@ KEYS = {
 }  # fmt: skip
 
 
-STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb does
+STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command does
     "evaluate": (SCENE, "--evaluator", "closed-form"),
     "plan": (SCENE,),
     "load": (SCENE, "--to", "20 mN", "--points", "1"),
@@ -53,13 +53,18 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
 LONG = ("load", "tradeoff")  # quick tests ask for them in this process, for less
 
 
-@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in LONG, [verb for verb in COMMANDS if " " not in verb]))
-def test_every_verb_starts_as_a_command(verb: str, tmp_path: Path) -> None:
-    if verb == "rerun":
+@pytest.mark.parametrize(
+    "command_name",
+    slow_unless(
+        lambda command_name: command_name not in LONG, [command_name for command_name in COMMANDS if " " not in command_name]
+    ),
+)
+def test_every_command_starts(command_name: str, tmp_path: Path) -> None:
+    if command_name == "rerun":
         made = started("evaluate", SCENE, "--evaluator", "closed-form", "--json", cwd=tmp_path)
         (tmp_path / "made.json").write_text(made.stdout)
         (tmp_path / SCENE.name).write_bytes(SCENE.read_bytes())
-    ended = started(verb, *STARTED[verb], "--json", cwd=tmp_path)
+    ended = started(command_name, *STARTED[command_name], "--json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert isinstance(json.loads(ended.stdout), dict)
     assert [line for line in ended.stderr.splitlines() if not line.startswith("probe-design: ")] == []
@@ -113,8 +118,8 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("export", SCENE, "-o", "a\udcff"), (r"output = 'a\udcff'", "in UTF-8")),
         (("read", "--virtual", "--record", ""), ("record = ''",)),
         *(
-            ((verb, SCENE, "-o", ""), ("output = ''", "name of a file"))
-            for verb in ("optimize", "export", "tradeoff", "sweep", "calibrate", "check")
+            ((command_name, SCENE, "-o", ""), ("output = ''", "name of a file"))
+            for command_name in ("optimize", "export", "tradeoff", "sweep", "calibrate", "check")
         ),
         (("evaluate", SCENE, "--colour"), ("--colour",)),
         (("evaluate", REFERENCE / "solid" / "flank.toml", "--evaluator", "axisymmetric"), ("axis", "equivalent-inclusion")),
@@ -227,10 +232,10 @@ def test_no_verb_shows_help() -> None:
     assert "optimize" in ended.stdout
 
 
-@pytest.mark.parametrize("verb", ["export", "optimize"])
-def test_a_folder_with_parts_of_an_unknown_design_is_refused_before_any_work(verb: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("command_name", ["export", "optimize"])
+def test_a_folder_with_parts_of_an_unknown_design_is_refused_before_any_work(command_name: str, tmp_path: Path) -> None:
     (tmp_path / "inner.step").write_text("of another design")
-    assert "parts.json is missing); --force replaces them" in refused(verb, EXAMPLE, "-o", tmp_path)
+    assert "parts.json is missing); --force replaces them" in refused(command_name, EXAMPLE, "-o", tmp_path)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("inner.step", "of another design")]
 
 

@@ -1,4 +1,4 @@
-"""Readings on references one by one: judged at once, read again, mixed of recorded and live ones, resumed."""
+"""Readings on references one by one: checked at once, read again, mixed of recorded and live ones, resumed."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_sources_that_contradict_each_other(given: dict[str, Any], words: str) -
 
 
 def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Readings were judged when they were taken, and fitted again for the gains."""
+    """Readings were checked when they were taken, and fitted again for the gains."""
     devices([GOOD] * 3)
     fits: list[int] = []  # rows of each
     real = film_forces.measure

@@ -20,12 +20,12 @@ from tests.support.program import refused, run, started
 FACE = {name: COMMANDS[name].load_request() for name in probe_design.__all__ if name in COMMANDS}
 # what Python has in place of options: arrays for ends and numbers, objects for files, functions for progress; and limits
 PYTHON_ONLY = {
-    "curve": {"moduli", "tell", "limits"},
+    "curve": {"moduli", "progress", "limits"},
     "detectability": {"depths", "diameters", "progress"},
     "estimate": {"readings", "nuisances"},
-    "evaluate": {"tell", "limits"},
+    "evaluate": {"progress", "limits"},
     "export": {"progress"},
-    "load": {"force", "indentation", "tell", "limits"},
+    "load": {"force", "indentation", "progress", "limits"},
     "optimize": {"design", "progress"},
     "plan": {"solid"},
     "scan": {"positions", "progress"},

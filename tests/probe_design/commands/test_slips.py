@@ -39,7 +39,7 @@ SWEEP = """scene = "{scene}"
 [variables]
 "{key}" = {{{part} = ["0.1 mm"]}}
 """
-FILES = {  # what is wrong in it, the verb that reads it, and what is meant
+FILES = {  # what is wrong in it, the command that reads it, and what is meant
     "sweep": (SWEEP.format(scene=SCENE, key="probe.gapp", part="values"), "did you mean 'gap'?"),
     "sweep ": (SWEEP.format(scene=SCENE, key="probe.gap", part="vals"), "did you mean 'values'?"),
     "sweep  ": (f'scene = "{SCENE}"\nevaluater = "closed-form"', "did you mean 'evaluator'?"),
@@ -54,9 +54,9 @@ FILES = {  # what is wrong in it, the verb that reads it, and what is meant
 }
 
 
-@pytest.mark.parametrize("verb", FILES)
-def test_what_was_likely_meant_in_a_file_is_told(verb: str, tmp_path: Path) -> None:
-    text, meant = FILES[verb]
+@pytest.mark.parametrize("command", FILES)
+def test_what_was_likely_meant_in_a_file_is_told(command: str, tmp_path: Path) -> None:
+    text, meant = FILES[command]
     file = tmp_path / ("file.csv" if "," in text else "file.toml")
     file.write_text(text, encoding="utf-8")
     words: dict[str, tuple[object, ...]] = {
@@ -66,7 +66,7 @@ def test_what_was_likely_meant_in_a_file_is_told(verb: str, tmp_path: Path) -> N
         "evaluate": (file,),
         "plan": (file,),
     }
-    assert meant in refused(verb.strip(), *words[verb.strip()])
+    assert meant in refused(command.strip(), *words[command.strip()])
 
 
 KINDS = {  # the file of another kind, and what reads it
@@ -124,7 +124,7 @@ def test_a_gap_wider_than_the_core_is_doubted(tmp_path: Path) -> None:
 
 
 def completions(*words: str) -> list[str]:
-    """What bash is told for the last word, as click asks for it."""
+    """What bash receives for the last word, as click asks for it."""
     requests = {
         "_PROBE_DESIGN_COMPLETE": "bash_complete",
         "COMP_WORDS": " ".join(("probe-design", *words)),

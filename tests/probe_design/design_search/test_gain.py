@@ -1,4 +1,4 @@
-"""What counts as a gain: beyond the errors of both designs, between designs that differ, and said in words."""
+"""What counts as a gain: beyond the errors of both designs, between designs that differ, and described in words."""
 
 from __future__ import annotations
 
@@ -134,15 +134,15 @@ def test_a_design_is_written_with_the_load_that_it_bears() -> None:
 
 def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywhere() -> None:
     """Table, limits, warnings and page once spoke of the best tried, while the start was what was written."""
-    room, start = build_space(read_scene(SCENE)), build_verification(1.0, 0.04)
+    space, start = build_space(read_scene(SCENE)), build_verification(1.0, 0.04)
     tried = replace(
-        build_verification(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, room.outer_radius)})
+        build_verification(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, space.outer_radius)})
     )
     optimum = build_optimum(start.scene, start, tried)
     table = build_comparison_table(optimum)
     assert table.headings[1:3] == ("best tried, no gain", "start, recommended")
     radii = next(row for row in table.rows if row[0] == "outer radius, mm")
-    assert radii[1:3] == (f"{1e3 * room.outer_radius:.4g}", f"{1e3 * start.scene.probe.tube_radius:.4g}")
+    assert radii[1:3] == (f"{1e3 * space.outer_radius:.4g}", f"{1e3 * start.scene.probe.tube_radius:.4g}")
     assert not next(limit.active for limit in optimum.limits if limit.name == "outer_radius")
     report = build_tumour_report(optimum)
     answer = report.build_summary(())

@@ -1,4 +1,4 @@
-"""`optimize DESIGN` from the command line: its template, its refusals, its answer, and the same answer after a kill."""
+"""`optimize DESIGN` from the command line: its template, its refusals, its result, and the same result after a kill."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import pytest
 
 from geometry.common.errors import Refusal
 from geometry.scenes.catalogue import find_material
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.population_objective import PopulationObjective

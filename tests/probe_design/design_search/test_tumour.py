@@ -85,7 +85,7 @@ def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:
 
 @pytest.fixture(scope="module")
 def improved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Ended]:
-    """The built-in scene's optimum under a load for linear elasticity: the folder, and what the program said."""
+    """The built-in scene's optimum under a load for linear elasticity: the folder, and what the program printed."""
     folder = tmp_path_factory.mktemp("optimum")
     text = (ROOT / "probe_design" / "data" / "builtin.toml").read_text(encoding="utf-8")
     (folder / "light.toml").write_text(text.replace('force = "0.1 N"', 'force = "0.3 mN"'), encoding="utf-8")

@@ -53,16 +53,16 @@ def test_without_charge_noise_the_objective_is_detectability_s_and_all_verbs_hav
     assert Thresholds().noise == Noise().ratio == DEFAULT_NOISE
     assert Thresholds().resolved == MAX_RESOLVED_LOG_SD == 0.5
     assert standard_deviation(Noise(charge=0.0).compute_information(0.1, 0.7, 1.0)) == pytest.approx(DEFAULT_NOISE / 0.1)
-    for verb in ("optimize", "detectability", "estimate"):
-        text = re.sub(r"\s+", " ", run(verb, "--help").stdout)
+    for command in ("optimize", "detectability", "estimate"):
+        text = re.sub(r"\s+", " ", run(command, "--help").stdout)
         assert f"--noise TEXT Relative standard deviation of one reading of the ratio. [default: {DEFAULT_NOISE:g}]" in text
 
 
-@pytest.mark.parametrize("verb", ["optimize", "detectability", "estimate"])
-def test_what_is_no_noise_is_refused_alike(verb: str, tmp_path: Path) -> None:
-    options = {"optimize": ("-o", f"{tmp_path}/out"), "estimate": ("--ratio", "0.6"), "detectability": ()}[verb]
+@pytest.mark.parametrize("command", ["optimize", "detectability", "estimate"])
+def test_what_is_no_noise_is_refused_alike(command: str, tmp_path: Path) -> None:
+    options = {"optimize": ("-o", f"{tmp_path}/out"), "estimate": ("--ratio", "0.6"), "detectability": ()}[command]
     for noise in ("0", "11", "nan", "-0.1"):
-        ended = run(verb, SCENE, *options, "--noise", noise)
+        ended = run(command, SCENE, *options, "--noise", noise)
         assert ended.returncode == 2
         assert "allowed: from 1e-06 to 10: relative" in ended.stderr
 
@@ -89,7 +89,7 @@ def test_an_indentation_counts_as_its_force() -> None:
 
 
 def test_a_load_beyond_linear_elasticity_is_lowered_to_what_references_allow() -> None:
-    """At 1/20 of the load that closes the gap and at a tenth of the radius the ratio is off by 1 % at most (reference)."""
+    """At 1/20 of the load that closes the gap and at a tenth of the radius the ratio is in error by 1 % at most (reference)."""
     reference = json.loads((REFERENCE / "contact" / "expected.json").read_text())["example"]
     scene = read_scene(REFERENCE / "contact" / "example.toml").model_copy(update={"load": Load(force=1.0)})
     totals = evaluate_films(scene, "axisymmetric").films[0].totals

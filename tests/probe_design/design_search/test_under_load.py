@@ -121,7 +121,7 @@ def test_a_gain_of_more_load_counts_beyond_twice_its_error() -> None:
 
 
 def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
-    """A search without a limit, each design then under as much of the scene's load as linear elasticity answers for."""
+    """A search without a limit, each design then under as much of the scene's load as linear elasticity allows."""
     free, _ = loaded("example", 1e9)
     for force in (5e-3, 0.2):
         scene = free.scene.model_copy(update={"load": Load(force=force)})

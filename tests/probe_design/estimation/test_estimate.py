@@ -1,4 +1,4 @@
-"""Estimates: coverage of the intervals, an independent model, what cannot be told, and `probe-design estimate` itself."""
+"""Estimates: coverage of the intervals, an independent model, what cannot be determined, and `probe-design estimate` itself."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ TRUTHS = [scene(), scene(modulus="15 kPa", nu=0.45), scene(depth="14 mm", modulu
 @pytest.mark.parametrize("truth", slow_unless(TRUTHS[2].__eq__, TRUTHS))
 @pytest.mark.parametrize("unknown", ["youngs_modulus", "diameter", "depth"])
 def test_an_independent_model_is_read_right(truth: Scene, noise: float, unknown: str) -> None:
-    """The axisymmetric level reads 1.5 standard deviations too much or too little: the truth is inside."""
+    """``axisymmetric`` reads 1.5 standard deviations too much or too little: the truth is inside."""
     real = exact_ratio(truth)
     for distance in (-1.5, 0.0, 1.5):
         estimated = estimate(truth, build_single_reading(truth, real * np.exp(distance * noise), noise), unknown)

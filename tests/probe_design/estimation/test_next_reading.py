@@ -1,4 +1,4 @@
-"""Which reading next: what may be read, what is expected of it by simulation, and what no reading can tell."""
+"""Which reading next: what may be read, what is expected of it by simulation, and what no reading can determine."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.stats import norm
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.scenes import fit_check as placement
-from geometry.scenes.scene import Placement
 from geometry.scenes.scene_file import scene_from_dict
+from geometry.scenes.scene_tables import Placement
 from probe_design.estimation.estimate_result import is_identifiable
 from probe_design.estimation.intervals import Likelihood
 from probe_design.estimation.measurements import Measurements, Reading
@@ -66,7 +66,7 @@ def test_a_blank_and_a_size_are_read_only_where_something_else_is_not_known() ->
 
 @pytest.mark.slow
 def test_the_expected_interval_is_what_simulated_readings_give() -> None:
-    """Truths drawn evenly along eq. ES.2, kept where they may have given the reading that is there; fresh noise."""
+    """Truths drawn evenly along eq. ES.2, selected where they may have given the reading that is there; fresh noise."""
     target_model, chance, noise = model(), np.random.default_rng(11), 0.02
     suggestion = choose_next_reading(target_model, "youngs_modulus", {}, already_identifiable=True)
     best = suggestion.reading
@@ -177,7 +177,7 @@ def by_population(scene: Scene, positions: Sequence[float], stiffness: bool) -> 
 def test_what_is_identifiable_near_the_surface(body: tuple[str, str, float]) -> None:
     """Fisher's information, priors of 50 % on depth, diameter and the tissue's modulus, 1 % noise, nine places over 16 mm.
 
-    Against eq. PO.6, whose slopes are exact where these are differences over 2 %, but for what eq. PO.9 leaves out.
+    Against eq. PO.6, whose derivatives are exact where these are differences over 2 %, but for what eq. PO.9 leaves out.
     """
     diameter, depth, contrast = body
     scene = scene_from_dict(

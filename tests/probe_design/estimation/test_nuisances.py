@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from geometry.scenes.variables import list_values
 from probe_design.estimation.estimate import estimate, search_unknown
 from probe_design.estimation.estimate_result import Estimate
@@ -38,7 +38,7 @@ def scene(**new: float) -> Scene:
 
 
 def read(scene_read: Scene, *, blank: bool) -> float:
-    """What an independent level says is read."""
+    """Readings as an independent evaluator predicts them."""
     return evaluate(scene_read.model_copy(update={"inclusion": ()}) if blank else scene_read, "axisymmetric", 1e-3).ratio or 0.0
 
 
@@ -71,7 +71,7 @@ def test_the_misfit_is_the_least_over_what_is_not_known() -> None:
 
 
 def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back() -> None:
-    """The truth has another outer block than the scene says: without saying so the interval misses it."""
+    """The truth has another outer block than the scene states: without that nuisance the interval misses it."""
     truth = scene(**{BLOCK: 80e3 * 1.25})
     plain, with_blank = (read(truth, blank=blank) for blank in (False, True))
     reading, blank = Reading(0.0, 0.0, plain, NOISE), Reading(0.0, 0.0, with_blank, NOISE, blank=True)
@@ -91,7 +91,7 @@ def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back()
 @pytest.mark.slow
 @pytest.mark.parametrize("blank", [False, True])
 def test_coverage(blank: bool) -> None:
-    """Of scenes whose outer block is drawn from its prior, as the level itself reads them with noise, at next to no load."""
+    """Of scenes whose outer block is drawn from its prior, as the evaluator itself reads them with noise, at next to no load."""
     soft_scene, sd, modulus = scene().model_copy(update={"load": Load(force=1e-4)}), 0.15, 20e3
     reading = Reading(0.0, 0.0, 1.0, NOISE, 100.0, NOISE)
     data = Measurements.from_readings((reading, Reading(0.0, 0.0, 1.0, NOISE, blank=True)) if blank else (reading,))

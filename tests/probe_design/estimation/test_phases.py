@@ -66,12 +66,12 @@ def test_what_the_model_cannot_use_is_left_out_and_said() -> None:
     assert "every loss factor of the scene is 0" in notes[0]
     left, notes = select_usable(lossy(), Measurements.from_readings(read_at(0.03, 1e-4)))
     assert not left.is_phase.any()
-    assert "good to" in notes[0]
+    assert "predicted within" in notes[0]
 
 
 @pytest.mark.slow
 def test_predictions_are_phases_of_the_complex_equations() -> None:
-    """Within the bound, which is mostly what eq. ES.9 leaves out; and the slope is that of bodies a little softer and stiffer."""
+    """Within the bound, mostly of what eq. ES.9 leaves out; the derivative is that of bodies a little softer and stiffer."""
     scene = lossy()
     model = TargetModel(scene, Measurements.from_readings(read_at(0.03)), 3e-3)
     predicted = model.predict({"youngs_modulus": 30e3 * np.array([1 / 1.2, 1.0, 1.2])})

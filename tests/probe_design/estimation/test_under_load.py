@@ -44,7 +44,7 @@ def test_a_reading_of_other_codes_is_inverted_right() -> None:
 
 
 class MadeUp(LoadedModel):
-    """A level whose change by the load is known at all moduli, and that ends somewhere."""
+    """An evaluator whose change by the load is known at all moduli, and that ends somewhere."""
 
     ends = 1e-2  # of the tissue's modulus: softer targets cannot be pressed
 

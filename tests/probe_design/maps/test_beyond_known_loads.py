@@ -1,4 +1,4 @@
-"""Maps at loads of which nothing is known, and what is said of tumours that stay open."""
+"""Maps at loads of which nothing is known, and what is reported of tumours that stay open."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, read_scene
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from probe_design.maps import detectability as module
 from probe_design.maps.detectability import detectability
 from solver import plan
@@ -24,7 +24,7 @@ def detect_under(force: float) -> object:
 
 
 def test_nothing_is_computed_where_nothing_can_be_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The sentence names the load up to which something is known, and that load is answered."""
+    """The sentence names the load up to which something is known, and a map under that load is computed."""
     with monkeypatch.context() as patch:
         patch.setattr(module, "compute_readings", lambda *_, **__: pytest.fail("spheres were computed"))
         with pytest.raises(Refusal, match=r"= 0\.3 N: allowed: up to .* N; larger loads have unknown effects") as refused:

@@ -1,4 +1,4 @@
-"""`probe-design scan` as a user runs it, against other levels, 3D references and symmetry."""
+"""`probe-design scan` as a user runs it, against other evaluators, 3D references and symmetry."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from geometry import Scene, read_scene
-from geometry.scenes.scene import Inclusion
+from geometry.scenes.scene_tables import Inclusion
 from probe_design.maps.scan import scan
 from solver import Workspace, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
@@ -140,7 +140,7 @@ def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
 
 @pytest.mark.slow
 def test_positions_at_the_edge_do_not_spoil_those_in_the_middle() -> None:
-    """The bounds of each position hold what the tissue's side does there, with the same answers."""
+    """The bounds of each position hold what the tissue's side does there, with the same results."""
     scene = read_scene(REFERENCE / "solid" / "flank.toml")
     narrow, wide = (scan(scene, "x", np.linspace(-half, half, 9)) for half in (0.01, 0.038))
     assert wide.error_estimate[0] is None or wide.error_estimate[0] > 0.05
@@ -175,14 +175,14 @@ UNILATERAL, TILTED, ELLIPSOID = (
 )
 
 
-@pytest.mark.parametrize("verb", ["scan", "detectability"])
+@pytest.mark.parametrize("command", ["scan", "detectability"])
 @pytest.mark.parametrize(("old", "new", "word"), [UNILATERAL, TILTED, ELLIPSOID])
-def test_kinds_that_are_not_built_are_refused(verb: str, old: str, new: str, word: str, tmp_path: Path) -> None:
+def test_kinds_that_are_not_built_are_refused(command: str, old: str, new: str, word: str, tmp_path: Path) -> None:
     text = SCENE.read_text()
     assert old in text
     scene = tmp_path / "scene.toml"
     scene.write_text(text.replace(old, new))
-    assert word in refused(verb, scene)
+    assert word in refused(command, scene)
 
 
 @pytest.mark.parametrize(

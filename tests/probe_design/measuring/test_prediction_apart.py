@@ -1,4 +1,4 @@
-"""The prediction of a long reading leaves no memory behind, and says what the prediction here would."""
+"""The prediction of a long reading leaves no memory behind, and gives the same result as a prediction in this process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Control variates: the mean stays right, the stated error is that of repeated samples, and what the level bounds do."""
+"""Control variates: the mean stays right, the stated error is that of repeated samples, and what the evaluator bounds do."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TRUE = 0.6  # of the deflections' sensitivity, by the verifying evaluator; that 
 
 
 def probabilities(sizes: Floats, derivative: float, rng: np.random.Generator, scans: int) -> Floats:
-    """Shares of scans in which tumours of some sizes are found: P = Phi(slope size - 1), drawn."""
+    """Shares of scans in which tumours of some sizes are detected: P = Phi(slope size - 1), drawn."""
     return np.asarray(rng.binomial(scans, ndtr(derivative * sizes - 1)) / scans)
 
 

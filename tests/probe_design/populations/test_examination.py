@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import Refusal
-from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_dict
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import design_from_dict

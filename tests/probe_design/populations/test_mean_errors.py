@@ -1,4 +1,4 @@
-"""Sampling and model error of a population's means: kept apart, not larger with more tumours, never below the truth."""
+"""Sampling and model error of a population's means: stated separately, not larger with more tumours, never below the truth."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from probe_design.populations.noise import build_difference_noise, build_full_noise
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.probe_design.populations.test_detection import simulated

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Inclusion, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
+from geometry.scenes.scene_tables import Inclusion
 from probe_design.populations.population import MAX_TISSUES, ScenePopulation, TumourDraw
 from tests.support.designs import example_design
 
@@ -89,16 +90,16 @@ def test_ranges_in_which_nothing_fits_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ranges", "why"),
+    ("ranges", "reason"),
     [
         ({"depth": ["1 mm", "2 mm"], "diameter": "8 mm"}, "not under the least cover"),
         ({"depth": "9 mm", "diameter": "8 mm", "least_cover": "20 mm"}, "not under the least cover"),
-        ({"depth": ["80 mm", "90 mm"], "diameter": "8 mm"}, "side or floor"),
-        ({"depth": "20 mm", "diameter": "8 mm", "x": ["80 mm", "90 mm"]}, "side or floor"),
+        ({"depth": ["80 mm", "90 mm"], "diameter": "8 mm"}, "side or bottom"),
+        ({"depth": "20 mm", "diameter": "8 mm", "x": ["80 mm", "90 mm"]}, "side or bottom"),
     ],
 )
-def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], why: str) -> None:
+def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], reason: str) -> None:
     design = example_design(population={"object": "20 kPa", **ranges})
-    with pytest.raises(InputError, match=why) as refused:
+    with pytest.raises(InputError, match=reason) as refused:
         ScenePopulation.from_scene(design.scene, design.population).draw_tumours(8)
     assert "\n" not in str(refused.value)

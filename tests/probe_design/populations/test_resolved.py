@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from probe_design.design_search.tumour_objective import Noise, standard_deviation
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.examination import examine

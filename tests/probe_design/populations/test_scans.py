@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from geometry.scenes.scene import Inclusion, Layer, Placement, Scene
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Inclusion, Layer, Placement
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.scan_readings import compute_closed_form_readings

@@ -47,7 +47,7 @@ def delivered(seed: int) -> tuple[Reference, ...]:
 
 @cache
 def built(name: str, turn: float) -> Check:
-    """The loop with a probe that is off its drawing in one variable, on blocks off by their tolerances."""
+    """The loop with a probe that is off its drawing in one variable, on blocks that deviate by their tolerances."""
     true = scene().replace({name: list_values(scene())[name] * turn})
     return loop(predict_blocks(true, delivered(3)).log_ratios, 3)
 

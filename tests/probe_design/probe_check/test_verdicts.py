@@ -1,4 +1,4 @@
-"""Verdicts of checks: probes within the workshop's tolerances pass, others are told by what; careless readings by their cause."""
+"""Verdicts of checks: probes within tolerances pass; of others the deviation is named, of mistaken readings the cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which numbers of two answers agree."""
+"""Which numbers of two results agree."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ QUESTION = ("evaluate", "scene.toml", "--evaluator", "closed-form", "--json")
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """With a scene and an answer; programs that are started there are this tree's."""
+    """With a scene and a result; programs that are started there are this tree's."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
     (tmp_path / "scene.toml").write_bytes(SCENE.read_bytes())
     (tmp_path / "made.json").write_text(run(*QUESTION, cwd=tmp_path).stdout)

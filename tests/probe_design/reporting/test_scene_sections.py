@@ -1,4 +1,4 @@
-"""What a report tells of a scene, on the axis and beside it."""
+"""What a report states of a scene with a tumour on the axis and off it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def table(scene: Scene) -> dict[str, tuple[float, ...]]:
 
 
 def test_sensitivities_are_those_of_the_level() -> None:
-    """A central difference over 2 %, by the level itself."""
+    """A central difference over 2 %, by the evaluator itself."""
     scene, key = read_scene(SCENE), "probe.outer.youngs_modulus"
     size = list_values(scene)[key]
     upper, lower = (evaluate(scene.replace({key: factor * size}), "axisymmetric", 1e-3) for factor in (1.01, 0.99))

@@ -1,4 +1,4 @@
-"""What the three-dimensional level writes and draws, of the small meshes of tests/solver/solid/test_elements.py."""
+"""What ``solid`` writes and draws, of the small meshes of tests/solver/solid/test_elements.py."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class TestFile:
         assert {b: vtks[read.body == b].sum() for b in MATERIALS} == pytest.approx(expected, rel=0.03)
 
     def test_displacements(self, grid: pyvista.UnstructuredGrid) -> None:
-        """Of the tops the motion, of the floor none, of the plane of symmetry none across it."""
+        """Of the tops the motion, of the bottom none, of the plane of symmetry none across it."""
         u, (_, y, z) = grid["displacement"], grid.points.T
         top = z > 0.003 - 1e-9
         assert u[top] == pytest.approx(np.tile([0, 0, -1e-5], (top.sum(), 1)), abs=1e-18)

@@ -124,7 +124,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class InProcessCrew:
-    """A crew of this process, which starts in no time."""
+    """An executor in this process, which starts at once."""
 
     def __init__(self, job: Job, *_: object) -> None:
         self._job, self._given, self._number = job, list[Any](), 0

@@ -100,8 +100,8 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("which", "stop", "message"),
     [
-        (0, signal.SIGSTOP, "the Dask scheduler {} has not answered for"),
-        (1, signal.SIGSTOP, "no Dask worker has answered for"),
+        (0, signal.SIGSTOP, "the Dask scheduler {} has not responded for"),
+        (1, signal.SIGSTOP, "no Dask worker has responded for"),
         (1, signal.SIGKILL, "the Dask scheduler {} has had no worker for"),
     ],
 )
@@ -297,23 +297,23 @@ NONE = "what responds there is no Dask scheduler"
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "why"),
+    ("behaviour", "reason"),
     [(silent, "no response in time|Timed out"), (http, NONE), (garbage, NONE), (closing, "."), (endless, NONE)],
 )
 def test_what_is_no_scheduler_is_refused(
     behaviour: Callable[[socket.socket], None],
-    why: str,
+    reason: str,
     served: Callable[[Callable[[socket.socket], None]], str],
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """However it answers, or does not: nothing else is printed, and nothing waited for."""
+    """However it responds, or does not: nothing else is printed, and nothing waited for."""
     pytest.importorskip("distributed")
     if behaviour is silent:
         monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 0.2)
     address = served(behaviour)
     with pytest.raises(
-        InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(({why})"
+        InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(({reason})"
     ):
         DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
     gc.collect()
@@ -329,11 +329,11 @@ def test_dask_s_own_other_ports_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
     ) as cluster:
         (worker,) = cluster.workers.values()
         port = cluster.scheduler.http_server.port
-        for address, why in (
+        for address, reason in (
             (f"tcp://127.0.0.1:{port}", "no response in time"),
             (worker.address, "what responds there is a Dask Worker"),
         ):
-            with pytest.raises(InputError, match=rf"^scheduler = '{address}'.*\({why}\)"):
+            with pytest.raises(InputError, match=rf"^scheduler = '{address}'.*\({reason}\)"):
                 DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
 
 

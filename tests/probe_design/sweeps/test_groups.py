@@ -1,4 +1,4 @@
-"""Designs that a worker answers at once: the same rows as alone to within their errors, the same bits in whatever batches."""
+"""Designs that a worker evaluates together: the same rows as alone to within their errors, the same bits in whatever batches."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_designs_that_are_refused_are_rows_among_the_others() -> None:
 
 
 def test_what_is_not_answered_together_is_answered_one_by_one() -> None:
-    """Of a group under loads that only level ``contact`` might take no row waits for the others."""
+    """Of a group under loads that only ``contact`` might take no row waits for the others."""
     made, designs = job(make_table("auto", **{"load.force": [1e-4, 1e-3, 1e9]}) | {"accuracy": 0.05})
     stored = list(made.evaluate_parts(designs))
     assert [len(piece) for piece in stored] == [1, 1, 1]

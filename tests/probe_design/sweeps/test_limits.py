@@ -1,4 +1,4 @@
-"""Limits of time and memory of each design: handed to workers, told in rows, and answered anew where they are raised."""
+"""Limits of time and memory of each design: handed to workers, reported in rows, and evaluated again where they are raised."""
 
 from __future__ import annotations
 

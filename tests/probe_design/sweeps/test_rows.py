@@ -1,4 +1,4 @@
-"""Rows of sweeps: what evaluate answers, refusals and faults with their reasons, nothing twice."""
+"""Rows of sweeps: results of evaluate, refusals and faults with their reasons, nothing twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweeps through kills, full disks, deadly and endless designs: what is kept is what nothing interrupted keeps."""
+"""Sweeps through kills, full disks, deadly and endless designs: the table is that of a sweep that nothing interrupted."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class TestSurvival:
     @pytest.mark.slow
     @pytest.mark.timeout(1200)
     def test_pressed_designs_killed_midway_are_all_there_after_all(self, tmp_path: Path) -> None:
-        """Level ``contact`` under loads beyond linear elasticity, one of which no step reaches."""
+        """``contact`` under loads beyond linear elasticity, one of which no step reaches."""
         loads = {"values": [0.02, 0.06, 40.0, 0.1]}
         job = {
             "scene": str(SCENE),
@@ -125,7 +125,7 @@ class TestSurvival:
 
     @pytest.mark.slow
     def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A worker that is stopped in the middle answers as one does that computes for ever."""
+        """A worker that is stopped in the middle is treated like one that computes for ever."""
         receive = Child.receive
 
         def endless(child: Child) -> Any:
@@ -148,7 +148,7 @@ class TestSurvival:
 
     @pytest.mark.slow
     def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Of designs that are answered together each is tried alone, and the one that is held up fails."""
+        """Of designs that are evaluated together each is tried alone, and the one that is held up fails."""
         send, held = Child.send, sweep_from_dict(grid(4, 4)).list_designs()[4][1]
         sizes = []
 

@@ -74,8 +74,8 @@ def test_names_do_not_speak_to_the_terminal(capsys: pytest.CaptureFixture[str], 
     show_table(Table(("name",), [(name,)], name))
     write_message(f"wrote {name}")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    with show_steps(name) as tell:
-        tell(name)
+    with show_steps(name) as progress:
+        progress(name)
     output, err = capsys.readouterr()
     assert output.count(r"a\x1b[31m\x9b") == 2
     assert err.count(r"a\x1b[31m\x9b") >= 3

@@ -1,4 +1,4 @@
-"""The uncertainty budget: its slopes against differences of answers, its samples against theory and finite elements."""
+"""The uncertainty budget: its derivatives against differences of results, its samples against theory and finite elements."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def budget() -> ToleranceBudget:
     return tolerances(SCENE, samples=256)
 
 
-def outputs(scene: Scene, drawn: Scene, level: str = "axisymmetric", accuracy: float = 1e-4) -> np.ndarray:
-    result = evaluate(scene, level, accuracy, linear=True)
+def outputs(scene: Scene, drawn: Scene, evaluator: str = "axisymmetric", accuracy: float = 1e-4) -> np.ndarray:
+    result = evaluate(scene, evaluator, accuracy, linear=True)
     assert result.ratio is not None
     assert result.stiffness is not None
     built, drawn_probe = scene.probe, drawn.probe
@@ -55,7 +55,7 @@ def test_slopes_are_those_of_answers(x: float) -> None:
     """Central differences of ``evaluate`` at 1 % of each number."""
     off_axis = SCENE.inclusion[0].model_copy(update={"x": x})
     scene = express_by_outer_radius(SCENE.model_copy(update={"inclusion": (off_axis,)}))
-    level = "equivalent-inclusion" if x else "axisymmetric"
+    evaluator = "equivalent-inclusion" if x else "axisymmetric"
     chosen = ("probe.inner_radius", "probe.gap", "probe.outer_radius", "probe.outer.youngs_modulus")
     variables = [
         variable for variable in list_uncertain_numbers(scene) if (variable.name in chosen if x else variable.kind != "gain")
@@ -63,7 +63,7 @@ def test_slopes_are_those_of_answers(x: float) -> None:
     computed = compute_derivatives(scene, variables, 1e-3)
     for variable, derivative in zip(variables, computed.T, strict=True):
         step = (0.002 if variable.name == "probe.inner_radius" else 0.01) * variable.value  # of which a gap of 0.1 mm takes 8 um
-        upper, lower = (outputs(scene.replace(built_off(scene, variable.name, s)), scene, level, 1e-3) for s in (step, -step))
+        upper, lower = (outputs(scene.replace(built_off(scene, variable.name, s)), scene, evaluator, 1e-3) for s in (step, -step))
         wanted = (upper - lower) / (2 * step)
         assert derivative[:3] == pytest.approx(wanted[:3], rel=0.03, abs=3e-3 / variable.value), variable.name
         share = 0.1 if x else 0.03  # off the axis the log-sensitivity's slope leaves reflections out
@@ -151,7 +151,7 @@ def test_a_budget_with_the_held_tolerances_is_what_was_asked() -> None:
 
 @pytest.mark.slow
 def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
-    """The same 24 built probes by ``axisymmetric`` and by its slopes: their scatters differ by what is stated."""
+    """The same 24 built probes by ``axisymmetric`` and by its derivatives: their scatters differ by what is stated."""
     scene = express_by_outer_radius(SCENE)
     given = NONE | {"probe.gap": 4e-5, "probe.outer.youngs_modulus": 0.4, "probe.inner_radius": 3e-5}
     budget = tolerances(SCENE, samples=1024, given=given)
@@ -173,7 +173,7 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
 
 @pytest.mark.slow
 def test_a_log_sensitivity_that_the_level_cannot_tell_has_no_error() -> None:
-    """`evaluate` says of the two tumours, one far aside, that it is good to about twice itself only."""
+    """`evaluate` warns of the two tumours, one far off the axis, that the error is about twice the value."""
     scatter = tolerances(read_scene(EXAMPLES / "two-tumours.toml"), samples=64).outputs
     assert scatter["log_sensitivity"].error_estimate is None
     assert scatter["ln_ratio"].error_estimate is not None

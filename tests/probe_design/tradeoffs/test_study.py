@@ -65,7 +65,7 @@ def test_the_same_answer_to_a_finer_question_counts_once() -> None:
 
 
 def test_true_errors_are_known_up_to_the_reference_s_own() -> None:
-    """Eq. TR.1: truth 1, reference 1.001 with 0.1 % stated; 1.03 is off by 2.9 % +- 0.1 %, 1.0015 by less than 0.15 %."""
+    """Eq. TR.1: truth 1, reference 1.001 with 0.1 % stated; 1.03 is in error by 2.9 % +- 0.1 %, 1.0015 by less than 0.15 %."""
     rows = compare_with_reference(
         [row(1.0, 0.05, 1.03, "closed-form"), row(2.0, 0.01, 1.0015), row(3.0, 1e-3, 1.001)], ["axisymmetric"]
     )
@@ -148,7 +148,7 @@ def test_times_are_there_where_there_is_an_answer(made_tradeoff: Tradeoff) -> No
 
 @pytest.mark.slow
 def test_a_reference_that_left_the_groove_out_says_so() -> None:
-    """The 3D reference is 1.9 % from what rotationally symmetric levels answer; they state 8 %."""
+    """The 3D reference is 1.9 % from what rotationally symmetric evaluators compute; they state 8 %."""
     groove = named("solid", "groove-on-axis")
     made_tradeoff = measure_tradeoff({"groove": groove.scene}, settings=FEW[1:], finest=())
     assert [row_found.scene for row_found in made_tradeoff.uncertain_references] == ["groove"]

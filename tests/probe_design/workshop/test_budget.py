@@ -1,4 +1,4 @@
-"""What the ratio leaves the dimensions, against finite differences of another level's ratio and against the rule of shares."""
+"""What the ratio leaves the dimensions, against another evaluator's finite differences and the rule of shares."""
 
 from __future__ import annotations
 

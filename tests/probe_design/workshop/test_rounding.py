@@ -1,4 +1,4 @@
-"""Rounded designs: every size a multiple of the step, limits kept, costs told; steps that leave nothing are refused."""
+"""Rounded designs: every size a multiple of the step, limits held, costs stated; steps that leave nothing are refused."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Base, Groove
-from geometry.scenes.scene import Contact, Scene
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
+from geometry.scenes.scene_tables import Contact
 from probe_design.commands.main import cli
 from probe_design.workshop.rounding import add_cost, round_sizes
 from solver import evaluate
@@ -83,7 +84,7 @@ def test_any_design_stays_one(radius: float, gap: float, wall: float, height: fl
 
 
 @pytest.mark.parametrize(
-    ("step", "sizes", "why"),
+    ("step", "sizes", "reason"),
     [
         (1e-3, {}, r"step = 1 mm: allowed: at most 0\.2 mm: probe\.gap is 0\.1 mm"),
         (1e-4, {"gap": 4e-5}, r"at most 0\.08 mm: probe\.gap is 0\.04 mm"),
@@ -96,8 +97,8 @@ def test_any_design_stays_one(radius: float, gap: float, wall: float, height: fl
         (math.nan, {}, r"^step = "),
     ],
 )
-def test_steps_that_leave_nothing_are_refused(step: float, sizes: dict[str, object], why: str) -> None:
-    with pytest.raises(InputError, match=why) as fault:
+def test_steps_that_leave_nothing_are_refused(step: float, sizes: dict[str, object], reason: str) -> None:
+    with pytest.raises(InputError, match=reason) as fault:
         round_sizes(scene(**sizes), step)
     assert fault.value.exit_code == 2
 

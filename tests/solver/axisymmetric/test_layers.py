@@ -8,8 +8,8 @@ import pytest
 
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
-from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
+from geometry.scenes.scene_tables import Load
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from solver.axisymmetric.evaluator import Axisymmetric

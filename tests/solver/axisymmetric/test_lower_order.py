@@ -9,7 +9,7 @@ import pytest
 
 from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
 from geometry.meridian.mesh_lines import MeridianFineness
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver import evaluate
 from solver.axisymmetric import converged_forces
 from solver.axisymmetric.base_states import approximate_lower_order, project_to_lower_order

@@ -10,7 +10,7 @@ import pytest
 from geometry import InputError, Material, Probe, Scene
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
-from geometry.scenes.scene import HalfSpaceTissue, Load
+from geometry.scenes.scene_tables import HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates, build_model, solve_base_states
 from solver.axisymmetric.sections import build_sections
 from solver.axisymmetric.tissue_field import TissueField

@@ -36,7 +36,7 @@ def cover(scene: Scene) -> float:
 
 
 def list_errors_over_stated(reference: Expected) -> list[float]:
-    """Return what ratio, stiffness and log-sensitivity are off by, over what is stated; none where the scene is refused."""
+    """Return what ratio, stiffness and log-sensitivity are in error by, over what is stated; none where the scene is refused."""
     answer = ClosedForm().compute_films([reference.scene])[0]
     if isinstance(answer, InputError):
         assert (

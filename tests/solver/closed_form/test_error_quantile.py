@@ -1,4 +1,4 @@
-"""The stated errors: 95 % quantiles that cover what they say, on stored and on fresh scenes, and say where they come from."""
+"""The stated errors: 95 % quantiles that cover what they state, on stored and on fresh scenes, and state their source."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def add_layers(*layers: tuple[float, ...], scene: Scene = EXAMPLE) -> Scene:
 
 
 def raw(scene: Scene, *, nodes: int | None = None, merged: bool = False) -> np.ndarray:
-    """Forces and slopes by the formula, every layer on its own."""
+    """Forces and derivatives by the formula, every layer on its own."""
     shape, values = build_parameters(scene, merged=merged)
     return np.stack(compute_forces(shape if nodes is None else replace(shape, nodes=nodes), values[:, None]))[:, 0]
 
@@ -236,7 +236,7 @@ def test_a_sphere_sees_faces_as_mirrors(on_axis: bool) -> None:
 
 @pytest.mark.parametrize("reference", REFERENCES, ids=lambda reference: reference.name)
 def test_against_an_independent_code(reference: Expected) -> None:
-    """NGSolve's answers (benchmarks.references.layered_scenes): the true errors are within those that are stated."""
+    """NGSolve's results (benchmarks.references.layered_scenes): the true errors are within those that are stated."""
     answer = ClosedForm().compute_films([reference.scene])[0]
     if reference.name in ACROSS:
         assert "interface of layers" in str(answer)

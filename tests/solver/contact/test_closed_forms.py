@@ -8,7 +8,7 @@ import pytest
 from geometry import Scene
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import Interface, Material, Probe
-from geometry.scenes.scene import CylinderTissue, Load
+from geometry.scenes.scene_tables import CylinderTissue, Load
 from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path

@@ -11,7 +11,7 @@ from geometry import Refusal, Scene, scene_to_toml
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Body
-from geometry.scenes.scene import Contact, Load
+from geometry.scenes.scene_tables import Contact, Load
 from solver.axisymmetric.sections import build_sections
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel

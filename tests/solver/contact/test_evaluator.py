@@ -12,7 +12,7 @@ import pytest
 
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
-from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
+from geometry.scenes.scene_tables import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact import path
 from solver.contact.evaluator import ContactEvaluator

@@ -57,7 +57,7 @@ def test_much_friction_is_a_bond_at_small_load() -> None:
 
 def test_forces_and_tangent_are_derivatives_with_friction_and_round_edges() -> None:
     path = path_of("unilateral")
-    model, state = path.model, path._light_equilibrium.state
+    model, state = path.model, path._light_state
     rng, step = np.random.default_rng(0), 1e-11
     displaced = model.compute_displacements(state.v, state.indentation) + 1e-7 * rng.standard_normal(model.lift.shape[:2])
     direction = rng.standard_normal(displaced.shape)

@@ -11,7 +11,7 @@ from geometry import Refusal, Scene
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Body
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.sections import build_sections
 from solver.contact.elements import ElementValues

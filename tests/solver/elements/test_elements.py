@@ -184,7 +184,7 @@ def test_a_continuous_field_has_unknowns(case: dict[str, float], order: int) -> 
 
 @special
 def test_what_is_held(case: dict[str, float]) -> None:
-    """u_r on the axis; both displacements on the floor and under a rigid base, or on an elastic base's top; nothing else."""
+    """u_r on the axis; both displacements on the bottom and under a rigid base, or on an elastic base's top; nothing else."""
     s, order = section(**case), 3
     mesh = mesh_of(s, MeridianFineness(1, 1, order))
     positions = compute_nodes(s, mesh, UNIT_SQUARE)

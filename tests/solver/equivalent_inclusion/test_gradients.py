@@ -1,4 +1,4 @@
-"""Design derivatives with tumours anywhere: Taylor's theorem, the level's own values, and the callback that IPOPT gets."""
+"""Design derivatives with tumours anywhere: Taylor's theorem, the evaluator's own values, and the callback that IPOPT gets."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ def test_central_differences_converge_to_the_derivative_at_second_order(scene: S
 
 def test_values_are_those_of_the_level_to_first_order() -> None:
     computed = compute_tumour_gradients(FLANK, start(FLANK), ())
-    level = compute_readings(solve_undisturbed(FLANK, 0.01), Tumours.from_scene(FLANK), reflect=False)
-    assert computed.values["ratio"][0] == pytest.approx(level.ratio[0], rel=5e-5)
-    assert computed.values["stiffness"][0] == pytest.approx(level.stiffness[0], rel=5e-5)
-    assert computed.values["log_sensitivity"][0] == pytest.approx(level.log_sensitivity[0], rel=1e-4)
+    readings = compute_readings(solve_undisturbed(FLANK, 0.01), Tumours.from_scene(FLANK), reflect=False)
+    assert computed.values["ratio"][0] == pytest.approx(readings.ratio[0], rel=5e-5)
+    assert computed.values["stiffness"][0] == pytest.approx(readings.stiffness[0], rel=5e-5)
+    assert computed.values["log_sensitivity"][0] == pytest.approx(readings.log_sensitivity[0], rel=1e-4)
 
 
 def test_callback() -> None:

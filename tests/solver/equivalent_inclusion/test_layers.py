@@ -40,7 +40,7 @@ def sphere(depth: float, diameter: float = 8.0, *, x: float = 0.0, y: float = 0.
 
 
 def assert_within_accuracy(scene: Scene, accuracy: float = 1e-2, uncertain: float = 1e-4) -> None:
-    """The level's answer is as close to that of the meridian's elements as it says."""
+    """The evaluator's result is as close to that of the meridian's elements as it states."""
     result, expected = LEVEL.evaluate(scene, accuracy), Axisymmetric().evaluate(scene, uncertain)
     assert result.error_estimate is not None
     for key in ("ratio", "stress_inner", "stress_outer"):
@@ -73,7 +73,7 @@ def test_a_sphere_across_an_interface_is_refused(bodies, words):
 
 
 def read(scene: Scene, accuracy: float = 1e-2, **options) -> Readings:
-    """What the level reads with reflections."""
+    """What the evaluator predicts with reflections."""
     return compute_readings(LEVEL.prepare(scene, accuracy), Tumours.from_scene(scene), scene.target or 0, reflect=True, **options)
 
 
@@ -135,7 +135,7 @@ def test_two_half_layers_are_one_and_turning_the_tissue_changes_nothing():
 
 @pytest.mark.slow
 def test_a_thick_layer_around_a_sphere_is_all_that_matters():
-    """On rock far below it is the answer in tissue of that material alone."""
+    """On rock far below it is the result in tissue of that material alone."""
     endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
     alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless, "inclusion": ASIDE})
     rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e8}})
@@ -208,7 +208,7 @@ def test_arrays_of_spheres_are_refused_where_one_is_crossed():
 
 @pytest.mark.slow
 def test_a_scan_over_a_sphere_under_a_skin():
-    """Even about the sphere; above it what the meridian's elements say; one position alone says what it says among many."""
+    """Even about the sphere; above it the result of the meridian's elements; one position gives the same alone as among many."""
     scene = add_layers((1.4, 2e4), inclusion=[sphere(9.0) | {"target": True}])
     line = scan(scene, "x", np.linspace(-7e-3, 7e-3, 15), accuracy=3e-3, linear=True)
     np.testing.assert_allclose(line.ratio, line.ratio[::-1], rtol=1e-6)
@@ -222,7 +222,7 @@ def test_a_scan_over_a_sphere_under_a_skin():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", INSIDE)
 def test_against_an_independent_code(name):
-    """NGSolve's answers (benchmarks.references.axisymmetric): the true error is within the one that is stated."""
+    """NGSolve's results (benchmarks.references.axisymmetric): the true error is within the one that is stated."""
     scene, expected = SCENES[name], EXPECTED[name]
     for accuracy in (1e-2, 1e-3):
         result, uncertain = LEVEL.evaluate(scene, accuracy), expected["relative_uncertainty"]

@@ -1,11 +1,11 @@
-"""Spheres that all but touch an interface, the floor or the side: usable bounds, held by ``axisymmetric``."""
+"""Spheres that all but touch an interface, the bottom or the side: usable bounds, held by ``axisymmetric``."""
 
 import pytest
 
 from benchmarks.evaluators.inclusion_audit import compare
 from benchmarks.evaluators.inclusion_draws import draw_near
 from geometry import Inclusion, read_scene
-from geometry.scenes.scene import CylinderTissue, Layer
+from geometry.scenes.scene_tables import CylinderTissue, Layer
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
@@ -14,7 +14,7 @@ from tests.support.paths import SCENE
 
 
 def evaluate_both(scene, accuracy=0.01):
-    """What both levels find, compared."""
+    """What both evaluators find, compared."""
     true = Axisymmetric().compute_converged(scene, accuracy / 10).films[0]
     comparison = compare(compute_readings(solve_undisturbed(scene, accuracy), Tumours.from_scene(scene), reflect=True), true)
     assert comparison
@@ -33,7 +33,7 @@ def test_next_to_an_interface_the_bound_is_of_use(gap, contrast):
     assert comparison.stated < max(0.01, 20 * comparison.true)
 
 
-@pytest.mark.parametrize("number", [38, 2, 3])  # a hard sphere at the floor of nearly incompressible tissue; one; one at the side
+@pytest.mark.parametrize("number", [38, 2, 3])  # hard spheres: at the bottom of nearly incompressible tissue; any; at the side
 def test_bounds_hold_where_tissue_is_all_but_pinched_off(number):
     comparison = evaluate_both(draw_near(7, number).scene())
     assert comparison.wrong == ""

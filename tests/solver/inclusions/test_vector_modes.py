@@ -65,7 +65,7 @@ def test_harmonics_are_scipys(order: int) -> None:
 @pytest.mark.parametrize("nu", [0.0, 0.25, 0.4999])  # 0.25 and 0: kind 0 of l = 3 and 4 has no grad_s part
 @pytest.mark.parametrize("side", SIDES)
 def test_fields_balance(side: Side, nu: float, parity: Parity) -> None:
-    """Stress is Hooke's of the displacement's slopes, and its divergence is zero."""
+    """Stress is Hooke's of the displacement's derivatives, and its divergence is zero."""
     modes, x = Modes(5, nu, 4, parity), scattered_points(6, 1.05, 1.4)
     unit_states, field = np.eye(len(modes)), modes.evaluate_regular if side == "regular" else modes.evaluate_outgoing
     u, stress = field(x, unit_states)

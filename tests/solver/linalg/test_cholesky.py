@@ -1,4 +1,4 @@
-"""Factors by PARDISO and by SuperLU: one answer, and older factors stay good."""
+"""Factors by PARDISO and by SuperLU: one result, and older factors stay good."""
 
 from __future__ import annotations
 

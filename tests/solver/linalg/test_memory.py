@@ -1,4 +1,4 @@
-"""What processes hold: one that answers many unlike scenes stops growing, and a scan stays small."""
+"""What processes hold: one that evaluates many unlike scenes stops growing, and a scan stays small."""
 
 from __future__ import annotations
 

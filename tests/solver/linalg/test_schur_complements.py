@@ -1,4 +1,4 @@
-"""Products B^T A^-1 B by PARDISO: those of dense matrices, whatever was asked before, or none."""
+"""Products B^T A^-1 B by PARDISO: those of dense matrices, whatever was computed before, or none."""
 
 from __future__ import annotations
 

@@ -147,10 +147,10 @@ def test_answers_do_not_depend_on_what_is_kept() -> None:
     assert poor == rich[0] == rich[1]
 
 
-@pytest.mark.parametrize("level", [Axisymmetric, EquivalentInclusion])
-def test_evaluators_with_workspaces_of_their_own_do_not_share(level: type[Axisymmetric | EquivalentInclusion]) -> None:
+@pytest.mark.parametrize("evaluator", [Axisymmetric, EquivalentInclusion])
+def test_evaluators_with_workspaces_of_their_own_do_not_share(evaluator: type[Axisymmetric | EquivalentInclusion]) -> None:
     unused = Workspace()
-    first, second = (level(workspace=Workspace()) for _ in range(2))
+    first, second = (evaluator(workspace=Workspace()) for _ in range(2))
     with use_workspace(unused):
         first.evaluate(read_scene(SHALLOW), 0.05)
     assert unused.bytes_held == second.workspace.bytes_held == 0 < first.workspace.bytes_held
@@ -169,12 +169,12 @@ def test_an_evaluator_takes_the_workspace_that_it_is_given_or_made_in() -> None:
 
 
 def test_a_limit_is_held_from_scene_to_scene() -> None:
-    level = EquivalentInclusion(workspace=Workspace(limit=3e7))
+    evaluator = EquivalentInclusion(workspace=Workspace(limit=3e7))
     max_bytes = 0
     for times in (1.0, 1.2, 1.4):
-        level.evaluate(scaled(read_scene(SHALLOW), lengths=times, moduli=times**2), 0.05)
-        max_bytes = max(max_bytes, level.workspace.bytes_held)
-        level.workspace.begin()
-        level.workspace.make_room()
-        assert 0 < level.workspace.bytes_held <= 3e7
+        evaluator.evaluate(scaled(read_scene(SHALLOW), lengths=times, moduli=times**2), 0.05)
+        max_bytes = max(max_bytes, evaluator.workspace.bytes_held)
+        evaluator.workspace.begin()
+        evaluator.workspace.make_room()
+        assert 0 < evaluator.workspace.bytes_held <= 3e7
     assert max_bytes > 3e7  # something had to go

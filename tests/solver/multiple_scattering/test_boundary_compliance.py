@@ -1,4 +1,4 @@
-"""One azimuthal order's answer on the boundary: by its matrix alone, eliminated or found from its factor, or by the factor."""
+"""One azimuthal order's response on the boundary: by its matrix alone, eliminated or found from its factor, or by the factor."""
 
 from __future__ import annotations
 

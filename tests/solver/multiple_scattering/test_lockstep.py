@@ -1,4 +1,4 @@
-"""Sets of spheres side by side: the answers of each alone, from fewer solutions."""
+"""Sets of spheres side by side: the results of each alone, from fewer solutions."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def test_orders_of_close_spheres_are_made_again_where_not_all_have_room() -> Non
 def test_not_even_one_order_of_close_spheres_is_a_refusal_that_advises() -> None:
     base = solve_undisturbed(SCENE, 0.05)
     reflector = Reflector(base.field.states, "bonded", close=True)
-    message = "close to the surface.*fewer, or further from surface, floor and interfaces, take less"
+    message = "close to the surface.*fewer, or further from surface, bottom and interfaces, take less"
     short = LIBRARY_MEMORY_BYTES + reflector._harmonics.bytes_per_order / 2  # whatever else is held and may go
     with use_limits(Limits(memory=short)), pytest.raises(LimitReached, match=message):
         reflector.find_interior(0)

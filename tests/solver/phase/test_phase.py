@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.scenes.scene import Contact, Load
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
+from geometry.scenes.scene_tables import Contact, Load
 from geometry.scenes.variables import list_loss_factors, list_values
 from solver import evaluate
 from solver.axisymmetric.refinement import MESH_LEVELS
@@ -117,11 +117,11 @@ def test_without_losses_the_slopes_are_told_all_the_same() -> None:
 
 @pytest.mark.slow
 def test_off_the_axis_the_first_order_agrees_with_the_meridian() -> None:
-    """On the axis both answer; with reflections left out the phase is off by no more than the ratio says."""
+    """On the axis both evaluators can compute; with reflections left out the phase is in error by no more than the ratio is."""
     scene = lossy(example())
     phase, exact = (
-        float(level(scene, (compute_loss_angles(scene),), MESH_LEVELS[3]).directional[0])
-        for level in (differentiate_off_axis, differentiate_on_axis)
+        float(differentiate(scene, (compute_loss_angles(scene),), MESH_LEVELS[3]).directional[0])
+        for differentiate in (differentiate_off_axis, differentiate_on_axis)
     )
     assert phase == pytest.approx(exact, abs=0.01 * compute_angle_spread(scene))
     off_axis_scene = scene_from_dict(scene_to_dict(scene) | {"placement": {"x": "1 um"}})
@@ -182,7 +182,7 @@ def test_inertia_is_within_what_it_is_counted_as(name: str, frequency: float) ->
 
 
 def test_tissue_that_swings_as_a_whole_has_no_phase() -> None:
-    """Once it was told with a warning that its error did not count that."""
+    """Once it was given with a warning that its error did not count that."""
     scene = lossy(example())
     limit = 0.25 * math.sqrt(scene.tissue.youngs_modulus / (2 * (1 + scene.tissue.poisson_ratio)) / 1100.0) / scene.tissue.depth
     known = evaluate(scene, "closed-form")

@@ -1,4 +1,4 @@
-"""By how much the walls at the gap near each other, against NGSolve, volumes and level contact."""
+"""By how much the walls at the gap near each other, against NGSolve, volumes and ``contact``."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from geometry import Load, Scene, read_scene
-from geometry.scenes.scene import Contact, CylinderTissue, HalfSpaceTissue, Layer, Tissue
+from geometry.scenes.scene_tables import Contact, CylinderTissue, HalfSpaceTissue, Layer, Tissue
 from solver import evaluate, plan
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import (
@@ -109,7 +109,7 @@ def test_each_cause_limits_in_its_turn() -> None:
 
 
 def test_cancelling_films_let_a_load_change_more_of_their_difference() -> None:
-    """Draw 43 of ``benchmarks.extremes.load_bounds --seed 1``: by level contact -1.16e-4 becomes -1.6e-5 at x = 0.0816."""
+    """Draw 43 of ``benchmarks.extremes.load_bounds --seed 1``: by ``contact`` -1.16e-4 becomes -1.6e-5 at x = 0.0816."""
     films, x = (0.02360534, 0.02372112), 0.0816
     rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf, films=films)
     force = x * 5e-3 * rule.stiffness
@@ -129,13 +129,13 @@ def test_cancelling_films_let_a_load_change_more_of_their_difference() -> None:
 
 
 def test_a_change_of_films_that_may_cancel_is_printed_as_a_finite_number() -> None:
-    """A thin soft layer inside a sphere, whose films' log-sensitivities cancel within their margin: "inf of itself"."""
+    """A thin soft layer inside a sphere, whose films' log-sensitivities cancel within their margin: "inf of its value"."""
     rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf, films=(0.02, 0.02))
     force = 0.0816 * 5e-3 * rule.stiffness
     change = 0.2 * 0.02 * bound_log_sensitivity_change(0.0816)
     assert rule.describe_changes(force, True).endswith(f"log_sensitivity by at most {change:.2g} (absolute)")
     apart = replace(rule, films=(0.05, 0.01)).describe_changes(force, True)
-    assert apart.endswith(f"log_sensitivity by at most {bound_log_sensitivity_change(0.0816):.2g} of itself")
+    assert apart.endswith(f"log_sensitivity by at most {bound_log_sensitivity_change(0.0816):.2g} of its value")
     assert "log_sensitivity" not in rule.describe_changes(force, False)
 
 
@@ -247,7 +247,7 @@ def test_thin_layers_count_in_proportion_to_what_they_take_up(modulus: float) ->
     assert np.all(added[0] < 0.03 * plain)
     assert np.all(np.diff(added, axis=0)[:, 1] > 0)
     bottom = strain(9.0, (0.4, 0.3), (2e-4, modulus)) / strain(9.0, (0.4, 0.3))
-    assert bottom == pytest.approx(1.0, rel=0.02)  # nor does it as a floor, or as a gap, below another
+    assert bottom == pytest.approx(1.0, rel=0.02)  # nor does it as a bottom, or as a gap, below another
 
 
 def with_load(scene: Scene, **load: float) -> Scene:
@@ -256,7 +256,7 @@ def with_load(scene: Scene, **load: float) -> Scene:
 
 @pytest.mark.parametrize("offset", [0.0, 3e-3])
 def test_a_soft_skin_leaves_linear_elasticity_what_it_answers(offset: float) -> None:
-    """Level contact on the axis: the ratio 1.2e-4 off, the log-sensitivity 0.6 %, at 5 mN."""
+    """``contact`` on the axis: the ratio 1.2e-4 off, the log-sensitivity 0.6 %, at 5 mN."""
     scene = read_scene(EXAMPLES / "scene.toml")
     skin = Layer(thickness=5e-4, youngs_modulus=5.5e3, poisson_ratio=0.45)
     body = scene.inclusion[0].model_copy(update={"x": offset})
@@ -272,7 +272,7 @@ def test_a_soft_skin_leaves_linear_elasticity_what_it_answers(offset: float) -> 
 
 
 def test_faces_that_slide_count_more() -> None:
-    """On examples/scene.toml level contact's log-sensitivity is 7 % off at x = 0.039, where it is 3 % off with bonded faces."""
+    """On examples/scene.toml ``contact``'s log-sensitivity is 7 % off at x = 0.039, where it is 3 % off with bonded faces."""
     scene = read_scene(EXAMPLES / "scene.toml")
     sliding = scene.model_copy(update={"contact": Contact(interface="frictionless")})
     rule = CoarseModel.from_scene(sliding, details=False).build_rule(sliding)

@@ -26,7 +26,7 @@ from tests.support.slow import slow_unless
 
 @EVERY
 def test_what_auto_answers_is_within_its_error_of_what_is_true(reference: ContactReference) -> None:
-    """Linear answers at the loads of the references, the rule's effect counted, whatever it makes of them."""
+    """Linear results at the loads of the references, the rule's effect counted, whatever it makes of them."""
     known = 0
     for row in reference.rows:
         result = evaluate(with_load(reference.scene, indentation=row["indentation"]), accuracy=0.05, linear=True)
@@ -46,7 +46,7 @@ BESIDE = SCENE.model_copy(update={"inclusion": (SCENE.inclusion[0].model_copy(up
 
 class TestAuto:
     def test_refuses_with_a_load_that_it_then_answers(self) -> None:
-        """Where level contact cannot: with the tumour beside the probe's axis."""
+        """Where ``contact`` cannot: with the tumour off the probe's axis."""
         with pytest.raises(Refusal, match=r"load.force = 0.1 N: allowed: up to 0.0\d+ N .*--linear") as refused:
             evaluate(BESIDE)
         limit = float(str(refused.value).split("up to ")[1].split(" N")[0])
@@ -141,7 +141,7 @@ def test_the_gap_closes_no_earlier_than_the_formulas_say(folder: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("diameter", "depth", "contrast"), [(14e-3, 8.7e-3, 0.16), (14e-3, 9e-3, 24.0)])
 def test_the_rule_holds_over_large_inclusions_near_the_surface(diameter: float, depth: float, contrast: float) -> None:
-    """Level contact changes the ratio, or a stress, by more than eq. PL.2 alone allows; eq. PL.7 covers that."""
+    """``contact`` changes the ratio, or a stress, by more than eq. PL.2 alone allows; eq. PL.7 covers that."""
     scene = read_scene(EXAMPLES / "scene.toml")
     body = scene.inclusion[0].model_copy(update={"diameter": diameter, "depth": depth, "youngs_modulus": contrast * 6e3})
     scene = scene.model_copy(update={"inclusion": (body,)})

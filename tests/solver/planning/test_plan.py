@@ -14,7 +14,7 @@ from geometry import Inclusion, Load, Scene, read_scene
 from geometry.common.errors import Refusal
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Base, Groove
-from geometry.scenes.scene import Contact
+from geometry.scenes.scene_tables import Contact
 from probe_design.commands.main import cli
 from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import compute_converged_forces
@@ -81,8 +81,8 @@ class TestInclusions:
     def test_the_ratio_moves_by_less_than_promised(self, seed: int) -> None:
         scene = self.scene(seed)
         scene_plan = plan(scene, 0.03)
-        level = evaluator("equivalent-inclusion")
-        whole, part = level.evaluate(scene, 0.002), level.evaluate(scene_plan.scene, 0.002)
+        inclusion_evaluator = evaluator("equivalent-inclusion")
+        whole, part = inclusion_evaluator.evaluate(scene, 0.002), inclusion_evaluator.evaluate(scene_plan.scene, 0.002)
         moved = [abs(math.log(getattr(whole, key) / getattr(part, key))) for key in ("ratio", "stiffness", "stress_outer")]
         assert max(moved) <= scene_plan.left_out <= 0.1 * 0.03
         assert part.log_sensitivity == pytest.approx(whole.log_sensitivity, rel=0.1 * 5 * 0.03)

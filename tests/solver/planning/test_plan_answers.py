@@ -1,4 +1,4 @@
-"""``evaluate`` does what ``plan`` says: one decision, whose refusals are told in the numbers that were asked."""
+"""``evaluate`` does what ``plan`` states: one decision, whose refusals name the numbers that were requested."""
 
 import json
 import re
@@ -9,7 +9,7 @@ import pytest
 from benchmarks.plans.agreement import OUTCOMES, outcome
 from benchmarks.plans.draws import KINDS, scenes
 from geometry import Load, Refusal, read_scene, scene_to_toml
-from geometry.scenes.scene import Placement
+from geometry.scenes.scene_tables import Placement
 from solver import automatic, evaluate, plan
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.load_check import build_load_rule
@@ -85,7 +85,7 @@ def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():
 def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
     stopped = "memory = 2 GB: allowed: 3.1 GB or more for this scene"
 
-    def refuse(scene, accuracy, linear, tell, **_):
+    def refuse(scene, accuracy, linear, progress, **_):
         return [
             automatic.FailedAttempt(run_plan(scene, accuracy), OutOfReach("axisymmetric", scene, accuracy, 0.02, stopped=stopped))
         ]

@@ -3,7 +3,7 @@
 import pytest
 
 from geometry import Placement, read_scene
-from geometry.scenes.scene import CylinderTissue
+from geometry.scenes.scene_tables import CylinderTissue
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS
 from solver import evaluate, evaluator
 from solver.solid.difference import solve_difference

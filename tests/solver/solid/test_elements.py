@@ -116,7 +116,7 @@ def test_plain_elements_lock() -> None:
 
 class TestStates:
     def test_reactions_are_symmetric_and_shared_by_the_floor(self) -> None:
-        """The nodal forces of the field itself: on the tops what the energies say, on the floor the opposite, elsewhere none."""
+        """The nodal forces of the field itself: on the tops those of the energies, on the bottom the opposite, elsewhere none."""
         solution, s = states(), solid()
         problem, total = solution.problem, np.zeros((s.nodes.size, 3))
         for body, stuff in problem.laws.items():
@@ -137,7 +137,7 @@ class TestStates:
         assert np.all(hard.sum(axis=1) > 0)
 
     def test_tilt_needs_something_off_the_axis(self) -> None:
-        """By symmetry neither film feels a tilt over round tissue; here but for the mesh's own asymmetry."""
+        """By symmetry a tilt over round tissue puts no force on either film; here but for the mesh's own asymmetry."""
         size = 0.006 * states().forces.sum()
         assert np.abs(states(6e3).tilt).max() < 2e-3 * size < np.abs(states(6e4).tilt).max()
 
@@ -173,7 +173,7 @@ class TestStates:
         assert close.tilt == pytest.approx(states(sphere).tilt, rel=1e-6)
 
     def test_forces_are_exact_long_before_states(self) -> None:
-        """They are off by about the square of the residual; their slopes by about itself."""
+        """They are in error by about the square of the residual; their derivatives by about itself."""
         problem, known = Problem.assemble(solid(), materials(6e6), states().problem.supports), states()
         early, late = (solve_states(problem, factor=known.factor, start=known.v, target=target) for target in (1e-6, 1e-11))
         assert early.residual > 1e-8

@@ -1,4 +1,4 @@
-"""Three-dimensional finite elements against independent codes, the rotationally symmetric level, and laws of physics."""
+"""Three-dimensional finite elements against independent codes, the rotationally symmetric evaluator, and laws of physics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from geometry import Groove, Placement, Refusal, Scene
 from geometry.common.resources import Limits, use_limits
 from geometry.scenes.fit_check import compute_semi_axes
-from geometry.scenes.scene import Load
+from geometry.scenes.scene_tables import Load
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach
@@ -142,7 +142,7 @@ def test_a_curve_is_what_evaluations_are() -> None:
 
 @pytest.mark.slow
 def test_far_tissue_may_be_cut_off() -> None:
-    """On a half-space little is meshed; the equivalent-inclusion level, which ends 300 radii away, agrees."""
+    """On a half-space little is meshed; ``equivalent-inclusion``, which ends 300 radii away, agrees."""
     whole = named("solid", "flank").scene
     scene = whole.model_copy(update={"tissue": half_space(whole)})
     result, second_result = solved(scene, 0.02), evaluate(scene, "equivalent-inclusion", 0.003)
@@ -175,7 +175,7 @@ def test_what_is_meshed() -> None:
 
 
 def test_a_probe_that_stands_a_little_aside_has_tissue_round_its_axis() -> None:
-    """So its mesh is that of a probe in the middle, carried along with the tumour; far aside the tissue's own side is meshed."""
+    """Its mesh is that of a probe in the middle, carried along with the tumour; far off the axis the tissue's side is meshed."""
     scene = named("solid", "flank").scene
     shifted, far = (scene.model_copy(update={"placement": Placement(x=x)}) for x in (1e-3, 3e-2))
     domain_here, domain_shifted = (

@@ -56,10 +56,10 @@ def test_a_third_mesh_is_made_where_it_may_reach_what_is_promised(derivative, er
     ],
 )
 def test_a_rougher_mesh_is_made_where_its_word_may_do_and_else_a_finer_one(error, made, monkeypatch):
-    """Meshes whose film forces are off by known shares, at 1 %; DESIGN asks no price that the answer does not need."""
+    """Meshes whose film forces are in error by known shares, at 1 %; DESIGN asks no price that the result does not need."""
     scene = read_scene(SCENE)
     symmetric, requests = compute_symmetric_part(scene, 0.01), []
-    monkeypatch.setattr(film_forces, "_iterate_meshes", lambda domain, stage, tell: [_Mesh(made_mesh) for made_mesh in stage])
+    monkeypatch.setattr(film_forces, "_iterate_meshes", lambda domain, stage, progress: [_Mesh(made_mesh) for made_mesh in stage])
 
     def solve_difference(domain, mesh, moduli):
         requests.append(mesh.fineness)

@@ -49,7 +49,7 @@ def kept(workspace: Workspace) -> CachedMesh:
 
 @pytest.fixture
 def factors(monkeypatch: pytest.MonkeyPatch) -> list[Problem]:
-    """Every problem that is factorised for a kept mesh."""
+    """Every problem that is factorised for a cached mesh."""
     made: list[Problem] = []
     factorise = kept_mesh_module.factorise_problem
 

@@ -1,4 +1,4 @@
-"""Layers of tissue in three dimensions: against independent codes and other levels, one material cut up, films and bone."""
+"""Layers of tissue in three dimensions: against independent codes and other evaluators, one material cut up, films and bone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from geometry import HalfSpaceTissue, Load, Refusal, Scene
 from geometry.common.resources import LimitReached
-from geometry.scenes.scene import Layer
+from geometry.scenes.scene_tables import Layer
 from solver import evaluate, plan
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach
@@ -75,7 +75,7 @@ def test_on_the_axis() -> None:
 
 @pytest.mark.slow
 def test_layers_of_the_tissues_own_material_change_nothing(stored: None) -> None:
-    """Against the level of harmonics, which has no such planes."""
+    """Against the evaluator of harmonics, which has no such planes."""
     whole = with_moduli(ACROSS.scene, 6e3, 6e3, 6e3, poisson_ratio=0.45)
     result = solved(whole)
     bare = whole.model_copy(update={"tissue": whole.tissue.model_copy(update={"layer": ()})})

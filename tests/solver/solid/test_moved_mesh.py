@@ -1,4 +1,4 @@
-"""Meshes carried along with tumours: the bodies are where the scene says, all else stays; what would be no good mesh is none."""
+"""Meshes carried along with tumours: the bodies are where the scene places them, all else stays; bad meshes are refused."""
 
 from __future__ import annotations
 
@@ -136,10 +136,10 @@ def assert_alike(first: Part, second: Part) -> None:
 def test_answers_agree_within_their_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The reference, reached from a tumour 1 mm deeper: within the stated error of the independent code, and no mesh is made."""
     monkeypatch.setenv("PROBE_DESIGN_CACHE", str(tmp_path))
-    level, reference = SolidEvaluator(workspace=Workspace()), named("solid", SCENE)
-    level.evaluate(with_first(FLANK, depth=FLANK.inclusion[0].depth + 1e-3), 0.01)
+    evaluator, reference = SolidEvaluator(workspace=Workspace()), named("solid", SCENE)
+    evaluator.evaluate(with_first(FLANK, depth=FLANK.inclusion[0].depth + 1e-3), 0.01)
     made = sorted(tmp_path.iterdir())
-    result = level.evaluate(FLANK, 0.01)
+    result = evaluator.evaluate(FLANK, 0.01)
     assert sorted(tmp_path.iterdir()) == made
     assert result.ratio is not None
     assert result.error_estimate is not None

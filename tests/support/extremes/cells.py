@@ -1,4 +1,4 @@
-"""The cells of the matrix of extremes: which scene is asked of which evaluator."""
+"""The cells of the matrix of extremes: which scene is given to which evaluator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOLID = (
 def cells(rows: list[Row]) -> Iterator[tuple[Row, str]]:
     """Yield every row with every evaluator."""
     for row in rows:
-        yield from ((row, level) for level in (UNDER_LOAD if row.group == "loads" else LEVELS))
+        yield from ((row, evaluator) for evaluator in (UNDER_LOAD if row.group == "loads" else LEVELS))
     for row in rows:
         if row.key in SOLID or row.group == "zero":
             yield row, "solid"

@@ -21,7 +21,7 @@ ACCURACY = 0.01
 PATIENCE = 300  # s of processor time; longer counts as no result
 MARKS = ("right", "refused", "null", "wrong")
 REACHED = re.compile(r"(?:error bounds?|95 % errors) of ([0-9.e+-]+)")
-STATED_SENSITIVITY = re.compile(r"log_sensitivity is good to about ([0-9.e+-]+) of itself only")
+STATED_SENSITIVITY = re.compile(r"log_sensitivity is known within ([0-9.]+) % of its value")
 NOTHING = ("log_sensitivity is smaller than its own error", "log_sensitivity is null")
 QUANTILE_MARGIN = 4  # an error stated as a 95 % quantile is wrong where the true one is so many times as large
 ROUNDED, ROUGHLY = 1.05, 1.5  # what rounding to two digits, or to one, may take off a bound in words
@@ -63,7 +63,7 @@ class Cell:
         See ``Outcome``.
     mark
         One of ``MARKS``.
-    why
+    reason
         The reason given, or what is wrong.
     true, stated
         Relative error of the ratio and the bound on it.
@@ -75,7 +75,7 @@ class Cell:
     evaluator: str
     seconds: float
     mark: str
-    why: str = ""
+    reason: str = ""
     true: float | None = None
     stated: float | None = None
     doubt: float = 0.0
@@ -180,7 +180,7 @@ def find_sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: S
     if log_sensitivity is None:
         yield "log_sensitivity is null without a reason"
     elif truth.log_sensitivity is not None:
-        stated_errors = [float(match[1]) for text in notes if (match := STATED_SENSITIVITY.search(text))]
+        stated_errors = [float(match[1]) / 100 for text in notes if (match := STATED_SENSITIVITY.search(text))]
         reference_size = max(abs(log_sensitivity), 2e-6 / ACCURACY)  # small ones are compared with this size
         bound = max(5 * ACCURACY * abs(truth.log_sensitivity), 1e-5, ROUGHLY * max(stated_errors, default=0.0) * reference_size)
         bound *= margin

@@ -152,7 +152,7 @@ def homogeneous() -> Iterator[Row]:
 
 
 def layered() -> Iterator[Row]:
-    """Layers of the tissue's own material are not there; tissue on rock is tissue on its rigid floor; scales do not matter."""
+    """Layers of the tissue's own material are not there; tissue on rock is tissue on its rigid bottom; scales do not matter."""
     scene, truth = known("extremes", "middle")
     tissue = scene.tissue.model_dump()
     tissue_values = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
@@ -166,7 +166,7 @@ def layered() -> Iterator[Row]:
             rock | {"layer": [tissue_values | {"thickness": tissue["depth"]}]},
         )
         yield Row(
-            "laws", f"tissue on rock, contrast {times:g}", changed(scene, tissue=deep), layers, "on a rigid floor, by NGSolve"
+            "laws", f"tissue on rock, contrast {times:g}", changed(scene, tissue=deep), layers, "on a rigid bottom, by NGSolve"
         )
     for name, size in (("film-of-a-tenth-millimetre", 0.1e-3), ("plate-on-gel", 50e-3)):
         scene, truth = known("tissue-layers", name)

@@ -69,7 +69,7 @@ class Row:
 
 
 def lightened(row: Row) -> Row:
-    """Return a row of linear elasticity under a thousandth of its load or less, where ``auto`` answers linearly."""
+    """Return a row of linear elasticity under a thousandth of its load or less, where ``auto`` is linear."""
     load, truth = row.scene.load, row.truth
     share = LIGHT * min(1.0, row.scene.probe.tube_radius / SMALL) ** 2
     light = {key: value and share * value for key, value in (("force", load.force), ("indentation", load.indentation))}
@@ -91,7 +91,7 @@ def _truth(values: dict[str, float]) -> Truth:
 
 
 def referenced() -> Iterator[Row]:
-    """Yield the scenes of ``tests/reference`` whose answers NGSolve has found."""
+    """Yield the scenes of ``tests/reference`` whose results NGSolve has computed."""
     for folder in FOLDERS:
         known = truths(folder)
         for path in sorted((REFERENCE / folder).glob("*.toml")):

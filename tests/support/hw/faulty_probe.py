@@ -46,7 +46,7 @@ class Fault:
 
 
 class FaultyFirmware(Firmware):
-    """Firmware with faults; ``halted`` says whether the endpoint is halted."""
+    """Firmware with faults; ``halted`` states whether the endpoint is halted."""
 
     def __init__(
         self, signals: Callable[[Floats], Floats], rate: float, scale: tuple[float, ...], packet: int, faults: Sequence[Fault]

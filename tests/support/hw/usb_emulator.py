@@ -34,7 +34,7 @@ SCALE, RATE = 2.0**-12, 100_000.0
 
 
 class Probe:
-    """The firmware: vendor requests, frames, and the faults that it was told to have."""
+    """The firmware: vendor requests, frames, and the faults that it was given."""
 
     def __init__(self, settings: dict) -> None:
         self.settings, self.packet = settings, settings.get("packet", 512)
@@ -51,7 +51,7 @@ class Probe:
         return device + struct.pack("<BBHBBBBB", 9, 2, 9 + 9 + 7, 1, 1, 0, 0x80, 50) + interface + endpoint
 
     def control(self, kind: int, request: int, value: int) -> bytes | None:
-        """The answer to a request; None refuses it."""
+        """The response to a request; None refuses it."""
         if (kind, request, value) == (0x80, 6, 0x0303):
             text = self.settings["serial"].encode("utf-16-le")
             return bytes([2 + len(text), 3]) + text
@@ -107,7 +107,7 @@ class Probe:
 
 
 class Port(UMockdev.IoctlBase):
-    """One device node: usbfs requests from libusb, answered by a probe."""
+    """One device node: usbfs requests from libusb, to which a probe responds."""
 
     def __init__(self, bed: UMockdev.Testbed, probe: Probe | Oscilloscope, number: int) -> None:
         super().__init__()

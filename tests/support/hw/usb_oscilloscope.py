@@ -1,4 +1,4 @@
-"""An oscilloscope for usb_emulator.py: USBTMC 1.0 (tables 1, 3, 4, 9 and 37) and the words that a Rigol DS1000Z answers to."""
+"""An oscilloscope for usb_emulator.py: USBTMC 1.0 (tables 1, 3, 4, 9 and 37) and the words that a Rigol DS1000Z responds to."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ POINTS, INTERVAL = 1200, 2e-5
 
 
 class Oscilloscope:
-    """Takes messages from its bulk OUT endpoint and answers them on its bulk IN endpoint."""
+    """Takes messages from its bulk OUT endpoint and responds to them on its bulk IN endpoint."""
 
     def __init__(self, settings: dict) -> None:
         self.settings, self.packet, self.halted = settings, 512, False
@@ -23,7 +23,7 @@ class Oscilloscope:
         return device + struct.pack("<BBHBBBBB", 9, 2, 9 + 9 + 14, 1, 1, 0, 0xC0, 0) + interface + endpoints
 
     def control(self, kind: int, request: int, value: int) -> bytes | None:
-        """The answer to a request; None refuses it."""
+        """The response to a request; None refuses it."""
         if (kind, request, value) == (0x80, 6, 0x0300):
             return b"\x04\x03\x09\x04"
         if (kind, request, value) == (0x80, 6, 0x0303):
