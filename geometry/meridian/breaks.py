@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Numeric
 from geometry.meridian.crossed_sphere import count_terrain_interfaces
 from geometry.meridian.grading import count_folds, grade_nodes, smooth_min
 from geometry.meridian.section import Section
@@ -142,3 +143,13 @@ def count_lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
 def count_lean_rings(rings: tuple[int, ...], core: Breaks) -> tuple[int, int]:
     """Return the numbers of rings: outside the sphere as given, between core and sphere as many as growth requires."""
     return rings[0], ceil(_count_folds(core)[0])
+
+
+def join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Numeric:
+    """Return the nodes on all intervals between breaks, shape (..., sum(cells) + 1).
+
+    ``cells`` has the number in each interval.
+    """
+    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
+    pieces = [grade_nodes(low, high, n, a, b) for (low, high), (a, b), n in ends]
+    return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)

@@ -240,8 +240,8 @@ def _cut_at_wall(cell: Cell, layout: MeshTopology, side: int) -> Floats:
     # the strip at the wall is the first on the left and the last on the right side; corners are counted as in UNIT_SQUARE
     corner = (0, 1)[side] if low else (3, 2)[side]
     start = 0.0 if side == 0 else 1 - LAYER_RATIO
-    near = _cut_corner(corner, layers - 1) * [LAYER_RATIO, 1.0] + [start, 0.0]
-    return np.concatenate([near, pieces[1:] if side == 0 else pieces[:-1]])
+    at_corner = _cut_corner(corner, layers - 1) * [LAYER_RATIO, 1.0] + [start, 0.0]
+    return np.concatenate([at_corner, pieces[1:] if side == 0 else pieces[:-1]])
 
 
 def _cut_corner(corner: int, layers: int) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from math import isclose
 
 import numpy as np
@@ -21,11 +20,13 @@ from geometry.meridian.breaks import (
     find_cut_ends,
     find_radial_breaks,
     find_tissue_breaks,
+    join_intervals,
 )
 from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_box_lines, spread_apart
-from geometry.meridian.grading import grade_nodes, smooth_min
+from geometry.meridian.grading import grade_nodes
 from geometry.meridian.section import Body, Section
-from geometry.meridian.sphere_box import Breaks, SphereBox
+from geometry.meridian.sphere_box import SphereBox
+from geometry.meridian.upper_levels import place_base_levels, place_bridge, place_stack_levels
 
 MIN_CORNER_LAYERS = 3  # layers at corners from which on films and bonds have two rows, each cut towards one corner
 MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
@@ -321,35 +322,23 @@ def find_kind(section: Section, lean: bool = False) -> Kind:
 def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
     s, sphere, box = section, SphereBox.from_section(section), layout.kind.box
-    levels = [_join_intervals(find_tissue_breaks(s, sphere), layout.rows)]
+    levels = [join_intervals(find_tissue_breaks(s, sphere), layout.rows)]
     for height, cells, stack in zip((s.inner_height, s.outer_height), layout.blocks, layout.kind.stacks, strict=True):
-        levels.append(_join_intervals(find_block_breaks(s, height), (cells,))[..., 1:])
-        levels += _place_stack_levels(s, layout, height, stack)
-    radii = [_join_intervals(find_radial_breaks(s, box, sphere), layout.columns)]
+        levels.append(join_intervals(find_block_breaks(s, height), (cells,))[..., 1:])
+        levels += place_stack_levels(s, height, stack, layout.layer)
+    radii = [join_intervals(find_radial_breaks(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
-        levels += _place_base_levels(s, layout)
-        radii.append(_place_bridge(s, layout))
+        levels += place_base_levels(s, layout.kind.base, layout.step, layout.thick)
+        radii.append(place_bridge(s, layout.kind.base, layout.half))
         if layout.kind.flange:
             radii.append(grade_nodes(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
     levels.append(_find_middles(levels[0], layout))
     rays: tuple[Numeric, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0)
     if sphere is not None:
-        outside, inside = (
-            _join_intervals(ring, (cells,)) for ring, cells in zip(sphere.build_rings(), layout.rings, strict=True)
-        )
+        outside, inside = (join_intervals(ring, (cells,)) for ring, cells in zip(sphere.build_rings(), layout.rings, strict=True))
         centre, radius = -sphere.depth + 0 * sphere.radius, sphere.radius + 0 * sphere.depth
         rays = (outside, inside, centre, radius, place_core_lines(layout, radii[0], levels[0], sphere))
     return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
-
-
-def _join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Numeric:
-    """Return the nodes on all intervals between breaks, shape (..., sum(cells) + 1).
-
-    ``cells`` has the number in each interval.
-    """
-    ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
-    pieces = [grade_nodes(low, high, n, a, b) for (low, high), (a, b), n in ends]
-    return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
 def place_core_lines(layout: MeshTopology, radii: Numeric, levels: Numeric, sphere: SphereBox) -> BoxLines:
@@ -373,36 +362,3 @@ def _find_middles(levels: Numeric, layout: MeshTopology) -> Numeric:
     """Return the heights half-way up the rows in which lines end, shape (..., rows): where the ends of merging columns meet."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
-
-
-def _place_bridge(s: Section, layout: MeshTopology) -> Numeric:
-    """Return the radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
-    # ``sign``, as ``Kind.base``: the step is as high as the blocks' heights differ, and needs cells no larger than that
-    middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
-    inner_top, outer_top = s.top_heights
-    step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (inner_top - outer_top))
-    breaks = Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
-    return _join_intervals(breaks, (layout.half, layout.half))[..., 1:-1]
-
-
-def _place_stack_levels(s: Section, layout: MeshTopology, height: Numeric, stack: tuple[Body, ...]) -> list[Numeric]:
-    """Return the levels of the layers of a stack on a block whose top is at ``height``."""
-    levels, top = [], height
-    for body in stack:
-        thickness = getattr(s, body.name.lower())
-        levels.append(grade_nodes(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
-        top = top + thickness
-    return levels
-
-
-def _place_base_levels(s: Section, layout: MeshTopology) -> list[Numeric]:
-    """Return the levels of an elastic base from below: its boss on the lower block, the step, and the flange.
-
-    The boss, absent where both films are level, fills the height by which one block is lower than the other.
-    """
-    low, step = s.top_heights[::-1] if layout.kind.base == 1 else s.top_heights
-    corner = s.corner_size
-    boss = [] if layout.kind.base == 0 else [grade_nodes(low, step, layout.step, corner, corner)[..., 1:-1]]
-    flange = step + s.step_height
-    top = grade_nodes(flange, flange + s.flange_thickness, layout.thick, smooth_min(s.step_height, corner))
-    return [*boss, grade_nodes(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]

@@ -11,6 +11,8 @@ from pydantic import Field, model_validator
 from geometry.common.errors import InputError, Words
 from geometry.scenes.bonds import fill_in_bond
 from geometry.scenes.quantities import (
+    NUMBER_TEXT,
+    POISSON_RATIO_TEXT,
     ChargePerForce,
     Frozen,
     LossFactor,
@@ -50,7 +52,7 @@ class Bond(Frozen):
 
     thickness: Thickness
     youngs_modulus: Modulus | None = build_optional_field()
-    poisson_ratio: PoissonRatio | None = build_optional_field()
+    poisson_ratio: PoissonRatio | None = build_optional_field(POISSON_RATIO_TEXT)
     loss_factor: LossFactor = 0.0
     name: MaterialName | None = Field(
         default=None, description="a bond that `probe-design material list` shows", exclude_if=lambda name: name is None
@@ -90,13 +92,13 @@ class OuterFilm(Frozen):
 
     thickness: PartLength | None = build_optional_field()
     youngs_modulus: Modulus | None = build_optional_field()
-    poisson_ratio: PoissonRatio | None = build_optional_field()
+    poisson_ratio: PoissonRatio | None = build_optional_field(POISSON_RATIO_TEXT)
     d31: ChargePerForce | None = build_optional_field()
     d32: ChargePerForce | None = build_optional_field()
     d33: ChargePerForce | None = build_optional_field()
     electrode_inset: Thickness | None = build_optional_field()
-    psi1: Number | None = build_optional_field()
-    psi2: Number | None = build_optional_field()
+    psi1: Number | None = build_optional_field(NUMBER_TEXT)
+    psi2: Number | None = build_optional_field(NUMBER_TEXT)
     bond_to_base: Bond | None = build_optional_field()
     bond_to_block: Bond | None = build_optional_field()
 
@@ -134,8 +136,8 @@ class Film(Frozen):
     d32: ChargePerForce = 2e-12
     d33: ChargePerForce = -20e-12
     electrode_inset: Thickness = 0.0
-    psi1: Number | None = build_optional_field()
-    psi2: Number | None = build_optional_field()
+    psi1: Number | None = build_optional_field(NUMBER_TEXT)
+    psi2: Number | None = build_optional_field(NUMBER_TEXT)
     bond_to_base: Bond | None = build_optional_field()
     bond_to_block: Bond | None = build_optional_field()
     outer: OuterFilm | None = build_optional_field()

@@ -17,9 +17,10 @@ POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)
 Position = Annotated[float, POSITION_QUANTITY]
 Modulus = Annotated[float, MODULUS_QUANTITY]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
-PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
+POISSON_RATIO_TEXT, NUMBER_TEXT = "a number from 0 to below 0.5", "a number from -100 to 100"
+PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description=POISSON_RATIO_TEXT)]
 LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
-Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
+Number = Annotated[float, Field(ge=-100.0, le=100.0, description=NUMBER_TEXT)]
 MaterialName = Annotated[str, Field(min_length=1, max_length=100)]
 
 
@@ -34,6 +35,6 @@ def build_quiet_field(default: object) -> Any:
     return Field(default=default, exclude_if=lambda value: value == default)
 
 
-def build_optional_field() -> Any:
-    """Return a field that may be left out, and then is not written to files."""
-    return Field(default=None, exclude_if=lambda value: value is None)
+def build_optional_field(description: str | None = None) -> Any:
+    """Return a field that may be left out, and then is not written to files; the description says what is allowed."""
+    return Field(default=None, description=description, exclude_if=lambda value: value is None)

@@ -168,6 +168,7 @@ def build_model(
     materials: Materials,
     interface: Interface,
     fineness: MeridianFineness,
+    *,
     kind: Kind | None = None,
     films: Films | None = None,
 ) -> MeridianModel:

@@ -2,7 +2,7 @@
 
 The charge of a film of thickness t is the integral over its electrode of the mean stress over the thickness,
 
-    Q = Int (1/t) [d_p (s_r + s_t) + d33 s_z] dV,   d_p = (d31 + d32) / 2        (FS.1)
+    Q = Int (1/t) [d_p (s_r + s_t) + d33 s_z] dV,   d_p = (d31 + d32) / 2        (AX.14)
 
 with the stresses s_r, s_t and s_z along the radius, round the axis and along z; d31 and d32 are averaged over all directions as
 stresses do not depend on the angle. A displacement u* = (d_p r, d33 z) / t of the electrode's part of the film has the uniform
@@ -10,7 +10,7 @@ strain (d_p, d_p, d33) / t there, so that Q = a_film(u*, u) is the energy of u* 
 state is s = w - u*, with w the displacement that the probe has under the forces of u*: a(w, .) = a_film(u*, .). As a base state u
 is in equilibrium, a(w, u) = 0, and
 
-    Q = -a(s, u),        (FS.2)
+    Q = -a(s, u),        (AX.15)
 
 the same energy product as a film force, with an error that falls at twice the rate of the displacements. The toolkit's charge is
 -Q: it has the sign of d33 where a film is pressed.
@@ -35,7 +35,7 @@ CHARGE_UNIT = 1e-9  # C: in it film states are about as large as base states, an
 
 
 def build_film_lift(section: Section, mesh: Topology, skeleton: int, films: Films) -> Floats:
-    """Return the elements' displacements -u* of both films, per ``CHARGE_UNIT``, for eq. FS.2.
+    """Return the elements' displacements -u* of both films, per ``CHARGE_UNIT``, for eq. AX.15.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, describe_choices
-from geometry.meridian.section import LAYERS, Body
+from geometry.meridian.section import LAYERS, STACKS, Body
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import compute_length_derivatives, find_film_part, list_values
 from solver.axisymmetric.base_states import MeridianModel
@@ -20,6 +20,7 @@ from solver.axisymmetric.sample import MeshSample
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 CHARGE_NAMES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")  # of samples with charges
+UPPER_LENGTHS = {"inner_height", "outer_height", *(body.name.lower() for stack in STACKS for body in stack)}
 BODIES_OF_MATERIAL: dict[str, tuple[Body, ...]] = {
     "tissue": (Body.TISSUE,), "probe.inner": (Body.INNER,), "probe.outer": (Body.OUTER,), "inclusion": (Body.INCLUSION,),
     "probe.base": (Body.BASE,), **{f"tissue.layer[{k}]": (body,) for k, body in enumerate(LAYERS)},
@@ -100,11 +101,13 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
 def _list_differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
     """Return the scene's variables that have a derivative.
 
-    Where an elastic base lies flat on both films, the heights of single blocks have none: a change of one would put a step into
-    the base, which the mesh does not have.
+    Where an elastic base lies flat on both films, the heights of what lies on one block alone have none: a change of one would
+    put a step into the base, which the mesh does not have.
     """
-    flush = sample.states.model.mesh.layout.kind.base == 0
-    return tuple(name for name in list_values(scene) if not (flush and name in ("probe.inner_height", "probe.outer_height")))
+    if sample.states.model.mesh.layout.kind.base != 0:
+        return tuple(list_values(scene))
+    lengths = compute_length_derivatives(scene)
+    return tuple(name for name in list_values(scene) if len(set(lengths.get(name, {})) & UPPER_LENGTHS) != 1)
 
 
 @dataclass(frozen=True)

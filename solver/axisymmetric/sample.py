@@ -112,7 +112,7 @@ def solve_on_mesh(
         middle = _choose_middle_modulus(moduli, scene.tissue.youngs_modulus)
         materials[Body.INCLUSION] = Material(youngs_modulus=middle, poisson_ratio=scene.inclusion[0].poisson_ratio)
     try:
-        states = solve_base_states(build_model(section, materials, interface, fineness, kind, scene_sections.films))
+        states = solve_base_states(build_model(section, materials, interface, fineness, kind=kind, films=scene_sections.films))
     except np.linalg.LinAlgError as fault:  # Poisson's ratio within rounding of 1/2
         raise SolveError(f"an element's matrix cannot be inverted: {fault}") from fault
     if moduli is None:

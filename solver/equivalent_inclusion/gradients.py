@@ -155,7 +155,7 @@ def solve_first_order(
     """
     materials: dict[Body, Material] = {body: material for body, material in sections.materials.items() if body != Body.INCLUSION}
     section = replace(sections.section, sphere_radius=0.0, sphere_depth=0.0)
-    states = solve_base_states(build_model(section, materials, get_tied_interface(scene), fineness, kind))
+    states = solve_base_states(build_model(section, materials, get_tied_interface(scene), fineness, kind=kind))
     tumours = Tumours.from_scene(scene).flatten()
     return FirstOrder(
         states, QuadraturePoints.from_tumours(states, tumours), tumours, scene.target, Strata.from_tissue(scene.tissue)

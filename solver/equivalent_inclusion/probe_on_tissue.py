@@ -266,7 +266,7 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     materials: Materials = {**previous.materials, Body.TISSUE: scene.tissue, **layers}
     layout = previous.mesh.layout
     with _refuse_unsolvable():
-        states = solve_base_states(build_model(section, materials, get_tied_interface(scene), layout.fineness, layout.kind))
+        states = solve_base_states(build_model(section, materials, get_tied_interface(scene), layout.fineness, kind=layout.kind))
     films, energies = FilmForces(states.forces, base.films.bound), Energies(TissueField(states))
     return replace(base, scene=_remove_tumours(scene), films=films, section=section, materials=materials, energies=energies)
 

@@ -240,9 +240,10 @@ def test_bodies_follow_every_length_on_a_mesh_that_stays(name: str) -> None:
 
 def independent(s: Section) -> list[tuple[str, ...]]:
     """Lengths that may change alone; under a level base, which would get a step, the heights do so together."""
-    heights = "inner_height", "outer_height"
-    level = kind_of(s).base == 0
-    return [(name,) for name in s.lengths if not (level and name in heights)] + [heights] * level
+    pairs = [(f"inner_{name}", f"outer_{name}") for name in ("height", "bond_to_block", "film", "bond_to_base")]
+    pairs = [pair for pair in pairs if pair[0] in s.lengths] if kind_of(s).base == 0 else []
+    paired = {name for pair in pairs for name in pair}
+    return [(name,) for name in s.lengths if name not in paired] + pairs
 
 
 SOFT = Material(youngs_modulus=1e4, poisson_ratio=0.4)
