@@ -10,7 +10,6 @@ from geometry import Scene
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import build_model
-from solver.axisymmetric.gradients import BODY_OF_MATERIAL
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.elements.quadrilateral import Blocks, integrate_matrices
 
@@ -24,9 +23,8 @@ def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0
     scene_sections = add_details(scene, build_sections(scene))
     real = build_model(scene_sections.section, dict(scene_sections.materials), scene.contact.interface, fineness)  # type: ignore[arg-type]
     losses = np.zeros(len(Body))
-    for body in BODY_OF_MATERIAL.values():
-        if body in scene_sections.materials:
-            losses[body] = scene_sections.materials[body].loss_factor
+    for body, material in scene_sections.materials.items():
+        losses[body] = material.loss_factor
     turn = 1 + 1j * losses[real.mesh.body]
     n, s = len(turn), len(real.shapes.degrees)
     shear, volume = (matrix.reshape(n, 2 * s, 2 * s) for matrix in integrate_matrices(real.geometry, real.shapes))
