@@ -23,7 +23,9 @@ KEYS = {
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
     "evaluator", "seconds", "equivalent_modulus", "residual", "linear_limit_load", "gap_closure_load", "load_limits",
     "frequency", "ratio_phase", "ratio_phase_error", "ratio_phase_derivatives", "film_log_sensitivities", "plan", "warnings",
-    "provenance", "error_kind", "stress_inner_error", "stress_outer_error", "stiffness_error",
+    "provenance", "error_kind", "stress_inner_error", "stress_outer_error", "stiffness_error", "charge_per_force_inner",
+    "charge_per_force_outer", "charge_ratio", "charge_log_sensitivity", "charge_log_sensitivity_error", "charge_inner_error",
+    "charge_outer_error", "charge_per_force_inner_error", "charge_per_force_outer_error", "charge_ratio_error",
 }  # fmt: skip
 
 
