@@ -198,3 +198,8 @@ class Film(Frozen):
     def mean_lateral_charge(self) -> float:
         """(d31 + d32) / 2, C/N: the mean over all directions in the film's plane."""
         return (self.d31 + self.d32) / 2
+
+    @property
+    def lateral_charge_difference(self) -> float:
+        """(d31 - d32) / 2, C/N: what the film's plane adds along its length and takes off across it."""
+        return (self.d31 - self.d32) / 2
