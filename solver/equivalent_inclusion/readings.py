@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
@@ -27,6 +27,7 @@ SETS_AT_ONCE = 8  # sets whose reflections are solved together
 MAX_SETS_WITHOUT_MATRIX = (
     400  # up to so many sets the matrix of each azimuthal order does not pay without PARDISO; in layers never
 )
+STORED_FIELDS = ("forces", "bound", "log_ratio_bound", "slope_bound", "reflected", "first_share", "first_totals")  # by set
 MIN_REFLECTED_ERROR, MIN_LAYERED_ERROR = 5e-4, 4e-3  # minimum error, of a tumour's effect: in one material, in layers
 
 
@@ -77,6 +78,15 @@ class Readings:
         if charges is not None and films.charges is not None:
             charges = charges.add_baseline_bounds(films.charges)
         return replace(self, bound=bound, log_ratio_bound=log_ratio, charges=charges)
+
+    def store(self, sets: Ints | Bools, readings: Readings) -> None:
+        """Store in place the ``readings`` of some sets, given by indices or by a mask, in place of the previous ones."""
+        for key in STORED_FIELDS:
+            getattr(self, key)[sets] = getattr(readings, key)
+        for key, values in self.derivatives.items():
+            values[sets] = readings.derivatives[key]
+        if self.charges is not None and readings.charges is not None:
+            self.charges.store(sets, readings.charges)
 
     def get_observable(self, scene: Scene) -> Readings:
         """Return what a scene's readings are the ratio of: the charges, or where it reads stresses the forces themselves.
