@@ -302,8 +302,9 @@ def _compute_slope_sizes(derivatives: Floats) -> Floats:
     ``bound_first_order_error``.
     """
     sizes = np.abs(derivatives[..., :2]).sum(axis=-1)
-    own, total = np.abs(np.diagonal(derivatives, axis1=-2, axis2=-1)), np.abs(derivatives[..., :2, :2].sum(axis=(-2, -1)))
-    sizes[..., 2:] = np.sqrt(own[..., 2:] * total[..., None])
+    state_sizes = np.abs(np.diagonal(derivatives, axis1=-2, axis2=-1))
+    total_size = np.abs(derivatives[..., :2, :2].sum(axis=(-2, -1)))[..., None]
+    sizes[..., 2:] = np.sqrt(state_sizes[..., 2:] * total_size)
     return np.asarray(sizes)
 
 
