@@ -83,7 +83,7 @@ def find_fixture_sizes(probe: Probe) -> FixtureSizes:
         raise InputError(
             "probe.outer_radius", f"a wall of {wall}", f"a wall of {3 * EDGE_MARGIN_MM:g} mm or more for a ring on it alone"
         )
-    reach = (max(probe.core_height, probe.tube_height) + solids.film_thickness(probe) + base.step_height) * scale
+    reach = (max(solids.find_base_faces(probe)) + base.step_height) * scale
     slot = max(MIN_SLOT_MM, 0.0 if probe.groove is None else 2 * probe.groove.width * scale)
     carrier = base.flange_radius * scale
     return FixtureSizes(

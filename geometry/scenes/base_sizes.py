@@ -20,7 +20,7 @@ class BaseSizes:
     thickness
         Of the flange, or of the disc.
     step_height
-        From the higher of the two films to the flange, so that the flange stays whole; 0 without one.
+        From the higher of the base's two lower faces to the flange, so that the flange stays whole; 0 without one.
     """
 
     flange_radius: float
