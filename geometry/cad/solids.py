@@ -15,10 +15,10 @@ from itertools import pairwise
 from types import ModuleType
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from geometry.common.errors import ExportError, InputError, MissingLibrary, Words
+from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.common.interrupts import defer_signals
 from geometry.common.limits import format_maximum_mm
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.units import MM_PER_M
 
@@ -77,33 +77,6 @@ def load_cadquery() -> CadQuery:
         remedy = "install the system's OpenGL library: apt install libgl1 (Debian, Ubuntu), mesa-libGL (Fedora)"
         raise MissingLibrary(f"cadquery cannot be loaded ({_first_line(fault)}): {remedy}") from fault
     return cadquery
-
-
-def find_film_levels(probe: Probe) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the heights of the lower and the upper face of the film on the inner and on the outer block, m.
-
-    Raises
-    ------
-    InputError
-        The probe has no films.
-    """
-    if probe.film is None:
-        raise InputError("probe.film", Words("missing"), "a table [probe.film]")
-    inner, outer = (
-        (height + film.stack[0].thickness, height + film.stack[0].thickness + film.thickness)
-        for film, height in zip(probe.film.by_block, (probe.core_height, probe.tube_height), strict=True)
-    )
-    return inner, outer
-
-
-def find_base_faces(probe: Probe) -> tuple[float, float]:
-    """Return the heights of the base's lower faces over the inner and the outer block, m: those of blocks, films and bonds.
-
-    They are exactly equal where they differ by rounding errors only, as those of "5 mm" and "0.5 cm" may.
-    """
-    stacks = (0.0, 0.0) if probe.film is None else [film.stack_height for film in probe.film.by_block]
-    inner, outer = (height + stack for height, stack in zip((probe.core_height, probe.tube_height), stacks, strict=True))
-    return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
 
 def build_inner_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:

@@ -11,9 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.cad.solids import find_base_faces, find_film_levels
 from geometry.common.arrays import Floats, Ints
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
