@@ -36,7 +36,11 @@ This page is what `python docs/make_keys.py` finds in the models: run it after e
 
 def page() -> str:
     """Return the page."""
-    return "\n".join((HEAD, *(line for heading, model in _tables() for line in _section(heading, model))))
+    lines, first = [HEAD], dict[type[BaseModel], str]()
+    for heading, model in _tables():
+        lines += [f"## `{heading}`", "", f"The keys of `{first[model]}`.", ""] if model in first else _section(heading, model)
+        first.setdefault(model, heading)
+    return "\n".join(lines)
 
 
 def _tables() -> Iterator[tuple[str, type[BaseModel]]]:

@@ -18,7 +18,7 @@ from geometry.cad import solids, step_check, step_writer
 from geometry.cad.parts_check import PartMeasures
 from geometry.cad.stamp import Stamp, build_stamp
 from geometry.common.errors import InputError
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import base_sizes, find_base_faces
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.units import MM_PER_M
 
@@ -83,7 +83,7 @@ def find_fixture_sizes(probe: Probe) -> FixtureSizes:
         raise InputError(
             "probe.outer_radius", f"a wall of {wall}", f"a wall of {3 * EDGE_MARGIN_MM:g} mm or more for a ring on it alone"
         )
-    reach = (max(probe.core_height, probe.tube_height) + solids.film_thickness(probe) + base.step_height) * scale
+    reach = (max(find_base_faces(probe)) + base.step_height) * scale
     slot = max(MIN_SLOT_MM, 0.0 if probe.groove is None else 2 * probe.groove.width * scale)
     carrier = base.flange_radius * scale
     return FixtureSizes(

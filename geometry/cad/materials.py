@@ -53,8 +53,10 @@ def find_part_materials(probe: Probe) -> dict[str, PartMaterial]:
     )
     films = {}
     if probe.film is not None:
-        film = PartMaterial("piezoelectric PVDF film", f"E = {format_modulus(probe.film.youngs_modulus)}", PVDF_DENSITY)
-        films = {"film-inner": film, "film-outer": film}
+        films = {
+            name: PartMaterial("piezoelectric PVDF film", describe_elastic(film.youngs_modulus, film.poisson_ratio), PVDF_DENSITY)
+            for name, film in zip(("film-inner", "film-outer"), probe.film.by_block, strict=True)
+        }
     return {"inner": _block_material(probe.inner), "outer": _block_material(probe.outer), **films, "base": stiff}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from geometry.cad import solids
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
@@ -43,25 +42,33 @@ def compute_expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str,
     """Compute the expected measures of each part from the probe's parameters and the radius of its lower edges (m)."""
     mm, groove = MM_PER_M, probe.groove
     r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
-    h2, h1, t = probe.core_height * mm, probe.tube_height * mm, solids.film_thickness(probe) * mm
+    h2, h1 = probe.core_height * mm, probe.tube_height * mm
     a2, a1, cut = probe.inner_area * mm**2, probe.outer_area * mm**2, probe.groove_footprint * mm**2
     floor: tuple[tuple[float, float], ...] = ()
     depth = 0.0
     if groove is not None:
         depth = groove.depth * mm
         floor = ((h1 - depth, cut),)
-    films = {
-        "film-inner": PartMeasures(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
-        "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _groove_walls(probe, t)),
-    }
+    films = {}
+    if probe.film is not None:
+        (l2, t2, _), (l1, t1, _) = _list_stack_thicknesses(probe)  # of the bond to the block and of the film, inner and outer
+        films["film-inner"] = PartMeasures(a2 * t2, ((h2 + l2, a2), (h2 + l2 + t2, a2)), (r2,))
+        faces, ring = ((h1 + l1, a1 - cut), (h1 + l1 + t1, a1 - cut)), (a1 - cut) * t1
+        films["film-outer"] = PartMeasures(ring, faces, (ri, ro), _groove_walls(probe, t1))
     inner = PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,))
     outer = PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _groove_walls(probe, depth))
     return {
         "inner": _subtract_round_edges(inner, edge_radius * mm),
         "outer": _subtract_round_edges(outer, edge_radius * mm),
-        **({} if probe.film is None else films),
+        **films,
         "base": _expected_base(probe),
     }
+
+
+def _list_stack_thicknesses(probe: Probe) -> list[list[float]]:
+    """Return the thicknesses of bond, film and bond on the inner and on the outer block, from the block upwards, mm."""
+    films = () if probe.film is None else probe.film.by_block
+    return [[layer.thickness * MM_PER_M for layer in film.stack] for film in films]
 
 
 def _subtract_round_edges(block: PartMeasures, e: float) -> PartMeasures:
@@ -94,7 +101,10 @@ def _expected_base(probe: Probe) -> PartMeasures:
     """Compute the measures of the base, whose shape ``geometry.cad.solids.build_base`` describes."""
     mm, sizes = MM_PER_M, base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
-    low, side = (height * mm for height in solids.find_film_tops(probe))
+    low, side = (height * mm for height in (probe.core_height, probe.tube_height))
+    if probe.film is not None:
+        low, side = (height + sum(stack) for height, stack in zip((low, side), _list_stack_thicknesses(probe), strict=True))
+    low = side if math.isclose(low, side, rel_tol=1e-14) else low
     flange_bottom = max(low, side) + sizes.step_height * mm
     top = flange_bottom + sizes.thickness * mm
     middle, ring, flange = math.pi * rm**2, math.pi * (ro - rm) * (ro + rm), math.pi * rf**2

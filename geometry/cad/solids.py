@@ -1,7 +1,8 @@
 """Build the parts of the probe as cadquery solids, in millimetres.
 
-z = 0 is the plane of the tissue's surface and z grows towards the base: the blocks stand on it, the films lie on the
-blocks' film ends, the base lies on the films, or on the blocks of a probe without films. The groove runs along +x.
+z = 0 is the plane of the tissue's surface and z grows towards the base: the blocks stand on it. Between the blocks' film ends and
+the base lie the films, each between its bonds, which are no parts, but take up height; the base of a probe without films lies on
+the blocks. The groove runs along +x.
 cadquery is imported by ``load_cadquery`` alone.
 """
 
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.common.interrupts import defer_signals
 from geometry.common.limits import format_maximum_mm
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.units import MM_PER_M
 
@@ -78,20 +79,6 @@ def load_cadquery() -> CadQuery:
     return cadquery
 
 
-def film_thickness(probe: Probe) -> float:
-    """Return the thickness of either film in m, 0 where the probe has none; its adhesive is not modelled."""
-    return 0.0 if probe.film is None else probe.film.thickness
-
-
-def find_film_tops(probe: Probe) -> tuple[float, float]:
-    """Return the heights of the base's lower faces over the inner and the outer block, m.
-
-    They are exactly equal where they differ by rounding errors only, as those of "5 mm" and "0.5 cm" may.
-    """
-    inner, outer = (height + film_thickness(probe) for height in (probe.core_height, probe.tube_height))
-    return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
-
-
 def build_inner_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:
     """Build the solid cylinder, its lower edge round by ``edge_radius`` (m)."""
     return _build_block(0.0, probe.inner_radius, probe.core_height, edge_radius)
@@ -118,34 +105,34 @@ def build_outer_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:
 
 
 def build_inner_film(probe: Probe) -> cadquery.Solid:
-    """Build the disc of film on the inner block."""
-    return _build_ring(0.0, probe.inner_radius, probe.core_height, probe.core_height + film_thickness(probe))
+    """Build the disc of film above the inner block."""
+    return _build_ring(0.0, probe.inner_radius, *find_film_levels(probe)[0])
 
 
 def build_outer_film(probe: Probe) -> cadquery.Solid:
-    """Build the ring of film on the outer block, open above the groove so that the inner film's lead can leave.
+    """Build the ring of film above the outer block, open above the groove so that the inner film's lead can leave.
 
     Raises
     ------
     ExportError
         The groove does not leave one body.
     """
-    thickness, bottom = film_thickness(probe), probe.tube_height
-    ring = _build_ring(probe.hole_radius, probe.tube_radius, bottom, bottom + thickness)
-    return ring if probe.groove is None else _cut_groove(ring, probe, bottom - thickness, bottom + 2 * thickness)
+    bottom, top = find_film_levels(probe)[1]
+    ring, thickness = _build_ring(probe.hole_radius, probe.tube_radius, bottom, top), top - bottom
+    return ring if probe.groove is None else _cut_groove(ring, probe, bottom - thickness, top + thickness)
 
 
 def build_base(probe: Probe) -> cadquery.Solid:
-    """Build the base; where the blocks differ in height its lower face steps in the middle of the gap.
+    """Build the base; where blocks, with their films and bonds, differ in height its lower face steps in the middle of the gap.
 
-    A boss reaches down to a shorter inner block, a recess takes a longer one; both keep half the gap to the blocks.
+    A boss reaches down to a lower inner film, a recess takes a higher one; both keep half the gap to the blocks.
 
     Raises
     ------
     InputError
         See ``base_sizes``.
     """
-    sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, find_film_tops(probe)
+    sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, find_base_faces(probe)
     flange = max(low, side) + sizes.step_height
     middle, top = probe.inner_radius + probe.gap / 2, flange + sizes.thickness
     lower = [(0.0, low), (middle, low), (middle, side)] if low != side else [(0.0, low)]

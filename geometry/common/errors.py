@@ -44,6 +44,10 @@ class InputError(ProbeError, ValueError):
         super().__init__(to_one_line(f"{_shorten(key, 120)} = {_describe_value(value)}: allowed: {allowed}"))
 
 
+class ObsoleteKeyWarning(FutureWarning):
+    """A key of a file that the next version refuses; the text says what to write instead."""
+
+
 class Refusal(InputError):  # noqa: N818 - the error is the scene's, not the program's
     """A scene that an evaluator cannot take; ``allowed`` says which can."""
 

@@ -1,10 +1,11 @@
-"""Derive the dimensions of the base: those given, and the others from the probe; list which dimensions are assumed."""
+"""Derive the dimensions of the base and its height above blocks, bonds and films; list which dimensions are assumed."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
 from geometry.common.limits import format_minimum_mm, is_at_least
 from geometry.scenes.probe import Probe, format_mm
 
@@ -20,7 +21,7 @@ class BaseSizes:
     thickness
         Of the flange, or of the disc.
     step_height
-        From the higher of the two films to the flange, so that the flange stays whole; 0 without one.
+        From the higher of the base's two lower faces to the flange, so that the flange stays whole; 0 without one.
     """
 
     flange_radius: float
@@ -72,3 +73,30 @@ def assumed_sizes(probe: Probe) -> dict[str, float]:
     if probe.film is not None and "thickness" not in probe.film.model_fields_set:
         open_sizes["probe.film.thickness"] = probe.film.thickness
     return open_sizes
+
+
+def find_film_levels(probe: Probe) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the heights of the lower and the upper face of the film on the inner and on the outer block, m.
+
+    Raises
+    ------
+    InputError
+        The probe has no films.
+    """
+    if probe.film is None:
+        raise InputError("probe.film", Words("missing"), "a table [probe.film]")
+    inner, outer = (
+        (height + film.stack[0].thickness, height + film.stack[0].thickness + film.thickness)
+        for film, height in zip(probe.film.by_block, (probe.core_height, probe.tube_height), strict=True)
+    )
+    return inner, outer
+
+
+def find_base_faces(probe: Probe) -> tuple[float, float]:
+    """Return the heights of the base's lower faces over the inner and the outer block, m: those of blocks, films and bonds.
+
+    They are exactly equal where they differ by rounding errors only, as those of "5 mm" and "0.5 cm" may.
+    """
+    stacks = (0.0, 0.0) if probe.film is None else [film.stack_height for film in probe.film.by_block]
+    inner, outer = (height + stack for height, stack in zip((probe.core_height, probe.tube_height), stacks, strict=True))
+    return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)

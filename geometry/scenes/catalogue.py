@@ -90,7 +90,7 @@ class CatalogueMaterial:
     process
         How parts of it are made, a name in ``geometry/workshop/processes.toml``.
     numbers
-        The other keys of its table: ``poisson_ratio``, or of a film ``thickness``, ``d31`` and ``d33``.
+        The other keys of its table: ``poisson_ratio``, and of a film ``thickness``, ``d31`` and ``d33``.
     recipe
         What its recipe may be, in words; empty where it has none.
     """
@@ -108,15 +108,7 @@ class CatalogueMaterial:
 
     @property
     def poisson_ratio(self) -> float:
-        """Poisson's ratio; ``source`` says whether it is assumed.
-
-        Raises
-        ------
-        InputError
-            The material is a film's, whose Poisson's ratio no evaluator uses.
-        """
-        if "poisson_ratio" not in self.numbers:
-            raise InputError("material", self.name, "an elastomer or a base material, which have a Poisson's ratio")
+        """Poisson's ratio; ``source`` says whether it is assumed."""
         return float(self.numbers["poisson_ratio"].value)
 
     def admits(self, youngs_modulus: float) -> bool:
@@ -166,7 +158,7 @@ class CatalogueMaterial:
         keys = self._name_entry | {"youngs_modulus": self.modulus} | self.numbers
         values = [vars(value) for value in self.published]
         entry = {"name": self.name, "kind": self.kind, "about": self.about, "youngs_modulus": self.youngs_modulus}
-        entry |= {"poisson_ratio": None if self.kind == "film" else self.poisson_ratio, "log_sd": self.log_sd}
+        entry |= {"poisson_ratio": self.poisson_ratio, "log_sd": self.log_sd}
         entry |= {"tolerance": self.tolerance, "published": values, "recipe": self.recipe or None}
         table = {TABLE_OF_KIND[self.kind]: {key: number.value for key, number in keys.items()}}
         return entry | {"table": table, "sources": {key: number.description for key, number in keys.items()}}
@@ -214,8 +206,8 @@ def list_materials() -> dict[str, CatalogueMaterial]:
 def read_catalogue() -> dict[str, JsonObject]:
     """Return the entries of the catalogue by name, as its files have them."""
     entries = _read_data("materials.toml")
-    shared = entries.pop("elastomer")
-    return {name: (shared if entry["kind"] == "elastomer" else {}) | entry for name, entry in entries.items()}
+    shared = {kind: entries.pop(kind) for kind in ("elastomer", "film")}  # what holds for all materials of a kind
+    return {name: shared.get(entry["kind"], {}) | entry for name, entry in entries.items()}
 
 
 def fill_in(table: object, numbers: bool = True) -> object:
@@ -234,11 +226,13 @@ def fill_in(table: object, numbers: bool = True) -> object:
     Raises
     ------
     InputError
-        There is no such material, it has no Poisson's ratio, or a number beside the name is not possible for it.
+        There is no such material, it is a film, or a number beside the name is not possible for it.
     """
     if not isinstance(table, Mapping) or not isinstance(table.get("material"), str):
         return table
     material = find_material(table["material"])
+    if material.kind == "film":
+        raise InputError("material", material.name, "an elastomer or a base material; a film's numbers belong in [probe.film]")
     if not numbers:
         return {**table, "material": material.name}
     filled = {

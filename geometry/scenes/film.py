@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, ObsoleteKeyWarning, Words
 from geometry.scenes.bonds import fill_in_bond
 from geometry.scenes.quantities import (
     NUMBER_TEXT,
@@ -156,8 +156,16 @@ class Film(Frozen):
             raise InputError("adhesive_modulus", Words("without adhesive_thickness"), "both, or better bond_to_base")
         modulus = table.get("youngs_modulus", "2.5 GPa") if modulus is None else modulus  # the film's own
         bond = {"thickness": thickness, "youngs_modulus": modulus, "poisson_ratio": ADHESIVE_POISSON_RATIO}
-        warnings.warn(ADHESIVE_WARNING, FutureWarning, stacklevel=2)
+        warnings.warn(ADHESIVE_WARNING, ObsoleteKeyWarning, stacklevel=2)
         return film | {"bond_to_base": bond}
+
+    @model_validator(mode="after")
+    def _check_psi(self) -> Self:
+        """Raise ``InputError`` where one film alone would follow eq. (12)."""
+        for key in ("psi1", "psi2"):
+            if self.outer is not None and not self.uses_psi and getattr(self.outer, key) is not None:
+                raise InputError(f"outer.{key}", getattr(self.outer, key), "a number beside psi1 or psi2 in [probe.film]")
+        return self
 
     @property
     def by_block(self) -> tuple[Film, Film]:
@@ -168,8 +176,9 @@ class Film(Frozen):
 
     @property
     def has_bonds(self) -> bool:
-        """Whether a bond is given on either side of the inner block's film."""
-        return self.bond_to_base is not None or self.bond_to_block is not None
+        """Whether a bond is given on either side of either block's film."""
+        given = (self.bond_to_base, self.bond_to_block)
+        return any(bond is not None for bond in given) or (self.outer is not None and self.by_block[1].has_bonds)
 
     @property
     def uses_psi(self) -> bool:
@@ -198,3 +207,8 @@ class Film(Frozen):
     def mean_lateral_charge(self) -> float:
         """(d31 + d32) / 2, C/N: the mean over all directions in the film's plane."""
         return (self.d31 + self.d32) / 2
+
+    @property
+    def lateral_charge_difference(self) -> float:
+        """(d31 - d32) / 2, C/N: what the film's plane adds along its length and takes off across it."""
+        return (self.d31 - self.d32) / 2

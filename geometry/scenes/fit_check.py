@@ -8,12 +8,15 @@ from itertools import combinations, pairwise
 
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
+from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene_tables import Inclusion, SceneTables
 
 Matrix = list[list[float]]
 _DIRECTION_COUNT = 72  # in which a body's reach is looked for
 _MAX_EDGE_FRACTION, _MIN_EDGE_FRACTION = 0.4, 0.1  # edge radii: of the smallest part of a block, and of the gap or that part
+_MAX_INSET_FRACTION = 0.98  # of half the ring's wall, or of the inner radius: beyond, hardly an electrode is left
+_INSET_SEPARATION = 0.01  # of an edge's radius: mesh lines of edge and inset nearer than this make cells without area
 _TOUCHING_FACTOR = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
 
 
@@ -24,6 +27,7 @@ def check_bodies_fit(scene: SceneTables) -> None:
         raise InputError(f"inclusion[{targets[1]}].target", True, f"true for one inclusion (it is for inclusion[{targets[0]}])")
     _check_probe(scene)
     _check_edges(scene)
+    _check_insets(scene)
     _check_layers(scene)
     _check_load(scene)
     bodies = [(index, body) for index, body in enumerate(scene.inclusion) if body.surface is None]
@@ -103,13 +107,22 @@ def compute_lateral_reach(body: Inclusion) -> float:
 
 def list_doubts(scene: SceneTables) -> tuple[str, ...]:
     """Return a sentence for each value that is allowed, but probably has a wrong unit or digit."""
-    probe = scene.probe
-    if probe.gap <= probe.inner_radius:
-        return ()
-    return (
-        f"probe.gap = {format_mm(probe.gap)} is wider than probe.inner_radius, {format_mm(probe.inner_radius)}: is its "
-        "unit right?",
-    )
+    probe, doubts = scene.probe, list[str]()
+    if probe.gap > probe.inner_radius:
+        widths = f"probe.gap = {format_mm(probe.gap)} is wider than probe.inner_radius, {format_mm(probe.inner_radius)}"
+        doubts.append(f"{widths}: is its unit right?")
+    for block, film, height in _list_films(probe):
+        if film.stack_height > height:
+            thicknesses = f"film and bonds of the {block} block are {format_mm(film.stack_height)} thick together"
+            doubts.append(f"{thicknesses}, more than the block's height of {format_mm(height)}: are their units right?")
+    return tuple(doubts)
+
+
+def _list_films(probe: Probe) -> list[tuple[str, Film, float]]:
+    """Return name, film and height (m) of each block; nothing for a probe without films."""
+    if probe.film is None:
+        return []
+    return [*zip(("inner", "outer"), probe.film.by_block, (probe.core_height, probe.tube_height), strict=True)]
 
 
 def _check_probe(scene: SceneTables) -> None:
@@ -168,6 +181,24 @@ def _check_edges(scene: SceneTables) -> None:
     low = _MIN_EDGE_FRACTION * min(size, probe.gap)
     if 0 < radius < low:
         raise InputError("contact.edge_radius", format_mm(radius), f"0, sharp, or {format_minimum_mm(low)} or more")
+
+
+def _check_insets(scene: SceneTables) -> None:
+    """Raise ``InputError`` if an electrode's inset leaves no electrode, or ends where the block's round edge does."""
+    probe, edge = scene.probe, scene.contact.edge_radius
+    widths = {"inner": probe.inner_radius, "outer": (probe.tube_radius - probe.hole_radius) / 2}
+    for block, film, _ in _list_films(probe):
+        assert probe.film is not None  # else the list is empty
+        inset, limit = film.electrode_inset, _MAX_INSET_FRACTION * widths[block]
+        table = "probe.film" if film.electrode_inset == probe.film.electrode_inset else "probe.film.outer"
+        if inset > limit:
+            width = "the inner block's radius" if block == "inner" else "half the outer block's wall"
+            allowed = f"up to {format_maximum_mm(limit)}, {_MAX_INSET_FRACTION:g} of {width}: some electrode has to be left"
+            raise InputError(f"{table}.electrode_inset", format_mm(inset), allowed)
+        if edge > 0 and abs(inset - edge) < _INSET_SEPARATION * edge:
+            reason = f"mesh lines of both would coincide: contact.edge_radius is {format_mm(edge)}"
+            allowed = f"more than {100 * _INSET_SEPARATION:g} % above or below contact.edge_radius ({reason})"
+            raise InputError(f"{table}.electrode_inset", format_mm(inset), allowed)
 
 
 def _check_layers(scene: SceneTables) -> None:

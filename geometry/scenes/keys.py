@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.json_types import JsonObject
+from geometry.scenes.bonds import BOND_NUMBERS, BOND_SIDES
 from geometry.scenes.catalogue import CATALOGUE_NUMBERS
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import list_models
@@ -127,8 +128,8 @@ def find_key(name: str, base: Mapping[str, object], model: type[BaseModel]) -> K
 def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iterable[Value]) -> JsonObject:
     """Return the tables of a scene with new values of ``keys``; ``base`` is not modified.
 
-    A key that excludes a new one is removed; so are the numbers of a material with a new name, and the name of one with a new
-    number.
+    A key that excludes a new one is removed; so are the numbers of a material or bond with a new name, and the name of one with a
+    new number.
     """
     data, changes = dict(base), list(zip(keys, values, strict=True))
     # all removals come before all new values, so that none of these is removed again
@@ -138,9 +139,10 @@ def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iter
             if last in pair:
                 (excluded,) = {*pair} - {last}
                 data = _remove_at_path(data, (*table, excluded))
-        if last in CATALOGUE_NUMBERS and find_at_path(base, target.path) != value:
-            data = _remove_at_path(data, (*table, "material"))
-        for number in CATALOGUE_NUMBERS if last == "material" else ():
+        name, numbers = ("name", BOND_NUMBERS) if table and table[-1] in BOND_SIDES else ("material", CATALOGUE_NUMBERS)
+        if last in numbers and find_at_path(base, target.path) != value:
+            data = _remove_at_path(data, (*table, name))
+        for number in numbers if last == name else ():
             data = _remove_at_path(data, (*table, number))
     for target, value in changes:
         data = _replace_at_path(data, target.path, value)

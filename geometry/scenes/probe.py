@@ -98,7 +98,7 @@ class Base(Frozen):
     thickness
         Of the flange.
     step_height
-        From the upper face of the higher of the two films to the flange's lower face.
+        From the higher of the base's lower faces, on the films and their bonds, to the flange's lower face.
     """
 
     rigid: bool = False

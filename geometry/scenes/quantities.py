@@ -12,7 +12,8 @@ from geometry.scenes.units import MODULUS_QUANTITY, Quantity
 LENGTH_QUANTITY = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
 Length = Annotated[float, LENGTH_QUANTITY]
 PartLength = Annotated[float, replace(LENGTH_QUANTITY, bare=0.2)]
-Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
+THICKNESS_QUANTITY = replace(LENGTH_QUANTITY, low=0.0, bare=0.2)
+Thickness = Annotated[float, THICKNESS_QUANTITY]
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)
 Position = Annotated[float, POSITION_QUANTITY]
 Modulus = Annotated[float, MODULUS_QUANTITY]

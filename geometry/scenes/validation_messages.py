@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from geometry.common.errors import InputError, Words, describe_choices, suggest_word
@@ -73,8 +74,17 @@ def _describe_field(error: ErrorDetails, model: type[BaseModel]) -> str | None:
     return (
         field.description
         or next(iter(ranges), None)
+        or next(_iterate_descriptions(field.annotation), None)
         or (f"a table, [{_format_key(error)}]" if list_models(field.annotation) else None)
     )
+
+
+def _iterate_descriptions(annotation: object) -> Iterator[str]:
+    """Yield the descriptions in an annotation, such as that of ``Number`` in ``Number | None``."""
+    for part in get_args(annotation):
+        notes = getattr(part, "__metadata__", ())
+        yield from (note.description for note in notes if isinstance(note, FieldInfo) and note.description)
+        yield from _iterate_descriptions(part)
 
 
 def find_model(root: type[BaseModel], path: Sequence[str | int]) -> type[BaseModel]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
+from geometry.scenes.bonds import BOND_SIDES
 from geometry.scenes.film import Film, OuterFilm
 from geometry.scenes.probe import LAW_CONSTANTS, Material
 from geometry.scenes.scene import Scene
 
 BLOCK_NAMES = ("inner", "outer")
-BOND_SIDES = ("bond_to_block", "bond_to_base")
 FILM_LENGTHS = ("thickness", "electrode_inset")
-BOND_NUMBERS = ("thickness", "youngs_modulus", "poisson_ratio")
+BOND_VALUES = ("thickness", "youngs_modulus", "poisson_ratio")
 
 
 def list_values(scene: Scene) -> dict[str, float]:
@@ -45,7 +45,7 @@ def _list_film_values(film: Film | None) -> dict[str, float | None]:
         for side in BOND_SIDES:
             bond = getattr(part, side)
             if bond is not None and not bond.is_rigid:
-                values |= {f"{prefix}.{side}.{key}": getattr(bond, key) for key in BOND_NUMBERS}
+                values |= {f"{prefix}.{side}.{key}": getattr(bond, key) for key in BOND_VALUES}
     return values
 
 

@@ -58,11 +58,23 @@ def write_assembly_order(
         _describe_gap(probe, moulds, budget),
         *_list_measuring_steps(moulds),
     ]
+    remarks = [*_list_inset_remarks(patterns), *_list_remarks(probe, moulds, budget, scatter)]
     lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]
+    comment = format_markdown_comment(stamp.provenance)
     head = ["# Assembly and bonding", "", f"Millimetres. {stamp.text}", ""]
-    return "\n".join(
-        [*head, *lines, "", *_list_remarks(probe, moulds, budget, scatter), "", format_markdown_comment(stamp.provenance)]
-    )
+    return "\n".join([*head, *lines, "", *(("Remarks:", "") if remarks else ()), *(f"- {text}" for text in remarks), "", comment])
+
+
+def _list_inset_remarks(patterns: Sequence[FilmPattern]) -> list[str]:
+    """Return what to write into a scene whose electrodes reach the films' edges, as those of the patterns do not."""
+    tables = {"film-inner": "probe.film", "film-outer": "probe.film.outer"}
+    insets = [
+        f'[{tables[pattern.name]}] electrode_inset = "{format_number(pattern.inset)} mm"'
+        for pattern in patterns
+        if pattern.assumed
+    ]
+    reason = "the scene's electrodes reach the films' edges, those of the patterns end inside, which changes the charges"
+    return [f"Assumed: {reason}; write {' and '.join(insets)} into the scene."] if insets else []
 
 
 def _list_casting_steps(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]:
@@ -84,16 +96,27 @@ def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[s
     """Return the steps for cutting and bonding films, or for bonding the blocks of a probe without films."""
     if probe.film is None:
         return ["Clean and prime the film ends of both blocks and the base.", _describe_block_bonding("base", probe)]
-    layer = _describe_bond(probe.film.bond_to_base) or "adhesive as thin as it goes (the scene has no bond_to_base)"
     steps = [
         f"Cut the films by {', '.join(f'`{pattern.name}-pattern.dxf`' for pattern in patterns)}; test each for a short "
         "between its faces."
     ]
-    steps.append(
-        f"Bond each film to the base with {layer}; the inner film's centre on the base's axis, an opening of the outer one at +x."
-    )
+    layers = _describe_bonds([film.bond_to_base for film in probe.film.by_block], "bond_to_base")
+    axis = "the inner film's centre on the base's axis, an opening of the outer one at +x"
+    steps.append(f"Bond each film to the base{layers}; {axis}.")
     steps += [_describe_exit(pattern) for pattern in patterns]
-    return [*steps, _describe_block_bonding("films", probe)]
+    steps.append(_describe_block_bonding("films", probe))
+    if any(film.stack_height > film.thickness for film in probe.film.by_block):
+        heights = [f"{format_number(1e3 * film.stack_height)} mm" for film in probe.film.by_block]
+        text = heights[0] if heights[0] == heights[1] else f"{heights[0]} (inner) and {heights[1]} (outer)"
+        steps.append(f"Measure the height of film and bonds between block and base: {text}; press out what is thicker.")
+    return steps
+
+
+def _describe_bonds(bonds: Sequence[Bond | None], key: str) -> str:
+    """Return with what the inner and the outer film are bonded on one side, " with ..."; ``key`` is that of the scene."""
+    thin = f"adhesive as thin as it goes (the scene has no {key})"
+    inner, outer = (_describe_bond(bond) or (thin if bond is None else "adhesive as thin as it goes") for bond in bonds)
+    return f" with {inner}" if inner == outer else f": the inner one with {inner}, the outer one with {outer}"
 
 
 def _describe_bond(bond: Bond | None) -> str | None:
@@ -117,17 +140,17 @@ def _describe_exit(pattern: FilmPattern) -> str:
 
 def _describe_block_bonding(onto: str, probe: Probe) -> str:
     """Return the step that bonds both blocks to the films or the base, ``onto``."""
-    bond = None if probe.film is None else _describe_bond(probe.film.bond_to_block)
-    layer = f" with {bond}" if bond else ""
+    bonds = [] if probe.film is None else [film.bond_to_block for film in probe.film.by_block]
+    layers = _describe_bonds(bonds, "bond_to_block") if bonds else ""
     groove = "; its groove lies at +x" if probe.groove is not None else ""
-    return f"Bond the inner block to the {onto}{layer}, concentric with the base, then the outer block{groove}."
+    return f"Bond the inner block, concentric with the base, then the outer block to the {onto}{layers}{groove}."
 
 
 def _describe_gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) -> str:
-    """Return the step that holds the gap while the adhesive cures."""
+    """Return the step that holds the gap while the bonds set."""
     gap = 1e3 * probe.gap
     instruction = (
-        f"Hold the gap while the adhesive cures: three shims of {format_number(gap)} mm, 120\u00b0 apart, from the "
+        f"Hold the gap while the bonds set: three shims of {format_number(gap)} mm, 120\u00b0 apart, from the "
         "tissue end between "
         "the blocks; "
     )
@@ -171,7 +194,7 @@ def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
 
 
 def _list_remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, scatter: Mapping[str, float]) -> list[str]:
-    """Return the lines of the remarks at the end of the page; none if there is nothing to remark."""
+    """Return the remarks at the end of the page on tolerances, assumed sizes and moulds."""
     remarks = [f"{describe_scatter(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
     deviation = compute_gap_deviation(probe, moulds)
     if moulds and deviation >= GAP_RISK_FRACTION * 1e3 * probe.gap:
@@ -194,7 +217,7 @@ def _list_remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, sc
             remarks.append(
                 f"The {mould.name} mould's draft is less than usual, so that the gap keeps its width; use a release agent."
             )
-    return ["Remarks:", "", *(f"- {text}" for text in remarks)] if remarks else []
+    return remarks
 
 
 def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:

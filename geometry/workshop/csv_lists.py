@@ -65,9 +65,9 @@ def _list_bond_rows(probe: Probe, film: Film) -> list[tuple[object, ...]]:
     areas = probe.inner_area, probe.outer_area - probe.groove_footprint
     for name, block_film, area in zip(("inner", "outer"), film.by_block, areas, strict=True):
         for side, bond in (("base", block_film.bond_to_base), ("block", block_film.bond_to_block)):
-            if bond is None or bond.youngs_modulus is None:
+            if bond is None or bond.youngs_modulus is None or bond.is_rigid:
                 continue
-            sizes = f"{format_number(1e3 * bond.thickness)} mm, E = {format_modulus(bond.youngs_modulus)}"
+            sizes = f"{format_number(1e3 * bond.thickness)} mm thick, E = {format_modulus(bond.youngs_modulus)}"
             volume = f"{1e9 * area * bond.thickness:.6g}"
             rows.append((f"bond-{name}-to-{side}", 1, bond.name or "bond", sizes, volume, "", "assembly.md"))
     return rows

@@ -1,6 +1,7 @@
 """Draw film patterns: outline, electrodes on both faces, leads and tabs, as DXF in true millimetres, seen from above.
 
-The electrodes keep a distance from the cut edge, where they would short. The leads of the two faces do not overlap, so that the
+The electrodes keep a distance from the cut edge, where they would short: the scene's ``electrode_inset``, or where that is 0 a
+usual one. The leads of the two faces do not overlap, so that the
 film under them yields no charge. The inner film's leads leave through the groove, the outer film's on the other side.
 """
 
@@ -49,8 +50,12 @@ class FilmPattern:
         Name of the film.
     layers
         Outlines by layer.
+    thickness
+        Thickness of the film, mm.
     inset
         Distance between the electrodes and the edge, mm.
+    assumed
+        Whether the scene has electrodes that reach the edge, so that the distance is a usual one.
     active
         Area where both electrodes face each other, over the area of the block's end that the film covers.
     exit
@@ -59,7 +64,9 @@ class FilmPattern:
 
     name: str
     layers: Pattern
+    thickness: float
     inset: float
+    assumed: bool
     active: float
     exit: str
 
@@ -72,13 +79,18 @@ def build_film_patterns(probe: Probe) -> tuple[FilmPattern, ...]:
 
 def find_exit(sizes: Millimetres) -> str:
     """Return where the inner film's leads can leave: through the groove, or through the gap if the folded film fits."""
-    return "groove" if sizes.depth > sizes.t else "gap" if sizes.ri - sizes.r2 > sizes.t else ""
+    return "groove" if sizes.depth > sizes.t2 else "gap" if sizes.ri - sizes.r2 > sizes.t2 else ""
+
+
+def _find_inset(given: float, width: float) -> float:
+    """Return the distance between electrode and edge, mm: the scene's, or where that is 0 one that suits the film's width."""
+    return given or min(MAX_INSET_MM, MAX_INSET_FRACTION * width)
 
 
 def _build_inner(sizes: Millimetres) -> FilmPattern:
     """Return the pattern of the inner film, a disc with a strip of leads towards +x if they can leave."""
     exit_name = find_exit(sizes)
-    inset = min(MAX_INSET_MM, MAX_INSET_FRACTION * sizes.r2)
+    inset = _find_inset(sizes.inset2, sizes.r2)
     half = min(
         MAX_STRIP_HALF_WIDTH_MM, 0.8 * sizes.half_width if exit_name == "groove" else sizes.r2 / 3, 0.8 * (sizes.r2 - inset)
     )
@@ -89,12 +101,13 @@ def _build_inner(sizes: Millimetres) -> FilmPattern:
     outline = face if not exit_name else (_add_strip(sizes.r2, half, reach + TAB_LENGTH_MM),)
     leads = _build_leads(sizes.r2 - inset, half, reach, 1.0) if exit_name else {}
     layers = {"FILM_OUTLINE": outline, "ELECTRODE_TOP": (electrode,), "ELECTRODE_BOTTOM": (electrode,), **leads, "ADHESIVE": face}
-    return FilmPattern("film-inner", layers, inset, compute_area(electrode) / compute_area(face[0]), exit_name)
+    active = compute_area(electrode) / compute_area(face[0])
+    return FilmPattern("film-inner", layers, sizes.t2, inset, not sizes.inset2, active, exit_name)
 
 
 def _build_outer(sizes: Millimetres) -> FilmPattern:
     """Return the pattern of the outer film, a ring with a strip of leads towards -x, open above a groove."""
-    inset = min(MAX_INSET_MM, MAX_INSET_FRACTION * (sizes.ro - sizes.ri))
+    inset = _find_inset(sizes.inset1, sizes.ro - sizes.ri)
     half = min(MAX_STRIP_HALF_WIDTH_MM, sizes.ro / 3)
     strip = _add_strip(sizes.ro, half, sizes.ro + TAB_LENGTH_MM, -1.0)
     face: tuple[Loop, ...] = (build_disc(sizes.ro), build_disc(sizes.ri))
@@ -106,7 +119,8 @@ def _build_outer(sizes: Millimetres) -> FilmPattern:
         outline = (_add_strip_to_open_ring(sizes, half),)
     leads = _build_leads(sizes.ro - inset, half, sizes.ro, -1.0)
     layers = {"FILM_OUTLINE": outline, "ELECTRODE_TOP": electrode, "ELECTRODE_BOTTOM": electrode, **leads, "ADHESIVE": face}
-    return FilmPattern("film-outer", layers, inset, _net_area(electrode) / _net_area(face), "outside")
+    active = _net_area(electrode) / _net_area(face)
+    return FilmPattern("film-outer", layers, sizes.t1, inset, not sizes.inset1, active, "outside")
 
 
 def _net_area(loops: tuple[Loop, ...]) -> float:
@@ -144,8 +158,8 @@ def _build_leads(radius: float, half: float, reach: float, side: float) -> Patte
     return pattern
 
 
-def build_document(pattern: FilmPattern, stamp: Stamp, thickness: float) -> Drawing:
-    """Return the DXF document of a pattern; ``thickness`` is the film's, mm."""
+def build_document(pattern: FilmPattern, stamp: Stamp) -> Drawing:
+    """Return the DXF document of a pattern."""
     from ezdxf.filemanagement import new
 
     drawing = new("R2010", units=4)
@@ -159,17 +173,17 @@ def build_document(pattern: FilmPattern, stamp: Stamp, thickness: float) -> Draw
     left, low, right, _ = find_bounds(pattern.layers["FILM_OUTLINE"])
     reach = max(math.hypot(x, y) for loop in pattern.layers["ADHESIVE"] for x, y, _ in loop)
     height = (right - left + reach) / 60
-    for line, text in enumerate(_list_texts(pattern, stamp, thickness)):
+    for line, text in enumerate(_list_texts(pattern, stamp)):
         place = (min(left, -reach), min(low, -reach) - height * (3 + 2 * line))
         model.add_text(text, height=height, dxfattribs={"layer": "TEXT", "insert": place})
     return drawing
 
 
-def _list_texts(pattern: FilmPattern, stamp: Stamp, thickness: float) -> list[str]:
+def _list_texts(pattern: FilmPattern, stamp: Stamp) -> list[str]:
     """Return the lines of text below the pattern."""
     first = (
-        f"{DRAWING_TITLES[pattern.name]}, {format_number(thickness)} thick, mm 1:1, from above; electrodes "
-        f"{format_number(pattern.inset)} inside"
+        f"{DRAWING_TITLES[pattern.name]}, {format_number(pattern.thickness)} thick, mm 1:1, from above; electrodes "
+        f"{format_number(pattern.inset)} inside{' (assumed)' if pattern.assumed else ''}"
     )
     return [
         first,
@@ -179,6 +193,6 @@ def _list_texts(pattern: FilmPattern, stamp: Stamp, thickness: float) -> list[st
     ]
 
 
-def write_pattern(pattern: FilmPattern, stamp: Stamp, thickness: float, path: Path) -> None:
-    """Write a pattern as DXF; ``thickness`` is the film's, mm. Raises ``OSError``."""
-    add_properties(build_document(pattern, stamp, thickness), stamp).saveas(path)
+def write_pattern(pattern: FilmPattern, stamp: Stamp, path: Path) -> None:
+    """Write a pattern as DXF. Raises ``OSError``."""
+    add_properties(build_document(pattern, stamp), stamp).saveas(path)

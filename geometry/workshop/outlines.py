@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from geometry.cad import solids
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
 from geometry.workshop.sheet import Loop, Point
@@ -28,8 +27,12 @@ class Millimetres:
         Radii of the inner block, the hole and the tube.
     h2, h1
         Heights of the inner and the outer block.
-    t
-        Thickness of the films.
+    z2, z1
+        Heights of the lower face of the inner and of the outer film.
+    t2, t1
+        Thicknesses of the inner and of the outer film.
+    inset2, inset1
+        How far the scene has the inner and the outer film's electrodes end within the film's edges.
     half_width, depth
         Half the groove's width, and its depth.
     edge
@@ -47,7 +50,12 @@ class Millimetres:
     ro: float
     h2: float
     h1: float
-    t: float
+    z2: float
+    z1: float
+    t2: float
+    t1: float
+    inset2: float
+    inset1: float
     half_width: float
     depth: float
     edge: float
@@ -77,7 +85,11 @@ def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
     InputError
         See ``geometry.scenes.base_sizes.base_sizes``.
     """
-    sizes, (low, side), mm = base_sizes(probe), solids.find_film_tops(probe), MM_PER_M
+    sizes, (low, side), mm = base_sizes(probe), find_base_faces(probe), MM_PER_M
+    films = (None, None) if probe.film is None else probe.film.by_block
+    levels = (probe.core_height,) * 2, (probe.tube_height,) * 2  # of the films' lower and upper faces
+    (bottom2, top2), (bottom1, top1) = levels if probe.film is None else find_film_levels(probe)
+    inset2, inset1 = (0.0 if film is None else film.electrode_inset * mm for film in films)
     flange_bottom = max(low, side) * mm + sizes.step_height * mm
     return Millimetres(
         r2=probe.inner_radius * mm,
@@ -85,7 +97,12 @@ def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
         ro=probe.tube_radius * mm,
         h2=probe.core_height * mm,
         h1=probe.tube_height * mm,
-        t=solids.film_thickness(probe) * mm,
+        z2=bottom2 * mm,
+        z1=bottom1 * mm,
+        t2=(top2 - bottom2) * mm,
+        t1=(top1 - bottom1) * mm,
+        inset2=inset2,
+        inset1=inset1,
         half_width=0.0 if probe.groove is None else probe.groove.width / 2 * mm,
         depth=0.0 if probe.groove is None else probe.groove.depth * mm,
         edge=edge_radius * mm,

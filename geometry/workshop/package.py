@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 
-from geometry.cad import solids
 from geometry.cad.export import Writer
 from geometry.cad.stamp import Stamp, build_stamp
 from geometry.scenes.probe import Probe
-from geometry.scenes.units import MM_PER_M
 from geometry.workshop import assembly_order, csv_lists, drawings, film_pattern, mould_sizes, moulds, pdf
 from geometry.workshop.assembly_order import describe_gap, list_casting_notes
 from geometry.workshop.parts import DRAWING_TITLES, PartView, build_assembly_view, build_part_views, list_parts
@@ -68,8 +66,7 @@ def build_writers(
     patterns = film_pattern.build_film_patterns(probe)
     files = _build_drawing_writers(probe, views, stamp, budget, cast={mould.name: mould for mould in sizes})
     for pattern in patterns:
-        thickness = solids.film_thickness(probe) * MM_PER_M
-        files[f"{pattern.name}-pattern.dxf"] = partial(film_pattern.write_pattern, pattern, stamp, thickness)
+        files[f"{pattern.name}-pattern.dxf"] = partial(film_pattern.write_pattern, pattern, stamp)
     for mould in sizes:
         for half in moulds.MOULD_HALVES:
             files[moulds.format_file_name(mould, half)] = partial(moulds.write_half, mould, half, stamp)

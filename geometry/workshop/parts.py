@@ -20,7 +20,7 @@ from geometry.workshop.outlines import (
     convert_to_mm,
     convert_to_polygon,
 )
-from geometry.workshop.sheet import DIAMETER_SIGN, Loop, Point
+from geometry.workshop.sheet import DIAMETER_SIGN, Loop, Point, format_number
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance
 
 Place = Literal["below", "left", "right", "plan"]
@@ -203,12 +203,12 @@ def _find_edge(lengths: Millimetres, radius: float) -> tuple[float, Point] | Non
 
 def _build_inner_film(lengths: Millimetres, assumed: bool) -> PartView:
     """Return the view of the inner film; ``assumed``: whether the scene leaves its thickness open."""
-    top = lengths.h2 + lengths.t
-    thickness = Measure("film_thickness", (-lengths.r2, lengths.h2), (-lengths.r2, top), "left", assumed=assumed)
-    measures = build_diameter("inner_radius", lengths.r2, lengths.h2), thickness
+    bottom, top = lengths.z2, lengths.z2 + lengths.t2
+    thickness = Measure("film_thickness", (-lengths.r2, bottom), (-lengths.r2, top), "left", assumed=assumed)
+    measures = build_diameter("inner_radius", lengths.r2, bottom), thickness
     return PartView(
         "film-inner",
-        ((build_box(-lengths.r2, lengths.r2, lengths.h2, top), 0.0),),
+        ((build_box(-lengths.r2, lengths.r2, bottom, top), 0.0),),
         plan=(build_disc(lengths.r2),),
         measures=measures,
     )
@@ -216,11 +216,12 @@ def _build_inner_film(lengths: Millimetres, assumed: bool) -> PartView:
 
 def _build_outer_film(lengths: Millimetres, assumed: bool) -> PartView:
     """Return the view of the outer film, open above a groove; ``assumed``: whether the scene leaves its thickness open."""
-    top = lengths.h1 + lengths.t
-    measures = [build_diameter("hole_radius", lengths.ri, lengths.h1), build_diameter("outer_radius", lengths.ro, lengths.h1)]
-    measures.append(Measure("film_thickness", (-lengths.ro, lengths.h1), (-lengths.ro, top), "left", assumed=assumed))
-    left, right = build_box(-lengths.ro, -lengths.ri, lengths.h1, top), build_box(lengths.ri, lengths.ro, lengths.h1, top)
-    seen = (((-lengths.ri, lengths.h1), (lengths.ri, lengths.h1)), ((-lengths.ri, top), (lengths.ri, top)))
+    bottom, top = lengths.z1, lengths.z1 + lengths.t1
+    measures = [build_diameter("hole_radius", lengths.ri, bottom), build_diameter("outer_radius", lengths.ro, bottom)]
+    name = "film_thickness" if format_number(lengths.t1) == format_number(lengths.t2) else "outer_film_thickness"
+    measures.append(Measure(name, (-lengths.ro, bottom), (-lengths.ro, top), "left", assumed=assumed))
+    left, right = build_box(-lengths.ro, -lengths.ri, bottom, top), build_box(lengths.ri, lengths.ro, bottom, top)
+    seen = (((-lengths.ri, bottom), (lengths.ri, bottom)), ((-lengths.ri, top), (lengths.ri, top)))
     if not lengths.depth:
         return PartView(
             "film-outer",
@@ -231,8 +232,8 @@ def _build_outer_film(lengths: Millimetres, assumed: bool) -> PartView:
         )
     inner_x, outer_x = lengths.groove_ends
     measures.append(Measure("groove_width", (outer_x, -lengths.half_width), (outer_x, lengths.half_width), "plan"))
-    ends = tuple(((x, lengths.h1), (x, top)) for x in (inner_x, outer_x))
-    sides = ((-lengths.ri, lengths.h1), (outer_x, lengths.h1)), ((-lengths.ri, top), (outer_x, top))
+    ends = tuple(((x, bottom), (x, top)) for x in (inner_x, outer_x))
+    sides = ((-lengths.ri, bottom), (outer_x, bottom)), ((-lengths.ri, top), (outer_x, top))
     plan = (build_open_ring(lengths.ri, lengths.ro, lengths.half_width),)
     return PartView("film-outer", ((left, 0.0),), (*sides, *ends), plan, measures=tuple(measures))
 
@@ -277,14 +278,15 @@ def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     top, rf = lengths.top, lengths.rf
     tips = {  # points inside the parts at which the lines of the item numbers end
         "base": (0.6 * lengths.ro, top - 0.3 * (top - lengths.h1)),
-        "film-outer": ((sum(lengths.groove_ends) if lengths.depth else lengths.ri + lengths.ro) / 2, lengths.h1 + lengths.t / 2),
-        "film-inner": (0.8 * lengths.r2, lengths.h2 + lengths.t / 2),
+        "film-outer": ((sum(lengths.groove_ends) if lengths.depth else lengths.ri + lengths.ro) / 2, lengths.z1 + lengths.t1 / 2),
+        "film-inner": (0.8 * lengths.r2, lengths.z2 + lengths.t2 / 2),
         "outer": ((lengths.ri + lengths.ro) / 2, 0.6 * (lengths.h1 - lengths.depth)),
         "inner": (0.7 * lengths.r2, 0.3 * lengths.h2),
     }
     heights = [Measure("outer_height", (-lengths.ro, 0), (-lengths.ro, lengths.h1), "left", auxiliary=True)]
     if lengths.h2 != lengths.h1:
         heights.append(Measure("inner_height", (-lengths.r2, 0), (-lengths.r2, lengths.h2), "left", auxiliary=True))
+    heights += _list_stack_heights(lengths)
     heights.append(Measure("total_height", (-lengths.ro, 0), (-rf, top), "left", auxiliary=True))
     widths = [build_diameter("outer_radius", lengths.ro, lengths.edge, auxiliary=True)]
     widths += [build_diameter("flange_radius", rf, top, auxiliary=True)] if rf > lengths.ro else []
@@ -301,6 +303,20 @@ def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
         measures=(*heights, gap, *widths),
         items=tuple(tips[name] for name in ASSEMBLY_ITEMS if name in alone),
     )
+
+
+def _list_stack_heights(lengths: Millimetres) -> list[Measure]:
+    """Return the heights between block and base of films that have bonds; of both blocks together where they are the same."""
+    stacks = {
+        "outer_stack_height": (lengths.ro, lengths.h1, lengths.side, lengths.t1),
+        "inner_stack_height": (lengths.r2, lengths.h2, lengths.low, lengths.t2),
+    }
+    heights = [
+        Measure(name, (-radius, bottom), (-radius, top), "left", auxiliary=True)
+        for name, (radius, bottom, top, thickness) in stacks.items()
+        if format_number(top - bottom) != format_number(thickness)
+    ]
+    return heights[:1] if len({format_number(height.size) for height in heights}) == 1 else heights
 
 
 def build_overview(probe: Probe, edge_radius: float = 0.0) -> PartView:

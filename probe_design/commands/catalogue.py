@@ -7,7 +7,8 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from geometry.scenes.catalogue import find_material, format_modulus, list_materials
+from geometry.scenes.catalogue import format_modulus
+from geometry.scenes.catalogue_entries import find_entry, list_entries
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Number, Option, Request
 
@@ -46,22 +47,23 @@ class TissueShowRequest(Request):
 
 
 class MaterialListRequest(Request):
-    """List the built-in materials: Young's modulus, the standard deviation of its logarithm, a description."""
+    """List the built-in materials and bonds: Young's modulus, the standard deviation of its logarithm, a description."""
 
     def run(self) -> None:
-        """Print one line for each material."""
-        catalogue = list_materials()
+        """Print one line for each material and bond."""
+        catalogue = list_entries()
         if self.as_json:
             keys = ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")
             full_entries = {name: entry.as_dict() for name, entry in catalogue.items()}
-            print_json({"materials": {name: {key: entry[key] for key in keys} for name, entry in full_entries.items()}})
+            print_json({"materials": {name: {key: entry.get(key) for key in keys} for name, entry in full_entries.items()}})
             return
         for name, entry in catalogue.items():
-            print(f"{name:22}{entry.kind:11}{format_modulus(entry.youngs_modulus):>11}  +- {entry.log_sd:4.2f}  {entry.about}")
+            modulus = "" if entry.youngs_modulus is None else f"{format_modulus(entry.youngs_modulus)}  +- {entry.log_sd:4.2f}"
+            print(f"{name:22}{entry.kind:10}{modulus:>20}  {entry.about}")
 
 
 class MaterialShowRequest(Request):
-    """Print a table of NAME for a scene file, with comments on tolerance, sources, test methods and licences."""
+    """Print a table of NAME, a material or bond, for a scene file, with comments on tolerance, sources, methods, licences."""
 
     name: Name
     thinner: Annotated[
@@ -74,8 +76,8 @@ class MaterialShowRequest(Request):
     ] = None
 
     def run(self) -> None:
-        """Print one material, as JSON or as a table for a scene file."""
-        entry = find_material(self.name, thinner=self.thinner, ratio=self.ratio)
+        """Print one material or bond, as JSON or as a table for a scene file."""
+        entry = find_entry(self.name, thinner=self.thinner, ratio=self.ratio)
         if self.as_json:
             print_json(entry.as_dict())
         else:

@@ -60,8 +60,8 @@ COMMANDS = {
     "tissue": CommandName(CATALOGUE, "", "List and show built-in tissues."),
     "tissue list": CommandName("", "catalogue:TissueListRequest", "List the built-in tissues."),
     "tissue show": CommandName("", "catalogue:TissueShowRequest", "Print the [tissue] table of one for a scene file."),
-    "material": CommandName(CATALOGUE, "", "List and show built-in materials."),
-    "material list": CommandName("", "catalogue:MaterialListRequest", "List the built-in materials."),
+    "material": CommandName(CATALOGUE, "", "List and show built-in materials and bonds."),
+    "material list": CommandName("", "catalogue:MaterialListRequest", "List the built-in materials and bonds."),
     "material show": CommandName("", "catalogue:MaterialShowRequest", "Print the table of one for a scene file."),
     "rerun": CommandName(CATALOGUE, "catalogue:RerunRequest", "Repeat the command that made a file; compare the numbers."),
 }
@@ -74,11 +74,12 @@ GROUP_HELP = {
     probe-design tissue show breast       the [tissue] table for a scene file
     """,
     "material": """
-    List and show built-in materials: block elastomers, base plastics and metals, films, recipes; every number with its source.
+    List and show built-in materials: block elastomers, base plastics and metals, films, bonds, recipes; all with sources.
 
     \b
     probe-design material list
     probe-design material show dragon-skin-30       the [probe.inner] table for a scene file
+    probe-design material show tape-50um            the [probe.film.bond_to_base] table
     probe-design material show ecoflex-00-10 --thinner 0.3
     """,
 }

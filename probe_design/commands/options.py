@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -11,7 +13,7 @@ import click
 from click.core import ParameterSource
 from pydantic.fields import FieldInfo
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, ObsoleteKeyWarning
 from geometry.common.json_types import JsonObject
 from geometry.common.resources import use_limits
 from probe_design.commands.request import Request, find_option, find_range, find_types, format_default, list_fields
@@ -48,10 +50,33 @@ def build_command(name: str, request: type[Request], summary: str) -> click.Comm
             for key, value in context.params.items()
             if context.get_parameter_source(key) not in (ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
         }
-        run_request(request.build(given, {str(parameter.name): get_label(parameter) for parameter in context.command.params}))
+        labels = {str(parameter.name): get_label(parameter) for parameter in context.command.params}
+        with print_obsolete_keys():
+            run_request(request.build(given, labels))
 
     parameters = [build_parameter(key, field) for key, field in list_fields(request).items()]
     return click.Command(name, callback=run, params=parameters, help=request.__doc__, short_help=summary)
+
+
+@contextmanager
+def print_obsolete_keys() -> Iterator[None]:
+    """Write each ``ObsoleteKeyWarning`` as one line to standard error, once, in place of Python's own text with a path."""
+    from probe_design.terminal.console import warn
+
+    shown: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        """Write a warning that Python would show; see ``warnings.showwarning``."""
+        if not issubclass(category, ObsoleteKeyWarning):
+            show_other(message, category, *place, **more)
+        elif str(message) not in shown:
+            shown.add(str(message))
+            warn([str(message)])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ObsoleteKeyWarning)
+        show_other, warnings.showwarning = warnings.showwarning, show
+        yield
 
 
 def run_request(request: Request) -> None:

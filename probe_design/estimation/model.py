@@ -11,7 +11,7 @@ least -D^3 / (1 - beta). beta is the shear part of Eshelby's tensor of a sphere.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -229,11 +229,7 @@ class TargetModel:
             is_reflected = film_readings.first_share - self.base.films.bound.log_ratio > NEGLIGIBLE_REFLECTION * self.accuracy
         if is_reflected.any():
             reflected_readings = compute_readings(self.base, tumours.select(is_reflected), index, by_diameter, reflect=True)
-            for field in fields(film_readings):
-                if field.name not in ("areas", "derivatives"):
-                    getattr(film_readings, field.name)[is_reflected] = getattr(reflected_readings, field.name)
-            for key, values in film_readings.derivatives.items():
-                values[is_reflected] = reflected_readings.derivatives[key]
+            film_readings.store(is_reflected, reflected_readings)
         # relative change c of the ratio by the load, which changes its logarithm by at most -ln(1 - c)
         changes = LoadChanges.from_stiffness(scene, self.rule, film_readings.stiffness).ratio
         finite_changes = np.where(np.isfinite(changes), changes, 0.0)

@@ -20,7 +20,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import SI_CONTEXT
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
-from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, add_bounds
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
 
@@ -133,7 +133,7 @@ class ScanLine:
             fraction = (squares[part] - min_square) / span if span > 0 else np.zeros(len(part))
             forces[part] += fraction[:, None, None] * change
             law_error = SQUARE_LAW_ERROR * np.abs(change.sum(axis=1))
-            bound[part], log_ratio[part] = probe_alone.compute_bounds(tumour_bound[part] + law_error, forces[part])
+            bound[part], log_ratio[part] = add_bounds(probe_alone.films, tumour_bound[part] + law_error, forces[part])
         return replace(film_readings, forces=forces, bound=bound, log_ratio_bound=log_ratio)
 
     def _split_positions(

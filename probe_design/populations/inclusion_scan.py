@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -148,11 +148,7 @@ class InclusionScan:
         if not len(chosen):
             return first, first
         reflected_readings = compute_readings(self.base, tumours.select(chosen), 0, True, reflect=True)
-        for field in fields(best):
-            if field.name not in ("areas", "derivatives"):
-                getattr(best, field.name)[chosen] = getattr(reflected_readings, field.name)
-        for key, derivatives in best.derivatives.items():
-            derivatives[chosen] = reflected_readings.derivatives[key]
+        best.store(chosen, reflected_readings)
         return first, best
 
     def compute_tumour_derivatives(self, readings: Readings, indices: Ints, name: str) -> Floats:

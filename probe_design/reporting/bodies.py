@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
@@ -49,8 +49,9 @@ def build_bodies(scene: Scene) -> tuple[dict[str, object], ...]:
 def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
     """Yield name and mesh (m) of each part of a probe whose blocks stand on z = 0, with a quarter left out."""
     core, tube, groove = probe.core_height, probe.tube_height, probe.groove
-    film = 0.0 if probe.film is None else probe.film.thickness
-    r, hole, outer_radius, top = probe.inner_radius, probe.hole_radius, probe.tube_radius, max(core, tube) + film
+    base_inner, base_outer = find_base_faces(probe)
+    inner_film, outer_film = ((core, core), (tube, tube)) if probe.film is None else find_film_levels(probe)
+    r, hole, outer_radius, top = probe.inner_radius, probe.hole_radius, probe.tube_radius, max(base_inner, base_outer)
     groove_angle = 0.0 if groove is None else math.asin(min(groove.width / 2 / hole, 1.0))
     depth = 0.0 if groove is None else groove.depth
     sizes = base_sizes(probe)
@@ -60,10 +61,10 @@ def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
         ("inner", 0.0, r, 0.0, core, 0.0),
         ("outer", hole, outer_radius, 0.0, tube - depth, 0.0),
         ("outer", hole, outer_radius, tube - depth, tube, groove_angle),
-        ("film", 0.0, r, core, core + film, 0.0),
-        ("film", hole, outer_radius, tube, tube + film, groove_angle),
-        ("base", 0.0, r, core + film, top, 0.0),  # reaches down to the lower of two blocks
-        ("base", hole, outer_radius, tube + film, top, 0.0),
+        ("film", 0.0, r, *inner_film, 0.0),
+        ("film", hole, outer_radius, *outer_film, groove_angle),
+        ("base", 0.0, r, base_inner, top, 0.0),  # reaches down to the lower of two blocks
+        ("base", hole, outer_radius, base_outer, top, 0.0),
         ("base", 0.0, outer_radius, top, flange, 0.0),
         ("base", 0.0, sizes.flange_radius, flange, flange + sizes.thickness, 0.0),
     ):

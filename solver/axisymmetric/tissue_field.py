@@ -29,16 +29,16 @@ MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 12, 1e-13  # tolerance: last step in the un
 
 @dataclass(frozen=True)
 class Strains:
-    """Displacements and strains of both base states at m points; last axis: inner or outer block displaced by one unit.
+    """Displacements and strains of the s states at m points, per unit of each (see ``BaseStates``); last axis: the state.
 
     Attributes
     ----------
     displacement
-        u_r, u_z per unit displacement, shape (m, 2, 2).
+        u_r, u_z, m per unit, shape (m, 2, s).
     strain
-        eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, 1/m, shape (m, 4, 2).
+        eps_rr, eps_zz, eps_hoop and eps_rz (half the engineering shear) per unit, shape (m, 4, s).
     dilation
-        Their sum as the elements project it, 1/m, shape (m, 2): near incompressibility the sum itself oscillates.
+        Their sum as the elements project it, shape (m, s): near incompressibility the sum itself oscillates.
     """
 
     displacement: Floats
@@ -48,9 +48,14 @@ class Strains:
 
 @dataclass(frozen=True)
 class TissueField:
-    """Base states, without an inclusion, as functions of position."""
+    """The s states, without an inclusion, as functions of position."""
 
     states: BaseStates
+
+    @property
+    def count(self) -> int:
+        """The number of states s: two base states and, with films, two film states."""
+        return len(self.states.products)
 
     def evaluate(self, r: Floats, z: Floats) -> Strains:
         """Evaluate at points 0 <= r <= tissue radius, -tissue depth <= z <= 0 (z out of the tissue), arrays of one shape (m,).
@@ -66,7 +71,7 @@ class TissueField:
         self._check_points(points)
         parts = [self._evaluate_chunk(points[low : low + POINTS_PER_CHUNK]) for low in range(0, len(points), POINTS_PER_CHUNK)]
         if not parts:
-            return Strains(np.zeros((0, 2, 2)), np.zeros((0, 4, 2)), np.zeros((0, 2)))
+            return Strains(*(np.zeros((0, *shape, self.count)) for shape in ((2,), (4,), ())))
         return Strains(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
     def _check_points(self, points: Floats) -> None:
@@ -88,7 +93,7 @@ class TissueField:
         (ru, rv), (zu, zv) = jacobian.transpose(1, 2, 0)[..., None]
         determinant = ru * zv - rv * zu
         derivatives = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
-        u, by_r, by_z = (derivatives @ self._values[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
+        u, by_r, by_z = (derivatives @ self._values[element]).reshape(-1, 3, 2, self.count).transpose(1, 0, 2, 3)
         radius = points[:, :1]
         hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
         strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
@@ -98,16 +103,16 @@ class TissueField:
 
     @cached_property
     def _values(self) -> Floats:
-        """The elements' values by function, u_r and u_z of both states, shape (n, s, 4)."""
-        values = self.states.values.reshape(len(self.states.values), 2, -1, 2)
-        return np.ascontiguousarray(values.transpose(0, 2, 1, 3)).reshape(len(values), -1, 4)
+        """The elements' values by function, u_r and u_z of all s states, shape (n, functions, 2 s)."""
+        values = self.states.values.reshape(len(self.states.values), 2, -1, self.count)
+        return np.ascontiguousarray(values.transpose(0, 2, 1, 3)).reshape(len(values), -1, 2 * self.count)
 
     @cached_property
     def _dilation_coefficients(self) -> Floats:
-        """Coefficients of both states' projected dilations on the k pressure functions of each element, shape (n, k, 2)."""
+        """Coefficients of the states' projected dilations on the k pressure functions of each element, shape (n, k, s)."""
         model, values = self.states.model, self.states.values
         table = compute_dilations(model.geometry, model.shapes)[:, :, ::2]
-        return np.asarray(np.einsum("nkcs,ncsi->nki", table, values.reshape(len(values), 2, -1, 2), optimize=True))
+        return np.asarray(np.einsum("nkcs,ncsi->nki", table, values.reshape(len(values), 2, -1, self.count), optimize=True))
 
     def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Return for each of m points (r, z) its element, the place (u, v) in its unit square and d(r, z) / d(u, v).

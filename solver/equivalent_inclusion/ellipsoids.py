@@ -19,6 +19,7 @@ from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.eshelby import compute_polarisation
 from solver.inclusions.tumours import Strata, Tumours
 from solver.materials.linear import Isotropic
+from solver.results.film_forces import FilmForces
 
 BALL_POINTS = (4, 7, 14)  # along radius, height and the full azimuth
 SHAPE_SAFETY_FACTOR = 2.0  # times the relative change from sphere to ellipsoid: how much their reflections may differ
@@ -29,27 +30,27 @@ SATURATION_SHARE = 0.1  # of the derivative by the modulus, which saturates diff
 
 @dataclass(frozen=True)
 class ShapeCorrection:
-    """Correction from the sphere of equal volume to an ellipsoid, N/m, shapes (2, 2).
+    """Correction from the sphere of equal volume to an ellipsoid, of the energy products of the s states, shapes (s, s).
 
     Attributes
     ----------
-    forces
-        Change of the film forces by the ellipsoid minus the change by the sphere.
+    products
+        Change of the energy products by the ellipsoid minus the change by the sphere.
     derivative
         Derivative of that with respect to ln E of the body.
     sphere_slope
         Derivative of the sphere's change with respect to ln E.
     relative_size
-        Size of ``forces`` relative to the sphere's change of the film forces.
-    ellipsoid_forces
-        First-order change of the film forces by the ellipsoid.
+        Size of ``products`` relative to the sphere's change, for the film forces.
+    ellipsoid_products
+        First-order change of the energy products by the ellipsoid.
     """
 
-    forces: Floats
+    products: Floats
     derivative: Floats
     sphere_slope: Floats
     relative_size: float
-    ellipsoid_forces: Floats
+    ellipsoid_products: Floats
 
 
 def check_ellipsoids(scene: Scene) -> None:
@@ -87,30 +88,49 @@ def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings) 
     Refusal
         See ``compute_hill_tensor``.
     """
-    target = scene.target or 0
+    changes = {k: compute_shape_correction(base, scene, body) for k, body in enumerate(scene.inclusion) if body.diameter is None}
+    parts = [
+        _correct_part(base, scene, part, observable, changes)
+        for part, observable in zip(readings.parts, base.observables, strict=True)
+    ]
+    corrected = replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
+    return corrected.add_baseline_bounds(base.films)
+
+
+def _correct_part(
+    base: Undisturbed,
+    scene: Scene,
+    readings: Readings,
+    observable: tuple[FilmForces, slice, float],
+    changes: dict[int, ShapeCorrection],
+) -> Readings:
+    """Correct forces or charges, of which ``observable`` is one of ``base.observables``, for ellipsoids.
+
+    ``changes`` are the corrections by the number of the inclusion. The returned bounds are those of the tumours' effects.
+    """
+    films, rows, unit = observable
     forces, bound, slope_bound = (values.copy() for values in (readings.forces, readings.bound, readings.slope_bound))
-    derivatives = dict(readings.derivatives)
-    for k, body in enumerate(scene.inclusion):
-        if body.diameter is not None:
-            continue
-        change = compute_shape_correction(base, scene, body)
+    derivatives, target = dict(readings.derivatives), scene.target or 0
+    for k, change in changes.items():
+        products, derivative, sphere_slope = (
+            unit * values[rows, :2] for values in (change.products, change.derivative, change.sphere_slope)
+        )
         margin = SHAPE_SAFETY_FACTOR * change.relative_size + MIN_REFLECTION_SHARE  # of the reflections
-        reflection_change = _bound_reflection_change(base, body, change)
+        reflection_change = unit * _bound_reflection_change(base, scene.inclusion[k], change)[rows]
         reflections = np.abs(readings.forces[0].sum(axis=1) - readings.first_totals[0])
-        forces[0] += change.forces
-        bound[0] += margin * reflections + 0.01 * np.abs(change.forces.sum(axis=1)) + reflection_change
+        forces[0] += products
+        bound[0] += margin * reflections + 0.01 * np.abs(products.sum(axis=1)) + reflection_change
         if k == target and derivatives:
-            reflected_slopes = np.abs((derivatives["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
-            derivatives["youngs_modulus"] = derivatives["youngs_modulus"] + change.derivative
+            reflected_slopes = np.abs((derivatives["youngs_modulus"][0] - sphere_slope).sum(axis=1))
+            derivatives["youngs_modulus"] = derivatives["youngs_modulus"] + derivative
             target_slopes = np.abs(derivatives["youngs_modulus"][0].sum(axis=1))
             slope_bound[0] += margin * reflected_slopes + SATURATION_SHARE * target_slopes + reflection_change
-    only_tumours = bound - base.films.bound.totals  # add_baseline_bounds adds them again, with the new forces
-    corrected = replace(readings, forces=forces, bound=only_tumours, derivatives=derivatives, slope_bound=slope_bound)
-    return corrected.add_baseline_bounds(base)
+    only_tumours = bound - films.bound.totals  # add_baseline_bounds adds them again, with the new forces
+    return replace(readings, forces=forces, bound=only_tumours, derivatives=derivatives, slope_bound=slope_bound)
 
 
 def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
-    """Bound how an ellipsoid's reflections differ from those of the sphere of equal volume, each film's total, N/m, shape (2,).
+    """Bound how an ellipsoid's reflections differ from those of the sphere of equal volume, each total, shape (s,).
 
     The bound is a fraction of the effect that grows with the ratio of the longest semi-axis to the distance of surface, bottom or
     interface, and with the aspect ratio.
@@ -121,7 +141,8 @@ def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCo
     face_distance = min(abs(face - body.depth) for face in faces)
     shape = min(1.0, 2 * float(np.log(lengths.max() / lengths.min())))
     fraction = MAX_REFLECTION_CHANGE * shape * min(1.0, float(lengths.max() / face_distance) ** 3)
-    return np.asarray(fraction * np.sqrt(np.abs(np.diag(change.ellipsoid_forces) * change.ellipsoid_forces.sum())))
+    products = change.ellipsoid_products
+    return np.asarray(fraction * np.sqrt(np.abs(np.diag(products) * products[:2, :2].sum())))
 
 
 def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
@@ -145,19 +166,19 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
         raise Refusal("diameters", Words(position), allowed)
     strain, host = _compute_cartesian_strain(base, x, y, z), base.scene.tissue.find_material(body.depth)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
-    forces, derivative = (
+    products, derivative = (
         volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
         for k in compute_polarisation(Isotropic.from_material(host), Isotropic.from_material(body), axes)
     )
     sphere = compute_effects(base.energies, host, Tumours.from_scene(scene.model_copy(update={"inclusion": (body,)})).flatten())
-    sphere_size = np.abs(sphere.forces[0]).sum()
-    relative_size = float(np.abs(forces - sphere.forces[0]).sum() / sphere_size) if sphere_size > 0 else 0.0
+    sphere_size, difference = np.abs(sphere.forces[0]).sum(), products - sphere.products[0]
+    relative_size = float(np.abs(difference[:2, :2]).sum() / sphere_size) if sphere_size > 0 else 0.0
     sphere_slope = sphere.derivatives["youngs_modulus"][0]
-    return ShapeCorrection(forces - sphere.forces[0], derivative - sphere_slope, sphere_slope, relative_size, forces)
+    return ShapeCorrection(difference, derivative - sphere_slope, sphere_slope, relative_size, products)
 
 
 def _compute_cartesian_strain(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
-    """Return strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points x, y, z, m, shape (q, 6, 2)."""
+    """Return strains xx, yy, zz, 2 yz, 2 xz, 2 xy of the s states at points x, y, z, m, shape (q, 6, s)."""
     r = np.hypot(x, y)
     strains = base.field.evaluate(r, z)
     cos, sin = (np.divide(part, r, out=np.full_like(r, limit), where=r > 0)[:, None] for part, limit in ((x, 1.0), (y, 0.0)))

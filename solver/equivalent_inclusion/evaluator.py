@@ -51,8 +51,9 @@ class EquivalentInclusion(FilmEvaluator):
                 raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
             read = compute_readings(base, tumours.with_moduli(moduli, target), target, sensitive=True)
         films = tuple(build_film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
-        worst = int(np.argmax(read.max_error))  # the modulus with the largest error
-        reached = films[0].compute_max_error(scene) if moduli is None else float(read.max_error[worst])
+        errors = read.compute_max_error(scene)
+        worst = int(np.argmax(errors))  # the modulus with the largest error
+        reached = films[0].compute_max_error(scene) if moduli is None else float(errors[worst])
         notes = (*base.notes, *find_shortfalls(films[worst], reached, accuracy, base.stopped))
         return FilmSolution(films, base.residual, (*base.plan, *_decide_reflections(base, read, worst)), notes)
 
@@ -70,7 +71,7 @@ class EquivalentInclusion(FilmEvaluator):
 
     @use_own_workspace
     def solve_alone(self, scene: Scene, accuracy: float) -> ProbeAlone:
-        """Compute only the film forces without tumours; many of these need little memory.
+        """Compute only film forces and charges without tumours; many of these need little memory.
 
         Raises
         ------
@@ -89,11 +90,13 @@ class EquivalentInclusion(FilmEvaluator):
 
 
 def build_film_forces(read: Readings, k: int, target: bool) -> FilmForces:
-    """Build the film forces of set k with their error bounds; ``target`` says whether there is a log-sensitivity."""
+    """Build the film forces and charges of set k with error bounds; ``target`` says whether there is a log-sensitivity."""
     bound = Bound(read.bound[k], float(read.log_ratio_bound[k]))
+    charges = None if read.charges is None else build_film_forces(read.charges, k, target)
     if not target:
-        return FilmForces(read.forces[k], bound)
-    return FilmForces(read.forces[k], bound, read.derivatives["youngs_modulus"][k], float(read.sensitivity_error[k]))
+        return FilmForces(read.forces[k], bound, charges=charges)
+    derivative, sensitivity_error = read.derivatives["youngs_modulus"][k], float(read.sensitivity_error[k])
+    return FilmForces(read.forces[k], bound, derivative, sensitivity_error, charges)
 
 
 def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decision]:

@@ -1,13 +1,13 @@
-"""Compute first-order changes of the film forces by tumours: integrals of the undisturbed strains over their volume.
+"""Compute first-order changes of film forces and charges by tumours: integrals of undisturbed strains over their volume.
 
-By reciprocity a sphere changes the film forces F_ij of the base states by
+By reciprocity a sphere changes the energy products F_ij of the states by
 
     dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (EI.1)
 
 with the strains eps_i of the tissue without the sphere, their deviators e_i, and the sphere's strengths k_v and k_d, eq. IN.2 of
-``solver/inclusions/eshelby.py`` (PHYSICS section 4). Effects of several spheres add. The derivatives of eq. EI.1 with respect to
-the position of the sphere's centre and to its radius are integrals of the same products over its surface
-(EI.2).
+``solver/inclusions/eshelby.py`` (PHYSICS section 4). Products of two base states are film forces, those of a film state with a
+base state charges (``solver/axisymmetric/film_states.py``). Effects of several spheres add. The derivatives of eq. EI.1 with
+respect to the position of the sphere's centre and to its radius are integrals of the same products over its surface (EI.2).
 
 The first order leaves out reflections by surface, blocks, bottom and other tumours; eq. EI.3 bounds its error.
 """
@@ -33,7 +33,6 @@ TUMOURS_PER_CHUNK = 1000  # tumours at a time, to limit memory
 MAX_TUMOURS_WITHOUT_TABLE = 20  # up to so many tumours a table of strain products does not pay
 BALL_POINTS = (3, 5, 5)  # along radius, height and half the azimuth: exact for polynomials of degree 5 and more
 SURFACE_POINTS = (8, 8)  # along height and half the azimuth
-PAIR_INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three products
 # rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
 # scenes against ``axisymmetric`` (benchmarks/evaluators/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
 SURFACE_REFLECTION_FACTOR = 1.5
@@ -44,28 +43,34 @@ MAX_REFLECTION = 0.9  # of rho
 
 @dataclass(frozen=True)
 class Effects:
-    """Changes of the film forces F_ij (N/m) by n spheres, each alone.
+    """Changes of the energy products of the s states by n spheres, each alone.
 
     Attributes
     ----------
-    forces
-        Eq. EI.1, shape (n, 2, 2).
+    products
+        Eq. EI.1, symmetric, shape (n, s, s).
     derivatives
-        Derivatives of ``forces`` with respect to quantities of each sphere, shape (n, 2, 2): the logarithm of its youngs_modulus,
-        and where requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's axis, per m.
+        Derivatives of ``products`` with respect to quantities of each sphere, shape (n, s, s): the logarithm of its
+        youngs_modulus, and where requested of its diameter and its depth, its poisson_ratio, and its offset from the probe's
+        axis, per m.
     """
 
-    forces: Floats
+    products: Floats
     derivatives: dict[str, Floats]
+
+    @property
+    def forces(self) -> Floats:
+        """Changes of the film forces, N/m, shape (n, 2, 2)."""
+        return self.products[:, :2, :2]
 
 
 def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tumours, places: bool = False) -> Effects:
-    """Compute the first-order effect of each of n spheres on the film forces, with its derivatives.
+    """Compute the first-order effect of each of n spheres on film forces and charges, with its derivatives.
 
     Parameters
     ----------
     energies
-        Strain products of the base states.
+        Strain products of the states.
     hosts
         The tissue's material about the spheres: one for all, or each sphere's own in arrays (n,).
     tumours
@@ -82,37 +87,38 @@ def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tu
     radius = tumours.diameter / 2
     (mean,) = _integrate_products(energies, tumours, *build_half_ball(*BALL_POINTS))
     inside = mean * (4 / 3 * np.pi * radius**3)[:, None]
-    forces = _combine_products(inside, strength.volume, strength.shear)
-    derivatives = {"youngs_modulus": _combine_products(inside, *strength.by_log_modulus)}
+    products = _combine_products(energies, inside, strength.volume, strength.shear)
+    derivatives = {"youngs_modulus": _combine_products(energies, inside, *strength.by_log_modulus)}
     if places:
         surface_mean, upward_moment, outward_moment = (
-            _combine_products(part * (4 * np.pi * radius**2)[:, None], strength.volume, strength.shear)
+            _combine_products(energies, part * (4 * np.pi * radius**2)[:, None], strength.volume, strength.shear)
             for part in _integrate_products(energies, tumours, *_build_half_sphere(*SURFACE_POINTS))
         )
         derivatives |= {
-            "poisson_ratio": _combine_products(inside, *strength.by_poisson),
+            "poisson_ratio": _combine_products(energies, inside, *strength.by_poisson),
             "depth": -upward_moment * tumours.depth[:, None, None],
             "offset": outward_moment,
             "diameter": surface_mean * radius[:, None, None],
         }
-    return Effects(forces, derivatives)
+    return Effects(products, derivatives)
 
 
-def _combine_products(products: Floats, volume: Floats, shear: Floats) -> Floats:
-    """Combine strain products as in eq. EI.1 to symmetric matrices, shape (n, 2, 2).
+def _combine_products(energies: Energies, products: Floats, volume: Floats, shear: Floats) -> Floats:
+    """Combine strain products as in eq. EI.1 to symmetric matrices, shape (n, s, s).
 
-    Of the six ``products``, (n, 6), the three of traces are times ``volume``, k_v, the three of deviators times ``shear``, k_d.
+    Of the ``products``, (n, 2 p), the p of traces are times ``volume``, k_v, the p of deviators times ``shear``, k_d.
     """
-    return np.asarray((volume[:, None] * products[:, :3] + shear[:, None] * products[:, 3:])[:, PAIR_INDEX])
+    traces, deviators = np.split(products, 2, axis=1)
+    return np.asarray((volume[:, None] * traces + shear[:, None] * deviators)[:, energies.pair_index])
 
 
 def _integrate_products(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
-    """Sum the six strain products over the points of n spheres with weights; return one array (n, 6) for each column of these.
+    """Sum the strain products over the points of n spheres with weights; return one array (n, 2 p) for each column of these.
 
     ``points``, (q, 3), lie in the unit ball; ``weights`` have w columns, (q, w).
     """
     n = len(tumours.x)
-    integrals = np.empty((weights.shape[1], n, 6))
+    integrals = np.empty((weights.shape[1], n, 2 * len(energies.pairs)))
     radius = tumours.diameter / 2
     by_table = np.full(n, n > MAX_TUMOURS_WITHOUT_TABLE) & energies.covers(
         tumours.offset + radius, -tumours.cover, -tumours.depth - radius
@@ -123,7 +129,7 @@ def _integrate_products(energies: Energies, tumours: Tumours, points: Floats, we
             block = chosen[low : low + TUMOURS_PER_CHUNK]
             x, y, height = (points[:, k] * radius[block, None] for k in range(3))
             r, z = np.hypot(tumours.offset[block, None] + x, y), height - tumours.depth[block, None]
-            values = evaluate(r.ravel(), z.ravel()).reshape(6, *r.shape)
+            values = evaluate(r.ravel(), z.ravel()).reshape(-1, *r.shape)
             integrals[:, block] = np.einsum("pnq,qw->wnp", values, weights)
     return list(integrals)
 
@@ -166,13 +172,21 @@ def bound_first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
 
 
 def bound_first_order_error(relative_errors: Floats, changes: Floats) -> Floats:
-    """Bound the errors of each film's total, (n, 2), from tumours' relative errors (n, t) and changes (n, t, 2, 2), N/m.
+    """Bound the errors of each film's force and, with films, charge, (n, s).
 
-    By the Cauchy-Schwarz inequality the reflected fields change film i's total by at most that fraction of sqrt(dF_ii dF_UU),
-    where dF are a tumour's changes of the film forces and U is the sum of both base states. The bounds of all tumours add up.
+    By the Cauchy-Schwarz inequality the reflected fields change the total of state i by at most that fraction of
+    sqrt(dF_ii dF_UU), where dF are a tumour's changes of the energy products and U is the sum of both base states. The bounds of
+    all tumours add up.
+
+    Parameters
+    ----------
+    relative_errors
+        Of each tumour's effect, shape (n, t).
+    changes
+        Of the energy products by each tumour, shape (n, t, s, s).
     """
     film_changes = np.abs(np.diagonal(changes, axis1=2, axis2=3))
-    total_changes = np.abs(changes.sum(axis=(2, 3)))[..., None]
+    total_changes = np.abs(changes[..., :2, :2].sum(axis=(2, 3)))[..., None]
     return np.asarray((relative_errors[..., None] * np.sqrt(film_changes * total_changes)).sum(axis=1))
 
 

@@ -21,6 +21,7 @@ from geometry.scenes.scene_tables import Load
 from solver.axisymmetric.base_states import BaseStates, Materials, build_model, solve_base_states
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.dofs import Interface
+from solver.axisymmetric.film_states import CHARGE_UNIT, Films
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.tumours import Strata, Tumours
@@ -46,7 +47,7 @@ FILM_ACCURACY_SHARE = 0.2  # fraction of the requested accuracy for film forces 
 
 @dataclass(frozen=True)
 class ProbeAlone:
-    """Film forces of a scene's probe on its tissue without tumours, without the mesh: enough for bounds at many places.
+    """Film forces and charges of a scene's probe on its tissue without tumours, without the mesh: enough for bounds.
 
     Attributes
     ----------
@@ -55,15 +56,15 @@ class ProbeAlone:
     accuracy
         Requested with tumours.
     films
-        Film forces without tumours.
+        Film forces without tumours, and charges where they follow from the films' stress.
     plan
         Features that are left out or modelled beyond blocks and tissue.
     notes
         Features that are left out and matter.
     stopped
         Notes on limits of memory and time that stopped refinement.
-    section, materials
-        What is modelled.
+    section, materials, actuators
+        What is modelled; ``actuators`` are the inner and the outer film, None where no charge follows from their stress.
     residual
         The largest relative residual of the linear solutions.
     """
@@ -76,6 +77,7 @@ class ProbeAlone:
     stopped: tuple[Note, ...]
     section: Section
     materials: Materials
+    actuators: Films | None
     residual: float
 
     @classmethod
@@ -92,32 +94,19 @@ class ProbeAlone:
             stopped,
             solved_model.section,
             solved_model.materials,
+            solved_model.films,
             states.residual,
         )
-
-    def compute_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
-        """Return bounds on the errors of each film's total, N/m, (n, 2), and of ln(ratio), (n,), for n sets of tumours.
-
-        ``bound``, (n, 2), bounds the errors of the totals' changes by tumours, ``forces``, (n, 2, 2), are the film forces with
-        tumours. The bound on ln(ratio) is inf where a total is below its own error.
-        """
-        films, totals = self.films, np.abs(forces.sum(axis=2))
-        total_bounds = bound + films.bound.totals
-        # sets with a total below its error; their fractions would have no logarithm
-        buried = np.any(total_bounds >= totals, axis=1)
-        tumour_share = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
-        log_ratio = films.bound.log_ratio - np.log1p(-tumour_share).sum(axis=1)
-        return total_bounds, np.where(buried, np.inf, log_ratio)
 
 
 @dataclass(frozen=True)
 class Undisturbed(ProbeAlone):
-    """The base states of a scene's probe and tissue, everywhere.
+    """The base states of a scene's probe and tissue, everywhere, and the film states with ``actuators``.
 
     Attributes
     ----------
     energies
-        Strain products of the base states, on another mesh than film forces.
+        Strain products of the states, on another mesh than film forces.
     nearest_error
         Relative error, by the mesh of the strains, of the effect of a tumour close to the probe.
     """
@@ -137,8 +126,14 @@ class Undisturbed(ProbeAlone):
         return Strata.from_tissue(self.scene.tissue)
 
     @property
+    def observables(self) -> tuple[tuple[FilmForces, slice, float], ...]:
+        """Film forces and, with ``actuators``, charges: without tumours, their rows among the states, and the unit of these."""
+        forces = (self.films, slice(0, 2), 1.0)
+        return (forces,) if self.films.charges is None else (forces, (self.films.charges, slice(2, 4), CHARGE_UNIT))
+
+    @property
     def field(self) -> TissueField:
-        """Base states as functions of position."""
+        """The states as functions of position."""
         return self.energies.field
 
     def bound_field_error(self, tumours: Tumours) -> Floats:
@@ -266,8 +261,12 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     materials: Materials = {**previous.materials, Body.TISSUE: scene.tissue, **layers}
     layout = previous.mesh.layout
     with _refuse_unsolvable():
-        states = solve_base_states(build_model(section, materials, get_tied_interface(scene), layout.fineness, kind=layout.kind))
-    films, energies = FilmForces(states.forces, base.films.bound), Energies(TissueField(states))
+        interface = get_tied_interface(scene)
+        states = solve_base_states(
+            build_model(section, materials, interface, layout.fineness, kind=layout.kind, films=base.actuators)
+        )
+    charges = base.films.charges and FilmForces(CHARGE_UNIT * states.products[2:], base.films.charges.bound)
+    films, energies = FilmForces(states.forces, base.films.bound, charges=charges), Energies(TissueField(states))
     return replace(base, scene=_remove_tumours(scene), films=films, section=section, materials=materials, energies=energies)
 
 
@@ -278,7 +277,8 @@ def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undistur
     with _refuse_unsolvable():
         section = _truncate_half_space(scene, films.section)
         fineness = _refine_in_layers(FIELD_FINENESSES[fine], section)
-        states = solve_base_states(build_model(section, films.materials, get_tied_interface(scene), fineness))
+        model = build_model(section, films.materials, get_tied_interface(scene), fineness, films=films.actuators)
+        states = solve_base_states(model)
     get_workspace().begin()  # what was needed only on the way may be dropped
     return Undisturbed.from_states(films, states, FIELD_ERRORS[fine])
 
@@ -304,6 +304,29 @@ def _refuse_unsolvable() -> Iterator[None]:
 def _refine_in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness:
     """Return the fineness with more cells in layers, if there are any."""
     return replace(fineness, cells=LAYER_CELLS) if section.interfaces else fineness
+
+
+def add_bounds(films: FilmForces, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
+    """Return bounds on the errors of each film's total, (n, 2), and of ln(ratio), (n,), for n sets of tumours.
+
+    The bound on ln(ratio) is inf where a total is below its own error.
+
+    Parameters
+    ----------
+    films
+        Film forces without tumours, N/m, or charges, C/m.
+    bound
+        Bounds on the errors of the totals' changes by tumours, shape (n, 2).
+    forces
+        Film forces or charges with tumours, shape (n, 2, 2).
+    """
+    totals = np.abs(forces.sum(axis=2))
+    total_bounds = bound + films.bound.totals
+    # sets with a total below its error; their fractions would have no logarithm
+    buried = np.any(total_bounds >= totals, axis=1)
+    tumour_share = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
+    log_ratio = films.bound.log_ratio - np.log1p(-tumour_share).sum(axis=1)
+    return total_bounds, np.where(buried, np.inf, log_ratio)
 
 
 def _truncate_half_space(scene: Scene, section: Section) -> Section:

@@ -1,4 +1,4 @@
-"""Compute readings of a probe over many sets of tumours at once: forces, ratio, stiffness, their derivatives and error bounds."""
+"""Compute readings of a probe over many sets of tumours at once: forces, charges, ratios, their derivatives and error bounds."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.probe import format_mm
+from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.first_order import bound_first_order_error, bound_first_order_share, compute_effects
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, add_bounds
 from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import limit_to_one_thread
 from solver.multiple_scattering.lockstep import run_in_lockstep, run_steps
 from solver.multiple_scattering.solve import Scattered, iterate_scattering
-from solver.results.film_forces import compute_sensitivity_tolerance
+from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 
 REFLECTION_TOLERANCE_RELATIVE = 0.1  # of the accuracy: truncation error of reflections, relative to a tumour's effect
 SERIES_SAFETY_FACTOR = 3.0  # on the estimate of the truncation error
@@ -26,6 +27,7 @@ SETS_AT_ONCE = 8  # sets whose reflections are solved together
 MAX_SETS_WITHOUT_MATRIX = (
     400  # up to so many sets the matrix of each azimuthal order does not pay without PARDISO; in layers never
 )
+STORED_FIELDS = ("forces", "bound", "log_ratio_bound", "slope_bound", "reflected", "first_share", "first_totals")  # by set
 MIN_REFLECTED_ERROR, MIN_LAYERED_ERROR = 5e-4, 4e-3  # minimum error, of a tumour's effect: in one material, in layers
 
 
@@ -54,6 +56,8 @@ class Readings:
     derivatives
         Derivatives of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter and
         depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where requested.
+    charges
+        The charges of the films in the same form, C in place of N; None where no charge follows from the films' stress.
     """
 
     areas: Floats
@@ -65,11 +69,58 @@ class Readings:
     first_share: Floats
     first_totals: Floats
     derivatives: dict[str, Floats] = field(default_factory=dict)
+    charges: Readings | None = None
 
-    def add_baseline_bounds(self, base: Undisturbed) -> Readings:
-        """Return the readings with the error bounds of the film forces without tumours added to those of the tumours' effects."""
-        bound, log_ratio = base.compute_bounds(self.bound, self.forces)
-        return replace(self, bound=bound, log_ratio_bound=log_ratio)
+    def add_baseline_bounds(self, films: FilmForces) -> Readings:
+        """Return the readings with the error bounds of the ``films`` without tumours added to those of the tumours' effects."""
+        bound, log_ratio = add_bounds(films, self.bound, self.forces)
+        charges = self.charges
+        if charges is not None and films.charges is not None:
+            charges = charges.add_baseline_bounds(films.charges)
+        return replace(self, bound=bound, log_ratio_bound=log_ratio, charges=charges)
+
+    def store(self, sets: Ints | Bools, readings: Readings) -> None:
+        """Store in place the ``readings`` of some sets, given by indices or by a mask, in place of the previous ones."""
+        for key in STORED_FIELDS:
+            getattr(self, key)[sets] = getattr(readings, key)
+        for key, values in self.derivatives.items():
+            values[sets] = readings.derivatives[key]
+        if self.charges is not None and readings.charges is not None:
+            self.charges.store(sets, readings.charges)
+
+    def get_observable(self, scene: Scene) -> Readings:
+        """Return what a scene's readings are the ratio of: the charges, or where it reads stresses the forces themselves.
+
+        Raises
+        ------
+        Refusal
+            The scene reads charges, and these are not known.
+        """
+        if scene.observable == "stress":
+            return self
+        if self.charges is not None:
+            return self.charges
+        film = scene.probe.film
+        if film is None or not film.uses_psi:
+            raise Refusal("reading.observable", "charge", "'stress', or [probe.film] given")
+        return self._scale(np.array([block_film.charge_per_force for block_film in film.by_block]))
+
+    def _scale(self, factors: Floats) -> Readings:
+        """Return the readings with each film's forces multiplied by a factor, shape (2,)."""
+        size = np.abs(factors)
+        return replace(
+            self,
+            forces=self.forces * factors[:, None],
+            bound=self.bound * size,
+            slope_bound=self.slope_bound * size,
+            first_totals=self.first_totals * factors,
+            derivatives={key: values * factors[:, None] for key, values in self.derivatives.items()},
+        )
+
+    @property
+    def parts(self) -> tuple[Readings, ...]:
+        """The readings of the forces and, where they are known, of the charges."""
+        return (self,) if self.charges is None else (self, self.charges)
 
     @property
     def totals(self) -> Floats:
@@ -103,6 +154,12 @@ class Readings:
         """Largest bound on the relative error of the ratio and of both stresses, shape (n,)."""
         stresses = (self.bound / np.maximum(np.abs(self.totals), 1e-300)).max(axis=1)  # 1e-300 avoids a division by zero
         return np.asarray(np.maximum(self.error_estimate, stresses))
+
+    def compute_max_error(self, scene: Scene) -> Floats:
+        """Return ``max_error``, or the bound on the relative error of the charges' ratio where that is read and larger; (n,)."""
+        if self.charges is None or scene.observable == "stress":
+            return self.max_error
+        return np.maximum(self.max_error, self.charges.error_estimate)
 
     def compute_log_ratio_derivative(self, key: str) -> Floats:
         """Return the derivative of ln(ratio) by a quantity of the target, see ``derivatives``; (n,), 0 where not ``resolved``."""
@@ -171,10 +228,11 @@ def compute_readings(
         inside, left_out = base.move_inside(tumours)
         _check_layers(base, inside, ~left_out)
         first = _compute_first_order(base, inside, left_out, target, places)
-        insufficient = (first.max_error > base.accuracy) | bool(reflect)
+        insufficient = (first.compute_max_error(base.scene) > base.accuracy) | bool(reflect)
         if sensitive and tumours.shape[1]:
-            tolerance = compute_sensitivity_tolerance(base.accuracy, first.log_sensitivity)
-            insufficient |= first.add_baseline_bounds(base).sensitivity_error > tolerance
+            bounded = first.add_baseline_bounds(base.films)
+            for part in bounded.parts if base.scene.observable == "charge" else (bounded,):
+                insufficient |= part.sensitivity_error > compute_sensitivity_tolerance(base.accuracy, part.log_sensitivity)
         insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
         chosen = np.flatnonzero(insufficient)
         often = len(chosen) > MAX_SETS_WITHOUT_MATRIX and not base.strata.interfaces
@@ -186,7 +244,7 @@ def compute_readings(
             _add_reflections(base, inside, left_out, first, numbers=numbers, target=target, sensitive=sensitive, often=often)
         if progress is not None:
             progress(len(chosen), len(chosen))
-    return first.add_baseline_bounds(base)
+    return first.add_baseline_bounds(base.films)
 
 
 def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
@@ -203,37 +261,51 @@ def _compute_first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, t
     ``bound`` holds the errors of the tumours' effects alone. Tumours that are ``left_out``, (n, t), change no force; twice their
     effect is added to the bound instead.
     """
-    n, t = tumours.shape
+    (n, t), s = tumours.shape, base.field.count
     effects = compute_effects(base.energies, base.strata.find_hosts(tumours.flatten().depth), tumours.flatten(), places)
-    changes = effects.forces.reshape(n, t, 2, 2)
-    outside = np.abs(np.where(left_out[..., None, None], changes, 0.0)).sum(axis=(1, 3))
+    changes = effects.products.reshape(n, t, s, s)
+    outside = np.abs(np.where(left_out[..., None, None], changes, 0.0))[..., :2].sum(axis=(1, 3))
     changes = np.where(left_out[..., None, None], 0.0, changes)
-    forces = base.films.forces + changes.sum(axis=1)
     relative_errors = bound_first_order_share(base, tumours)
     bound = bound_first_order_error(relative_errors, changes) + 2 * outside
-    derivative = (
-        np.abs(effects.derivatives["youngs_modulus"].reshape(n, t, 2, 2)[:, target]).sum(axis=2) if t else np.zeros((n, 2))
-    )
-    slope_bound = 2 * relative_errors[:, target, None] * derivative if t else derivative
-    areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
-    log_ratio = base.compute_bounds(bound, forces)[1]
-    derivatives = {}
+    slope_bound, derivatives = np.zeros((n, s)), {}
     if t:
-        derivatives = {
-            key: np.where(left_out[:, target, None, None], 0.0, values.reshape(n, t, 2, 2)[:, target])
-            for key, values in effects.derivatives.items()
-        }
-    return Readings(
-        areas,
-        forces,
-        bound=bound,
-        log_ratio_bound=log_ratio,
-        slope_bound=slope_bound,
-        reflected=np.zeros(n, dtype=bool),
-        first_share=log_ratio,
-        first_totals=forces.sum(axis=2),
-        derivatives=derivatives,
-    )
+        of_target = {key: values.reshape(n, t, s, s)[:, target] for key, values in effects.derivatives.items()}
+        slope_bound = 2 * relative_errors[:, target, None] * _compute_slope_sizes(of_target["youngs_modulus"])
+        derivatives = {key: np.where(left_out[:, target, None, None], 0.0, values) for key, values in of_target.items()}
+    areas = np.array([base.scene.probe.inner_area, base.scene.probe.outer_area])
+
+    def build_part(films: FilmForces, rows: slice, unit: float) -> Readings:
+        """Build the readings of forces or charges, whose ``rows`` among the states have some ``unit``."""
+        forces = films.forces + unit * changes[:, :, rows, :2].sum(axis=1)
+        log_ratio = add_bounds(films, unit * bound[:, rows], forces)[1]
+        return Readings(
+            areas,
+            forces,
+            bound=unit * bound[:, rows],
+            log_ratio_bound=log_ratio,
+            slope_bound=unit * slope_bound[:, rows],
+            reflected=np.zeros(n, dtype=bool),
+            first_share=log_ratio,
+            first_totals=forces.sum(axis=2),
+            derivatives={key: unit * values[:, rows, :2] for key, values in derivatives.items()},
+        )
+
+    parts = [build_part(*observable) for observable in base.observables]
+    return replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
+
+
+def _compute_slope_sizes(derivatives: Floats) -> Floats:
+    """Return the sizes to which errors of d products / d ln E are relative, (..., s, s) to (..., s).
+
+    For forces they are the sums of the derivatives' sizes; for charges the Cauchy-Schwarz bounds, as in
+    ``bound_first_order_error``.
+    """
+    sizes = np.abs(derivatives[..., :2]).sum(axis=-1)
+    state_sizes = np.abs(np.diagonal(derivatives, axis1=-2, axis2=-1))
+    total_size = np.abs(derivatives[..., :2, :2].sum(axis=(-2, -1)))[..., None]
+    sizes[..., 2:] = np.sqrt(state_sizes[..., 2:] * total_size)
+    return np.asarray(sizes)
 
 
 def _add_reflections(
@@ -287,15 +359,20 @@ def _store_reflected(
     if base.strata.interfaces:
         min_error, safety = MIN_LAYERED_ERROR, SERIES_SAFETY_FACTOR * LAYERED_SAFETY_FACTOR
     relative_error = float((base.bound_field_error(tumours) + base.bound_reflection_error(tumours)).max()) + min_error
-    effect_error = bound_first_order_error(np.full((1, 1), relative_error), scattered.forces[None, None])[0]
-    readings.forces[number] = base.films.forces + scattered.forces
-    readings.bound[number] = safety * scattered.error + effect_error
-    readings.reflected[number] = True
+    effect_error = bound_first_order_error(np.full((1, 1), relative_error), scattered.products[None, None])[0]
+    bound = safety * scattered.error + effect_error
+    for part, (films, rows, unit) in zip(readings.parts, base.observables, strict=True):
+        part.forces[number] = films.forces + unit * scattered.products[rows, :2]
+        part.bound[number] = unit * bound[rows]
+        part.reflected[number] = True
     if target is None:
         return
     derivatives = scattered.by_log_modulus[target]
-    readings.derivatives["youngs_modulus"][number] = derivatives
-    for key, derivative in scattered.shape_derivatives[target].items() if scattered.shape_derivatives else ():
-        readings.derivatives[key][number] = derivative
     slope_errors = safety * scattered.slope_error[target] + SLOPE_ERROR_FACTOR * relative_error * np.abs(derivatives)
-    readings.slope_bound[number] = slope_errors.sum(axis=1)
+    slope_bound = slope_errors[:, :2].sum(axis=1)
+    slope_bound[2:] = np.maximum(slope_bound, SLOPE_ERROR_FACTOR * relative_error * _compute_slope_sizes(derivatives))[2:]
+    for part, (_, rows, unit) in zip(readings.parts, base.observables, strict=True):
+        part.derivatives["youngs_modulus"][number] = unit * derivatives[rows, :2]
+        for key, derivative in scattered.shape_derivatives[target].items() if scattered.shape_derivatives else ():
+            part.derivatives[key][number] = unit * derivative[rows, :2]
+        part.slope_bound[number] = unit * slope_bound[rows]

@@ -18,11 +18,11 @@ class Reflections:
     Attributes
     ----------
     fields
-        Regular coefficients of both base states about all spheres, (modes, 2) each.
+        Regular coefficients of the s states about all spheres, (modes, s) each.
     works
         T times the fields, with the work matrix T of the spheres.
     moments
-        mu_0 .. mu_2n of eq. MS.8, (2, 2) each.
+        mu_0 .. mu_2n of eq. MS.8, (s, s) each.
     """
 
     fields: tuple[Floats, ...]
@@ -40,7 +40,7 @@ class Reflections:
         return Reflections((*self.fields, field), (*self.works, work), (*self.moments, *new))
 
     def sum_fields(self, weights: Floats) -> Floats:
-        """Return the sum over the reflections of c_i times its weights, which are (n + 1, 2, k); shape (modes, k)."""
+        """Return the sum over the reflections of c_i times its weights, which are (n + 1, s, k); shape (modes, k)."""
         return sum((c @ a for c, a in zip(self.fields, weights, strict=True)), np.zeros(()))
 
     @property
@@ -48,32 +48,37 @@ class Reflections:
         """Number of reflections."""
         return len(self.fields) - 1
 
+    @property
+    def states(self) -> int:
+        """Number of states s."""
+        return len(self.moments[0])
+
     @cached_property
     def galerkin_weights(self) -> Floats:
-        """Weights a of c_0 .. c_n (the last 0) in eq. MS.8, shape (n + 1, 2, 2)."""
-        n, mu = self.count, np.array(self.moments)
+        """Weights a of c_0 .. c_n (the last 0) in eq. MS.8, shape (n + 1, s, s)."""
+        n, s, mu = self.count, self.states, np.array(self.moments)
         A = _build_hankel(mu[:-1] - mu[1:], n)
         # least squares, as successive fields become nearly parallel and A nearly singular
-        a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
-        return np.concatenate([a, np.zeros((1, 2, 2))])
+        a = np.linalg.lstsq(A, mu[:n].reshape(-1, s), rcond=1e-12)[0].reshape(n, s, s)
+        return np.concatenate([a, np.zeros((1, s, s))])
 
     @cached_property
     def remainder_weights(self) -> Floats:
-        """Weights of the remainder r = c_0 - (1 - R S) c, with c, R and S of eq. MS.7, shape (n + 1, 2, 2)."""
-        return np.concatenate([np.eye(2)[None], self.galerkin_weights[:-1]]) - self.galerkin_weights
+        """Weights of the remainder r = c_0 - (1 - R S) c, with c, R and S of eq. MS.7, shape (n + 1, s, s)."""
+        return np.concatenate([np.eye(self.states)[None], self.galerkin_weights[:-1]]) - self.galerkin_weights
 
     @cached_property
-    def forces(self) -> Floats:
-        """Change of the film forces: B^T a of eq. MS.8 plus the remainder's r^T T r, N/m, shape (2, 2)."""
-        remainder = self.remainder_weights.reshape(-1, 2)
-        value = sum((mu @ a for mu, a in zip(self.moments, self.galerkin_weights, strict=False)), np.zeros((2, 2)))
+    def products(self) -> Floats:
+        """Change of the energy products: B^T a of eq. MS.8 plus the remainder's r^T T r, shape (s, s)."""
+        s, remainder = self.states, self.remainder_weights.reshape(-1, self.states)
+        value = sum((mu @ a for mu, a in zip(self.moments, self.galerkin_weights, strict=False)), np.zeros((s, s)))
         return _symmetrise(value + remainder.T @ _build_hankel(np.array(self.moments), self.count + 1) @ remainder)
 
     @cached_property
     def correction(self) -> Floats:
-        """Difference of ``forces`` from c_0^T T c, which includes asymmetry of the reflections; shape (2, 2)."""
+        """Difference of ``products`` from c_0^T T c, which includes asymmetry of the reflections; shape (s, s)."""
         works = [_symmetrise(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.galerkin_weights, strict=True)]
-        return np.asarray(self.forces - np.sum(works, axis=0))
+        return np.asarray(self.products - np.sum(works, axis=0))
 
     @cached_property
     def rho(self) -> float:
@@ -86,9 +91,9 @@ class Reflections:
 
 
 def _build_hankel(blocks: Floats, n: int) -> Floats:
-    """Build the Hankel matrix (2 n, 2 n) whose block (i, j), (2, 2), is ``blocks[i + j]``."""
-    i = np.arange(n)
-    return np.asarray(blocks[i[:, None] + i].transpose(0, 2, 1, 3).reshape(2 * n, 2 * n))
+    """Build the Hankel matrix (s n, s n) whose block (i, j), (s, s), is ``blocks[i + j]``."""
+    i, size = np.arange(n), n * blocks.shape[1]
+    return np.asarray(blocks[i[:, None] + i].transpose(0, 2, 1, 3).reshape(size, size))
 
 
 def _symmetrise(matrix: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Compute derivatives of film forces with respect to a sphere's position, size and Poisson's ratio.
+"""Compute derivatives of film forces and charges with respect to a sphere's position, size and Poisson's ratio.
 
 If an interface moves by V_n along its normal n, energies of states that stay in equilibrium change by
 
@@ -29,7 +29,7 @@ COMPLEX_STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
 def compute_shape_derivatives(
     sphere: ScatteringSphere, scattering: Scattering, matrix: Material, material: Material, incident: Floats
 ) -> dict[str, Floats]:
-    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field of both base states.
+    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field of the s states.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ def compute_shape_derivatives(
     matrix, material
         The material about it and its own.
     incident
-        Regular coefficients of the field, m, shape (modes, 2).
+        Regular coefficients of the field, m per unit of each state, shape (modes, s).
 
     Returns
     -------
     dict
-        Derivatives of the film forces, N/m per unit, shapes (2, 2), with respect to the logarithms of depth and diameter, to
+        Derivatives of the energy products, shapes (s, s), with respect to the logarithms of depth and diameter, to
         poisson_ratio, and to the offset from the probe's axis, per m; that is zero on the axis.
     """
     modes, radius = sphere.modes, sphere.radius
@@ -75,7 +75,7 @@ def compute_shape_derivatives(
 
 
 def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:
-    """Return stress, Pa, and strain, (q, 6, 2), from ``scaled``: stress times R / (2 mu), with radius R and shear modulus mu."""
+    """Return stress, Pa, and strain, (q, 6, s), from ``scaled``: stress times R / (2 mu), with radius R and shear modulus mu."""
     nu = material.poisson_ratio
     trace = scaled[:, :3].sum(axis=1, keepdims=True)
     strain = scaled.copy()
@@ -84,5 +84,5 @@ def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float
 
 
 def _contract(first: Floats, second: Floats) -> Floats:
-    """Return the products s_i:e_j of stresses and strains at all points, (q, 2, 2)."""
+    """Return the products s_i:e_j of stresses and strains at all points, (q, s, s)."""
     return np.asarray(np.einsum("qai,a,qaj->qij", first, VOIGT_WEIGHTS, second, optimize=True))

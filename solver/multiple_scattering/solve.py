@@ -1,8 +1,8 @@
 """Solve multiple scattering between tumours and boundary: the second tier of the equivalent-inclusion evaluator.
 
-With c0 the coefficients of the base states' regular modes at the spheres, S and T the spheres' scattering and work matrices
+With c0 the coefficients of the states' regular modes at the spheres, S and T the spheres' scattering and work matrices
 (``solver/inclusions/sphere_scattering.py``) and R the reflection by the boundary, the whole incident field at the spheres is
-c = c0 + R S c, and the change of the film forces is
+c = c0 + R S c, and the change of the states' energy products, which are film forces and charges, is
 
     dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (MS.7)
 
@@ -52,23 +52,24 @@ _find_cached_projection = keep_table(build_projection)
 SLOPE_TOLERANCE_FACTOR = 5.0  # derivatives with respect to the modulus are this much more sensitive to omitted terms
 MIN_TIMED_TUMOURS = 4  # tumours after which the time for the rest can be estimated
 TIME_SHARE = 0.5  # of that time: the machine may be busier now than later
+MIN_STATE_WORK_SHARE = 1e-12  # of the larger base state: smaller film states hardly matter
 ORDER_TOLERANCE_SHARE = 0.3  # of the tolerance: two azimuthal orders with less effect end the sum
 
 
 @dataclass(frozen=True)
 class Scattered:
-    """Change of the film forces by a set of spheres.
+    """Change of the energy products of the s states by a set of spheres.
 
     Attributes
     ----------
-    forces
-        dF_ij, N/m, shape (2, 2).
+    products
+        dF_ij, symmetric, shape (s, s).
     by_log_modulus
-        d forces / d ln E of each sphere, shape (t, 2, 2).
+        d products / d ln E of each sphere, shape (t, s, s).
     error
-        Estimated error of each film's total by omitted reflections, degrees and orders, N/m, shape (2,).
+        Estimated error of each film's force and charge by omitted reflections, degrees and orders, shape (s,).
     slope_error
-        The same for ``by_log_modulus``, shape (t, 2, 2).
+        The same for ``by_log_modulus``, shape (t, s, s).
     shape_derivatives
         Derivatives of each sphere, by ``compute_shape_derivatives``; none unless requested.
     steps
@@ -77,7 +78,7 @@ class Scattered:
         Number of azimuthal orders.
     """
 
-    forces: Floats
+    products: Floats
     by_log_modulus: Floats
     error: Floats
     slope_error: Floats
@@ -96,14 +97,14 @@ def iterate_scattering(
     places: bool = False,
     sensitive: bool = False,
 ) -> Steps[Scattered]:
-    """Solve eq. MS.8 for a set of t spheres until the remainder is below ``tolerance`` of each film's total.
+    """Solve eq. MS.8 for a set of t spheres until the remainder is below ``tolerance`` of each film's force and charge.
 
     These are steps for ``lockstep``: ``run_steps`` carries them out for one set.
 
     Parameters
     ----------
     field
-        The base states' strains.
+        The strains of the s states.
     reflector
         Reflecting boundary; its mesh may be coarser than that of ``field``.
     strata
@@ -130,8 +131,12 @@ def iterate_scattering(
     sphere_set = SphereSet.from_spheres(spheres, tumours)
     exchange = reflector.build_exchange(spheres, rounds)
     c = np.concatenate([compute_incident(field, sphere) for sphere in spheres])
-    series, orders, previous_energy = Reflections.begin(c, sphere_set.compute_work(c)), rounds.orders, np.inf
+    work = sphere_set.compute_work(c)
+    unit = _choose_units(c, work)
+    c, unit_pairs = c / unit, np.outer(unit, unit)
+    series, orders, previous_energy = Reflections.begin(c, work / unit), rounds.orders, np.inf
     min_work = ORDER_TOLERANCE_SHARE * tolerance * float(np.abs(series.moments[0]).max())
+    baseline = np.concatenate([reflector.states.forces, field.states.products[2:]])
     derivatives = sphere_set.compute_slopes(c)
     for _ in range(MAX_REFLECTIONS):
         c, orders = yield from _reflect(exchange, sphere_set.scatter(series.fields[-1]), min_work, orders)
@@ -146,26 +151,49 @@ def iterate_scattering(
             np.abs(derivatives - sphere_set.compute_slopes(series.sum_fields(series.galerkin_weights))),
             decay * np.abs(derivatives - last),
         )
-        totals = np.abs((reflector.states.forces + series.forces).sum(axis=1))
-        settled = np.all(compute_total_change(change[None])[0] <= tolerance * totals)
+        totals = np.abs((baseline + unit_pairs[:, :2] * series.products[:, :2]).sum(axis=1))
+        settled = np.all(_compute_size(change * unit_pairs) <= tolerance * totals)
         if settled and (
             not sensitive or np.all(slope_change <= SLOPE_TOLERANCE_FACTOR * tolerance * np.max(np.abs(derivatives)))
         ):
             break
     left_out = estimate_unresolved(section, strata, tumours, spheres) + 2 * ORDER_TOLERANCE_SHARE * tolerance
     tail = _estimate_tail(section, spheres, sphere_set, series=series, fields=total)
-    error = compute_total_change(np.array([change, tail, left_out * series.forces])).sum(axis=0)
+    error = sum(_compute_size(part * unit_pairs) for part in (change, tail, left_out * series.products))
     slope_error = slope_change + SLOPE_TOLERANCE_FACTOR * left_out * np.abs(derivatives)
-    moves = tuple(_list_shape_derivatives(tumours, spheres, sphere_set, total)) if places else ()
+    moves = tuple(_list_shape_derivatives(tumours, spheres, sphere_set, total * unit)) if places else ()
     return Scattered(
-        series.forces,
-        derivatives,
-        error=error,
-        slope_error=slope_error,
+        series.products * unit_pairs,
+        derivatives * unit_pairs,
+        error=np.asarray(error),
+        slope_error=slope_error * unit_pairs,
         shape_derivatives=moves,
         steps=series.count,
         orders=orders,
     )
+
+
+def _choose_units(incident: Floats, works: Floats) -> Floats:
+    """Return the unit of each state in which its work at the spheres is that of the larger base state, shape (s,).
+
+    Film states may be far smaller than base states at the spheres. In these units they count alike where the series is truncated.
+
+    Parameters
+    ----------
+    incident
+        Regular coefficients of the s states, (modes of all spheres, s).
+    works
+        The work matrices times these.
+    """
+    size = np.abs(incident * works).sum(axis=0)  # absolute: works of opposite signs may cancel
+    largest, unit = max(float(size[:2].max()), 1e-300), np.ones(len(size))  # 1e-300: no division by zero
+    np.divide(size[2:], largest, out=unit[2:], where=size[2:] > MIN_STATE_WORK_SHARE * largest)
+    return np.sqrt(unit)
+
+
+def _compute_size(change: Floats) -> Floats:
+    """Return a size of the change of each film's force and charge from the change of the energy products, (s, s) to (s,)."""
+    return np.asarray(compute_total_change(change[None, :, :2])[0])
 
 
 def _estimate_decay(previous_energy: float, energy: float, rho: float) -> float:
@@ -183,7 +211,7 @@ def _estimate_decay(previous_energy: float, energy: float, rho: float) -> float:
 def _list_shape_derivatives(
     tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats
 ) -> Iterator[dict[str, Floats]]:
-    """Yield the shape derivatives of each sphere in the whole incident field ``total``, (modes of all spheres, 2)."""
+    """Yield the shape derivatives of each sphere in the whole incident field ``total``, (modes of all spheres, s)."""
     for k, (sphere, scattering, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
         material = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
         yield compute_shape_derivatives(sphere, scattering, sphere.matrix, material, total[part])
@@ -249,7 +277,7 @@ def _share_modes(modes: Modes) -> Modes:
 
 
 def compute_incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
-    """Compute the regular coefficients of both base states at a sphere, (modes, 2), m per m of the bases' displacement."""
+    """Compute the regular coefficients of the s states at a sphere, (modes, s), m per unit of each."""
     x, y, z = sphere.points.T
     r = np.hypot(x, y)
     strains = field.evaluate(r, z)
@@ -263,7 +291,7 @@ def _reflect(
 ) -> Steps[tuple[Floats, int]]:
     """Compute one more reflection of outgoing fields: by the other spheres and, order by order, by the boundary.
 
-    Returns the regular coefficients at all spheres, (modes of all, 2), and the number of azimuthal orders that mattered.
+    Returns the regular coefficients at all spheres, (modes of all, s), and the number of azimuthal orders that mattered.
     """
     sent = _exchange_between_spheres(exchange.spheres, outgoing)  # first, because it estimates its time early
     if isinstance(exchange, CloseExchange):
@@ -289,14 +317,14 @@ def _exchange_between_spheres(spheres: Sequence[ScatteringSphere], outgoing: Seq
 def _estimate_tail(
     section: Section, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, *, series: Reflections, fields: Floats
 ) -> Floats:
-    """Estimate the contribution to the film forces of degrees beyond the largest of the modes, N/m, shape (2, 2).
+    """Estimate the contribution to the energy products of degrees beyond the largest of the modes, shape (s, s).
 
-    ``fields`` is the whole incident field, (modes of all spheres, 2).
+    ``fields`` is the whole incident field, (modes of all spheres, s).
 
     A field from the surface or an interface decays as (R / distance)^l with degree l on a sphere of radius R: a geometric series
     from the last degrees.
     """
-    total = np.zeros((2, 2))
+    total = np.zeros((series.states,) * 2)
     for sphere, part in zip(spheres, sphere_set.parts, strict=True):
         last = sphere.modes.ell >= sphere.modes.degree - 1
         nearest = min(abs(sphere.centre[2] + depth) for depth in (0.0, *section.interfaces))

@@ -14,7 +14,7 @@ from geometry.common.limits import format_minimum
 from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_own_workspace
-from solver.results.film_charges import compute_charge_fields
+from solver.results.film_charges import compute_charge_fields, warn_of_unknown_bonds
 from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
 from solver.results.result import Curve, Decision, ErrorKind, Result
 from solver.results.warnings import Note, select_notes
@@ -114,7 +114,8 @@ class FilmSolution:
         fields = compute_result_fields(scene, self.films[0]) | compute_charge_fields(scene, self.films[0])
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
-        warnings = (*fields.pop("warnings"), *self.notes)  # those of the film forces first
+        # those of the film forces first
+        warnings = (*fields.pop("warnings"), *warn_of_unknown_bonds(scene, self.films[0]), *self.notes)
         return Result(
             name, seconds, **fields, error_kind=self.error_kind, residual=self.residual, plan=self.plan, warnings=warnings
         )

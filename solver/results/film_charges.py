@@ -9,6 +9,7 @@ import numpy as np
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from solver.results.film_forces import FilmForces, compute_indentation
+from solver.results.warnings import Note
 
 
 def find_charges(scene: Scene, films: FilmForces) -> FilmForces | None:
@@ -24,6 +25,16 @@ def find_charges(scene: Scene, films: FilmForces) -> FilmForces | None:
     derivative = None if films.modulus_derivative is None else factors * films.modulus_derivative
     bound = replace(films.bound, totals=np.abs(factors[:, 0]) * films.bound.totals, sum=None)
     return FilmForces(factors * films.forces, bound, derivative, films.sensitivity_error)
+
+
+def warn_of_unknown_bonds(scene: Scene, films: FilmForces) -> tuple[Note, ...]:
+    """Return a warning where charges follow from the stress of a film without bonds, which is taken as bonded rigidly."""
+    film = scene.probe.film
+    if film is None or film.uses_psi or films.charges is None or film.by_block[0].has_bonds:
+        return ()  # the outer film has the bonds of the inner one, unless it has its own
+    name = "inner film" if film.by_block[1].has_bonds else "film"
+    text = f"the {name} is taken as bonded rigidly on both sides; tape makes its charge 5 to 15 times larger"
+    return (Note("bond", f'{text}: give [probe.film.bond_to_base], name = "tape-50um", or "rigid" if it is'),)
 
 
 def compute_charge_fields(scene: Scene, films: FilmForces) -> JsonObject:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
-Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit", "published", "skin", "doubt"]
+Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit", "published", "skin", "doubt", "bond"]
 
 
 class Note(str):
@@ -17,7 +17,8 @@ class Note(str):
         "null", a value is None; "accuracy", an error bound is above the accuracy; "sensitivity", the log-sensitivity is None or
         less accurate than intended; "left_out", a detail counted in the error; "linear", the load is beyond linear elasticity;
         "limit", what the limits of memory and time prevented; "published", what is wrong in the paper; "skin", what a skin would
-        change of tissue without layers; "doubt", a number of the scene that is probably a slip.
+        change of tissue without layers; "doubt", a number of the scene that is probably a slip; "bond", a film whose bonds the
+        scene does not give.
     """
 
     __slots__ = ("kind",)

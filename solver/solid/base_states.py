@@ -36,7 +36,7 @@ MIN_NEW_ENERGY_SHARE = 1e-16  # of a vector's energy: new directions with less a
 
 @dataclass(frozen=True)
 class SolidStates:
-    """Base states: solutions for three unit motions of the base.
+    """Base states: solutions for three unit motions of the base; and, where films' charges are wanted, two film states.
 
     In the first two, the base of the inner or of the outer block moves down by one unit while the other is held; in the third,
     both rotate together about y (a positive angle lowers the side +x).
@@ -46,9 +46,9 @@ class SolidStates:
     problem
         The problem that was solved.
     v
-        The unknowns, shape (unknowns, 3).
+        The unknowns of the s states, shape (unknowns, s), s = 3 or 5.
     energies
-        v_i^T K_b v_j of each body b, with its stiffness K_b, for the whole mesh, shape (3, 3).
+        v_i^T K_b v_j of each body b, with its stiffness K_b, for the whole mesh, shape (s, s).
     """
 
     problem: Problem
@@ -56,9 +56,14 @@ class SolidStates:
     energies: Mapping[int, Floats]
 
     @property
+    def products(self) -> Floats:
+        """Energies of all s states with the base states, shape (s, 3): ``reactions``, below them charges in ``CHARGE_UNIT``."""
+        return self.compute_modulus_derivative(self.energies)
+
+    @property
     def reactions(self) -> Floats:
         """Forces on both films and the moment about y, by rows, in the three states: N/m, N/rad, N m/rad; (3, 3), symmetric."""
-        return np.asarray(sum(self.energies.values(), start=np.zeros((len(STATE_NAMES),) * 2)))
+        return self.products[: len(STATE_NAMES)]
 
     @property
     def forces(self) -> Floats:
@@ -67,7 +72,7 @@ class SolidStates:
 
     @property
     def residual(self) -> float:
-        """Maximum residual of the three states, relative to the loads."""
+        """Maximum residual of the states, relative to the loads."""
         return compute_residual(self.problem.matrix, self.problem.loads, self.v)
 
     @property
@@ -76,9 +81,9 @@ class SolidStates:
         return self.reactions[:2, 2]
 
     def compute_modulus_derivative(self, bodies: Iterable[int]) -> Floats:
-        """Return the derivative of the reactions with respect to ln E, with E the common modulus of some bodies, shape (3, 3).
+        """Return the derivative of ``products`` with respect to ln E, with E the common modulus of some bodies, shape (s, 3).
 
-        The reactions are the energy products v_i^T K v_j of states i and j. As the states v minimise the energy, their own
+        They are the energy products v_i^T K v_j of states i and j. As the states v minimise the energy, their own
         change with E has no effect of first order: the derivative is the bodies' part, the sum of their v_i^T K_b v_j.
 
         Parameters
@@ -86,7 +91,20 @@ class SolidStates:
         bodies
             The bodies' numbers, keys of ``energies``.
         """
-        return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATE_NAMES),) * 2)))
+        total = sum((self.energies[body] for body in bodies), start=np.zeros((self.v.shape[1],) * 2))
+        return np.asarray(total[:, : len(STATE_NAMES)])
+
+    def compute_charges(self, film_lift: Floats) -> Floats:
+        """Return the charges of films in the base states as the work of the blocks' end forces on w of eq. MS.12, shape (2, 3).
+
+        That takes no film states, of which the error is the same. ``film_lift`` is w as in ``Problem``.
+        """
+        problem, charges = self.problem, np.zeros((film_lift.shape[1], len(STATE_NAMES)))
+        for body in problem.laws:
+            if body in BLOCK_BODIES and body in problem.solid.parts:
+                u = problem.compute_displacements(self.v, body)[:, : len(STATE_NAMES)]
+                charges += film_lift.T @ problem.compute_body_forces(body, u)
+        return problem.symmetry_factor * charges
 
 
 @dataclass(frozen=True)
@@ -114,7 +132,7 @@ def solve_states(
     start: Floats | None = None,
     target: float = TARGET_RESIDUAL,
 ) -> FactorisedStates:
-    """Solve a problem for the three base states.
+    """Solve a problem for the three base states and its film states.
 
     Parameters
     ----------
@@ -182,9 +200,9 @@ def compute_energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
 
 
 def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float, high: float) -> RationalResponse:
-    """Compute reactions as a function of an inclusion's modulus; ``bodies`` are the numbers of its parts.
+    """Compute products as a function of an inclusion's modulus; ``bodies`` are the numbers of its parts.
 
-    With the inclusion's part K_b of the stiffness, F are the reactions of ``SolidStates``, and on a basis v_k orthonormal in K in
+    With the inclusion's part K_b of the stiffness, F are the products of ``SolidStates``, and on a basis v_k orthonormal in K in
     which K_b is diagonal, K_b v_k = l_k K v_k, c_kj = v_k^T K_b u_j and G_ij = u_i^T K_b u_j:
 
         F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k),   t = E / E_0         (SO.7)
@@ -200,7 +218,7 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
     SolveError
         The range is too wide for the tolerance, or a system could not be solved.
     """
-    problem, ends, previous = states.problem, np.array([low, high]), states.reactions[None]
+    problem, ends, previous = states.problem, np.array([low, high]), states.products[None]
 
     def apply_body_stiffness(displacements: Floats) -> Floats:
         """Return K_b times displacements of all nodes (3 n, k), on the unknowns."""
@@ -217,14 +235,14 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
     )
     for _ in range(MAX_BASIS_STEPS):
         grown = space.grow()
-        curve = space.build_response(states.reactions, states.compute_modulus_derivative(bodies), problem.symmetry_factor)
-        reactions = curve.evaluate(ends)[0]
-        scale = np.sqrt(np.abs(np.einsum("nii->ni", reactions)))
+        curve = space.build_response(states.products, states.compute_modulus_derivative(bodies), problem.symmetry_factor)
+        products = curve.evaluate(ends)[0]
+        scale = np.sqrt(np.abs(np.einsum("nii->ni", products[:, : len(STATE_NAMES)])))
         # relative to the reactions' diagonal, so that N/m, N/rad and N m/rad compare; only the film forces must settle
-        change = np.abs(reactions - previous) / (scale[:, :, None] * scale[:, None])
-        if not grown or np.all(change[:, :2] < FORCE_TOLERANCE_RELATIVE):
+        change = np.abs(products - previous)[:, :2] / (scale[:, :2, None] * scale[:, None])
+        if not grown or np.all(change < FORCE_TOLERANCE_RELATIVE):
             return curve
-        previous = reactions
+        previous = products
     raise SolveError(f"the curve from {low:g} to {high:g} times the modulus did not converge to {FORCE_TOLERANCE_RELATIVE:.0e}")
 
 
@@ -269,7 +287,7 @@ def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
     stress = np.zeros((len(body), 6))
     for number, law in problem.laws.items():
         inside = np.flatnonzero(body == number)
-        displacements = problem.compute_displacements(states.v, number) @ motion
+        displacements = problem.compute_displacements(states.v, number)[:, : len(motion)] @ motion
         stress[inside] = _compute_stresses(
             solid.nodes[solid.elements[inside]], displacements.reshape(-1, 3)[solid.elements[inside]], law
         )

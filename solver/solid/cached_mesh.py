@@ -149,10 +149,16 @@ class SharedFactor:
         step_count = SOLVES_PER_FACTOR * estimate_steps(compute_modulus_spread(regions.laws, base) * stretch**4)
         return bool(step_count <= REUSE_STEPS_COEFFICIENT * regions.supports.unknowns ** (2 / 3))
 
-    def find_start(self, kind: str, unknowns: int) -> Floats | None:
-        """Return the last solution with so many unknowns, preferably of the states named ``kind``; None if there is none."""
+    def find_start(self, kind: str, unknowns: int, count: int) -> Floats | None:
+        """Return ``count`` columns of the last solution with so many unknowns, preferably of the states named ``kind``, or None.
+
+        States that it lacks start from zero.
+        """
         candidates = (self.latest.get(kind), *self.latest.values())
-        return next((v for v in candidates if v is not None and len(v) == unknowns), None)
+        start = next((v for v in candidates if v is not None and len(v) == unknowns), None)
+        if start is None or start.shape[1] == count:
+            return start
+        return np.hstack([start[:, :count], np.zeros((unknowns, max(0, count - start.shape[1])))])
 
 
 @dataclass
@@ -172,7 +178,9 @@ class CachedMesh:
     _states: dict[str, SolidStates] = field(default_factory=dict)
     _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states for which the shared factor was too far away
 
-    def find_states(self, kind: str, laws: Laws, base: Laws, target: float = TARGET_RESIDUAL) -> FactorisedStates:
+    def find_states(
+        self, kind: str, laws: Laws, base: Laws, target: float = TARGET_RESIDUAL, film_lift: Floats | None = None
+    ) -> FactorisedStates:
         """Return the states for a scene's laws: the cached ones, or new ones solved from these.
 
         Parameters
@@ -185,6 +193,8 @@ class CachedMesh:
             Laws of all regions, for the factor; a factor of similar laws is used again.
         target
             Relative residual of the solution.
+        film_lift
+            See ``Problem``.
 
         Raises
         ------
@@ -195,21 +205,31 @@ class CachedMesh:
         """
         with self.shared.lock:
             previous = self._states.get(kind)
-            if previous is not None and previous.problem.laws == laws and previous.residual <= MAX_RESIDUAL_FACTOR * target:
+            if (
+                previous is not None
+                and previous.problem.laws == laws
+                and _is_same_lift(previous.problem.film_lift, film_lift)
+                and previous.residual <= MAX_RESIDUAL_FACTOR * target
+            ):
                 factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base)
                 return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
             # supports depend only on which regions are present
             supports = [item.problem.supports for item in self._states.values() if set(item.problem.laws) == set(laws)]
-            problem = Problem.assemble(self.solid, laws, supports[0] if supports else None)
+            problem = Problem.assemble(self.solid, laws, supports[0] if supports else None, film_lift)
             shared_factor, start = (
                 self.shared.find_factor(problem, base),
-                self.shared.find_start(kind, problem.supports.unknowns),
+                self.shared.find_start(kind, problem.supports.unknowns, problem.loads.shape[1]),
             )
             states = solve_states(problem, factor=shared_factor, start=start, target=target)
             self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
             # solve_states makes a new factor where the shared one is too far away; only the last such factor is kept
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states
+
+
+def _is_same_lift(first: Floats | None, second: Floats | None) -> bool:
+    """Return whether two problems have the same film states, or both have none."""
+    return first is second or (first is not None and second is not None and np.array_equal(first, second))
 
 
 def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:

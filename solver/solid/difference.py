@@ -18,12 +18,15 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from geometry.tetra.mesh_check import find_max_file_error
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
+from solver.axisymmetric.film_states import CHARGE_UNIT
+from solver.axisymmetric.omitted_details import models_charges
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.materials.linear import Elastic, Isotropic
 from solver.solid.base_states import FactorisedStates, SolidStates, compute_solid_response
 from solver.solid.cached_mesh import find_cached_mesh
 from solver.solid.domain import Domain
 from solver.solid.domain_mesh import build_domain_layout
+from solver.solid.end_motion import build_end_motion
 from solver.solid.problem import Solid
 from solver.solid.regions import Region, find_base_material, find_material_at_depth, find_reference_material, find_scene_material
 
@@ -32,6 +35,25 @@ INCOMPRESSIBLE_SHEAR_RATIO = (
     0.04  # shear over bulk modulus (nu = 0.48) below which the residual is smaller: loads grow with the bulk modulus
 )
 MAX_TARGET_RATIO = 30.0  # maximum ratio of moduli of target and tissue at which curves start
+
+
+@dataclass(frozen=True)
+class MeshCharges:
+    """Charges of films on blocks that end on a rigid face (``film_charges.py``), for k moduli of the target.
+
+    Attributes
+    ----------
+    scene
+        Charges of both films in the three base states, C/m and C/rad, shape (k, 2, 3).
+    derivative
+        Their derivative with respect to ln E of the target, zeros without one.
+    reference
+        Those of the reference on the same mesh, shape (2, 3).
+    """
+
+    scene: Floats
+    derivative: Floats
+    reference: Floats
 
 
 @dataclass(frozen=True)
@@ -58,6 +80,8 @@ class SceneDifference:
         The larger relative residual of both solutions.
     volume_error
         Relative error of the volume of a body from a file on this mesh.
+    charges
+        Of films that have charges of their own; None without.
     """
 
     forces: Floats
@@ -69,6 +93,7 @@ class SceneDifference:
     unknowns: int
     residual: float
     volume_error: float
+    charges: MeshCharges | None = None
 
 
 def solve_difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
@@ -95,8 +120,19 @@ def solve_difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None
     reference = cached_mesh.find_states("reference", reference_laws, base, max_residual)
     reference_reactions, residual = reference.reactions, reference.residual
     edges = cached_mesh.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
-    states = cached_mesh.find_states("scene", scene_laws, base, max_residual)
-    reactions, modulus_derivative = _compute_reactions(states, scene, target, moduli)
+    film_lift = build_end_motion(domain, cached_mesh.solid) if models_charges(scene) else None
+    states = cached_mesh.find_states("scene", scene_laws, base, max_residual, film_lift)
+    products, modulus_derivative = _compute_products(states, scene, target, moduli)
+    reactions = products[:, :3]
+    charges = (
+        None
+        if film_lift is None
+        else MeshCharges(
+            CHARGE_UNIT * products[:, 3:],
+            CHARGE_UNIT * modulus_derivative[:, 3:],
+            CHARGE_UNIT * reference.compute_charges(film_lift),
+        )
+    )
     result = SceneDifference(
         reactions[:, :2, :2] - reference_reactions[:2, :2],
         modulus_derivative[:, :2, :2],
@@ -107,6 +143,7 @@ def solve_difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None
         unknowns=states.problem.supports.unknowns,
         residual=max(residual, states.residual),
         volume_error=_compute_volume_error(domain, mesh),
+        charges=charges,
     )
     return result, states.bare_states
 
@@ -148,19 +185,17 @@ def _replace_modulus(scene: Scene, target: int, modulus: float) -> Scene:
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
-def _compute_reactions(
-    states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None
-) -> tuple[Floats, Floats]:
-    """Return reactions and their derivatives with respect to ln E of the target, for k moduli; shape (k, 3, 3) each.
+def _compute_products(states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
+    """Return products of s states and their derivatives with respect to ln E of the target, for k moduli; shape (k, s, 3) each.
 
     ``states`` are those of ``scene``, ``target`` is the number of its target inclusion or None, and ``moduli`` are as in
-    ``solve_difference``. Reactions are those of ``SolidStates``: forces on both films and the moment.
+    ``solve_difference``. Products are those of ``SolidStates``: forces on both films, the moment and, with films, charges.
     """
     if target is None:
-        return states.reactions[None], np.zeros((1, 3, 3))
+        return states.products[None], np.zeros((1, *states.products.shape))
     bodies = tuple(b for b in states.energies if Region.from_number(b).body == FIRST_INCLUSION_BODY + target)
     if moduli is None:
-        return states.reactions[None], states.compute_modulus_derivative(bodies)[None]
+        return states.products[None], states.compute_modulus_derivative(bodies)[None]
     multiples = moduli / scene.inclusion[target].youngs_modulus
     return compute_solid_response(states, bodies, float(multiples.min()), float(multiples.max())).evaluate(multiples)
 

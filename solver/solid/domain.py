@@ -38,6 +38,8 @@ class Domain:
         Whether the half y >= 0 is meshed.
     shortened
         Whether tissue was left out.
+    turn
+        Angle by which the x axis of ``scene`` leads the probe's, rad.
     """
 
     scene: Scene
@@ -45,6 +47,7 @@ class Domain:
     radius: float | None
     half: bool
     shortened: bool
+    turn: float = 0.0
 
 
 def remove_asymmetry(scene: Scene) -> Scene:
@@ -95,9 +98,10 @@ def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
     ):
         radius, depth = min(span, compute_free_radius(scene)), min(full_depth, span)
         tissue = _build_cylinder(scene, radius, depth)
-        meshed_scene = _move_to_axis(scene, tissue)
+        meshed_scene, turn = _move_to_axis(scene, tissue)
         cut = not is_coaxial(scene) or radius < compute_free_radius(scene) or depth < full_depth
-        return Domain(meshed_scene, _build_reference(meshed_scene, tissue), None, is_mirror_symmetric(meshed_scene), cut)
+        half = is_mirror_symmetric(meshed_scene)
+        return Domain(meshed_scene, _build_reference(meshed_scene, tissue), None, half, cut, turn)
     assert wall is not None
     assert scene.tissue.shape != "half-space"
     tissue = _build_cylinder(scene, wall, scene.tissue.depth)
@@ -142,19 +146,20 @@ def _build_reference(scene: Scene, tissue: CylinderTissue) -> Scene:
     return symmetric_scene.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})
 
 
-def _move_to_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
-    """Return the scene on ``tissue`` in the probe's axes.
+def _move_to_axis(scene: Scene, tissue: CylinderTissue) -> tuple[Scene, float]:
+    """Return the scene on ``tissue`` in the probe's axes, and ``Domain.turn``.
 
     Without groove, tilt and surface files it is also rotated so that the inclusion farthest from the axis lies in y = 0.
     """
     placement = scene.placement
     bodies = [body.model_copy(update={"x": body.x - placement.x, "y": body.y - placement.y}) for body in scene.inclusion]
-    turned = bodies
+    turned, turn = bodies, 0.0
     if scene.probe.groove is None and placement.tilt == 0 and bodies and all(body.surface is None for body in bodies):
         far = max(bodies, key=lambda body: math.hypot(body.x, body.y))
-        turned = [_turn_inclusion(body, -math.atan2(far.y, far.x)) for body in bodies]
+        turn = math.atan2(far.y, far.x)
+        turned = [_turn_inclusion(body, -turn) for body in bodies]
     placed = Placement(tilt=placement.tilt)
-    return scene.model_copy(update={"tissue": tissue, "inclusion": tuple(turned), "placement": placed})
+    return scene.model_copy(update={"tissue": tissue, "inclusion": tuple(turned), "placement": placed}), turn
 
 
 def _mirror_scene(scene: Scene) -> Scene:

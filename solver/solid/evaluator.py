@@ -19,7 +19,7 @@ from solver.results.refusals import find_refusal, is_round
 from solver.results.result import Result
 from solver.results.warnings import Note, select_notes
 from solver.solid.domain import is_coaxial
-from solver.solid.film_forces import SolidForces, compute_solid_forces
+from solver.solid.film_forces import SolidForces, TiltForces, compute_solid_forces
 
 BEST_ACCURACY = 0.003  # relative accuracy that meshes reach in about a minute
 FINEST_BOUND_FACTOR = 0.4  # times that: the bound that the finest mesh often reaches
@@ -132,7 +132,7 @@ def compute_indentation(scene: Scene, solution: SolidForces, k: int) -> float:
     if scene.load.indentation is not None:
         return scene.load.indentation
     # the force that the tilt alone causes while the centre is held
-    tilting = float(solution.tilt[k].sum()) * scene.placement.tilt
+    tilting = float(solution.tilt.forces[k].sum()) * scene.placement.tilt
     return ((scene.load.force or 0.0) - tilting) / float(solution.films[k].totals.sum())
 
 
@@ -157,21 +157,29 @@ def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmFo
     if not w > 0:
         key, value = ("indentation", f"{w:g} m") if scene.load.force is None else ("force", f"{scene.load.force:g} N")
         raise Refusal(f"load.{key}", Words(value), "a load that presses the tilted probe into the tissue")
-    tilt_per_indentation = tilt / w
+    charges, tilt_charges = films.charges, solution.tilt_charges
+    if charges is not None and tilt_charges is not None:
+        charges = _add_tilt(charges, tilt_charges, k, tilt, w)
+    return replace(_add_tilt(films, solution.tilt, k, tilt, w), charges=charges), stiffness
+
+
+def _add_tilt(films: FilmForces, tilt_forces: TiltForces, k: int, tilt: float, indentation: float) -> FilmForces:
+    """Return film forces, or charges, per unit indentation with those of a tilt, rad, at modulus number ``k``, by eq. SO.6."""
+    per_indentation = tilt / indentation
     # errors of the film forces and of the tilt forces, and what a linear model neglects: the square of the tilt
     error = (
         films.bound.totals
-        + np.abs(tilt_per_indentation) * solution.tilt_error
-        + tilt**2 * np.abs(tilt_per_indentation * solution.tilt[k])
+        + np.abs(per_indentation) * tilt_forces.error
+        + tilt**2 * np.abs(per_indentation * tilt_forces.forces[k])
     )
-    forces = films.forces + np.diag(tilt_per_indentation * solution.tilt[k])
+    forces = films.forces + np.diag(per_indentation * tilt_forces.forces[k])
     modulus_derivative = (
         None
         if films.modulus_derivative is None
-        else films.modulus_derivative + np.diag(tilt_per_indentation * solution.tilt_derivative[k])
+        else films.modulus_derivative + np.diag(per_indentation * tilt_forces.derivative[k])
     )
     bound = Bound.from_independent_errors(np.asarray(error), forces)
-    return replace(films, forces=forces, bound=bound, modulus_derivative=modulus_derivative), stiffness
+    return replace(films, forces=forces, bound=bound, modulus_derivative=modulus_derivative)
 
 
 def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:

@@ -33,6 +33,13 @@ from solver.solid.domain_mesh import (
     mesh_domain,
     move_meshes,
 )
+from solver.solid.film_charges import (
+    CORRECTION_SHARE,
+    compute_charges,
+    estimate_cut_changes,
+    list_charge_decisions,
+    widen_charge_bound,
+)
 from solver.solid.mesh_agreement import ERROR_FLOOR_RELATIVE, FORCE_SAFETY_FACTOR, bound_film_forces
 from solver.solid.symmetric_part import FAR_TISSUE_PRODUCT_SHARE, SymmetricPart, compute_symmetric_part
 
@@ -46,6 +53,32 @@ MAX_SENSITIVITY_EXCESS = 2.0  # times the tolerance of log_sensitivity: above th
 
 
 @dataclass(frozen=True)
+class TiltForces:
+    """Forces on both films, or their charges, per unit rotation of the base about y, for k moduli of the target.
+
+    Attributes
+    ----------
+    forces
+        N/rad or C/rad, shape (k, 2).
+    derivative
+        Their derivative with respect to ln E of the target.
+    error
+        Bound on the error of ``forces``, shape (2,).
+    """
+
+    forces: Floats
+    derivative: Floats
+    error: Floats
+
+    @classmethod
+    def from_meshes(cls, fine: tuple[Floats, Floats], coarse: Floats, more: Floats | float = 0.0) -> TiltForces:
+        """Return forces and their derivative on the finest mesh, ``fine``; ``more`` adds to the error by a coarser one."""
+        forces, derivative = fine
+        step = FORCE_SAFETY_FACTOR * np.abs(forces - coarse).max(axis=0)
+        return cls(forces, derivative, step + ERROR_FLOOR_RELATIVE * np.abs(forces).max(axis=0) + more)
+
+
+@dataclass(frozen=True)
 class SolidForces:
     """Film forces of a scene, for k moduli of its target.
 
@@ -54,11 +87,9 @@ class SolidForces:
     films
         Film forces with their errors.
     tilt
-        Film forces per unit rotation of the base about y, N/rad, shape (k, 2).
-    tilt_derivative
-        Their derivative with respect to ln E of the target.
-    tilt_error
-        Error of ``tilt``, shape (2,).
+        Film forces per unit rotation of the base about y, N/rad.
+    tilt_charges
+        The films' charges likewise, C/rad; None where the films have none of their own.
     domain
         The domain that was meshed.
     difference
@@ -72,9 +103,8 @@ class SolidForces:
     """
 
     films: tuple[FilmForces, ...]
-    tilt: Floats
-    tilt_derivative: Floats
-    tilt_error: Floats
+    tilt: TiltForces
+    tilt_charges: TiltForces | None
     domain: Domain
     difference: SceneDifference
     states: SolidStates
@@ -112,13 +142,21 @@ def compute_solid_forces(
     get_workspace().begin()  # its memory may be freed
     films, differences, states, stopped = _refine_until_agreed(scene, symmetric, accuracy, moduli, progress)
     notes = (*symmetric.whole.notes, *stopped)
-    tilt = _compute_tilt_forces(symmetric, differences[-1])
-    coarser_tilt = _compute_tilt_forces(symmetric, differences[-2])
-    error = FORCE_SAFETY_FACTOR * np.abs(tilt[0] - coarser_tilt[0]).max(axis=0) + ERROR_FLOOR_RELATIVE * np.abs(tilt[0]).max(
-        axis=0
-    )
-    plan = (*symmetric.whole.plan, *_list_decisions(symmetric, differences[-1], accuracy))
-    return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], states, plan, notes)
+    fine, coarse = differences[-1], differences[-2]
+    tilt = TiltForces.from_meshes(_compute_tilt_forces(symmetric, fine), _compute_tilt_forces(symmetric, coarse)[0])
+    sample, coarse_sample = (compute_charges(scene, symmetric, difference) for difference in (fine, coarse))
+    plan = [*symmetric.whole.plan, *_list_decisions(symmetric, fine, accuracy)]
+    tilt_charges = None
+    if sample is not None and coarse_sample is not None:
+        cut = estimate_cut_changes(scene, symmetric.whole.films)
+        films = tuple(widen_charge_bound(film, sample, k, cut) for k, film in enumerate(films))
+        tilt_charges = TiltForces.from_meshes(
+            (sample.tilt, sample.tilt_derivative),
+            coarse_sample.tilt,
+            CORRECTION_SHARE * np.abs(sample.tilt_correction).max(axis=0) + cut * np.abs(sample.tilt).max(axis=0),
+        )
+        plan.extend(list_charge_decisions(sample, cut, accuracy))
+    return SolidForces(films, tilt, tilt_charges, symmetric.domain, fine, states, tuple(plan), notes)
 
 
 def _refine_until_agreed(

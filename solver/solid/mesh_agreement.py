@@ -12,6 +12,7 @@ reference. For a soft tumour that nearly filled its tissue the ratio was wrong b
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from solver.results.film_forces import Bound, FilmForces
 from solver.solid.difference import SceneDifference
+from solver.solid.film_charges import compute_charges
 from solver.solid.symmetric_part import FAR_TISSUE_PRODUCT_SHARE, SymmetricPart
 
 FORCE_SAFETY_FACTOR = 2.0  # times the difference of two meshes
@@ -31,6 +33,36 @@ REFERENCE_ERROR_SHARE = 0.04  # of the mesh's error of the reference: what may n
 SOFT_RIM_FACTOR = 2.0  # likewise, times the fraction of force that the films lose
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """What is added to the differences between meshes, for film forces and charges alike.
+
+    Attributes
+    ----------
+    floor
+        See ``ERROR_FLOOR_RELATIVE``.
+    volume
+        Relative error of the volume of a body from a file.
+    far_tissue
+        Relative error by far tissue that is left out.
+    reference_errors
+        Relative errors of the reference's film forces on the finest mesh, shape (2,).
+    safety_factors
+        Safety factors of the last step, for forces and for log_sensitivity.
+    """
+
+    floor: float
+    volume: float
+    far_tissue: float
+    reference_errors: Floats
+    safety_factors: tuple[float, float]
+
+    @property
+    def mesh_errors(self) -> Floats:
+        """Errors of both films on the finest mesh relative to the change by inclusions, groove and edges, shape (2,)."""
+        return self.floor + self.volume + self.far_tissue + REFERENCE_ERROR_SHARE * self.reference_errors
+
+
 def bound_film_forces(
     scene: Scene,
     symmetric: SymmetricPart,
@@ -40,6 +72,8 @@ def bound_film_forces(
     safety_factors: tuple[float, float] = (FORCE_SAFETY_FACTOR, SENSITIVITY_SAFETY_FACTOR),
 ) -> tuple[FilmForces, ...]:
     """Return the film forces of the finest mesh, the last of two or more, with error bounds from all meshes.
+
+    Charges have bounds of the same kind; ``film_charges.widen_charge_bounds`` adds what no mesh shows.
 
     Parameters
     ----------
@@ -54,20 +88,47 @@ def bound_film_forces(
     safety_factors
         Safety factors of the last step, for forces and for log_sensitivity.
     """
-    fine, exact_films, (force_factor, sensitivity_factor) = differences[-1], symmetric.whole.films, safety_factors
+    fine, exact_films = differences[-1], symmetric.whole.films
     forces = [symmetric.correct_forces(entry) for entry in differences]
     derivatives = [symmetric.propagate_change(entry, entry.modulus_derivative) for entry in differences]
-    symmetric_totals = exact_films.forces.sum(axis=1)
     reference_errors = np.abs(np.log(fine.reference.sum(axis=1) / symmetric.exact.sum(axis=1)))
-    relative_doubt = floor + fine.volume_error + FAR_TISSUE_PRODUCT_SHARE * symmetric.edges
-    mesh_errors = relative_doubt + REFERENCE_ERROR_SHARE * reference_errors  # of each film, relative to the change
+    doubt = Doubt(floor, fine.volume_error, FAR_TISSUE_PRODUCT_SHARE * symmetric.edges, reference_errors, safety_factors)
+    has_target = scene.target is not None
+    films = _bound_products(forces, derivatives, exact_films, doubt, has_target)
+    samples = [compute_charges(scene, symmetric, entry) for entry in differences]
+    charges = [sample.charges for sample in samples if sample is not None]
+    if exact_films.charges is None or not charges:
+        return films
+    charge_derivatives = [sample.derivative for sample in samples if sample is not None]
+    charge_films = _bound_products(charges, charge_derivatives, exact_films.charges, doubt, has_target)
+    return tuple(replace(film, charges=entry) for film, entry in zip(films, charge_films, strict=True))
+
+
+def _bound_products(
+    products: Sequence[Floats], derivatives: Sequence[Floats], exact: FilmForces, doubt: Doubt, has_target: bool
+) -> tuple[FilmForces, ...]:
+    """Return film forces, or charges, of the finest mesh with error bounds, for k moduli of the target.
+
+    Parameters
+    ----------
+    products, derivatives
+        Of each mesh, the finest last, shape (k, 2, 2) each: the forces, and their derivatives with respect to ln E of the target.
+    exact
+        Those of the rotationally symmetric part, with their errors.
+    doubt
+        What is added to the differences between meshes.
+    has_target
+        Whether there is a target.
+    """
+    symmetric_totals, mesh_errors = exact.forces.sum(axis=1), doubt.mesh_errors
+    force_factor, sensitivity_factor = doubt.safety_factors
     films = []
-    for k, mesh_forces in enumerate(forces[-1]):
-        totals = [entry[k].sum(axis=1) for entry in forces]
+    for k, mesh_forces in enumerate(products[-1]):
+        totals = [entry[k].sum(axis=1) for entry in products]
         change = np.abs(totals[-1] - symmetric_totals)
         # errors at the rims that do not cancel, where inclusions take force from the films
-        rim_forces = SOFT_RIM_FACTOR * reference_errors * change * np.clip(1 - totals[-1] / symmetric_totals, 0.0, None)
-        error = bound_error(totals, force_factor) + mesh_errors * change + rim_forces + exact_films.bound.totals
+        rim_forces = SOFT_RIM_FACTOR * doubt.reference_errors * change * np.clip(1 - totals[-1] / symmetric_totals, 0.0, None)
+        error = bound_error(totals, force_factor) + mesh_errors * change + rim_forces + exact.bound.totals
         with np.errstate(divide="ignore", invalid="ignore"):
             rim_errors = np.nan_to_num(rim_forces / np.abs(totals[-1]))
             log_changes = np.nan_to_num(np.abs(np.log(np.abs(totals[-1] / symmetric_totals))))
@@ -75,19 +136,19 @@ def bound_film_forces(
         log_change = max(abs(logs[-1] - _compute_log_ratio(symmetric_totals)), RATIO_CHANGE_SHARE * float(log_changes.max()))
         log_ratio_error = float(bound_error(logs, force_factor) + mesh_errors.max() * log_change + rim_errors.sum())
         # a film force that may be zero has no ratio
-        log_ratio_bound = log_ratio_error + exact_films.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
+        log_ratio_bound = log_ratio_error + exact.bound.log_ratio if np.all(error < np.abs(totals[-1])) else np.inf
         sensitivities: Floats = np.array(
             [
                 _compute_sensitivities(modulus_derivative[k], entry[k])
-                for modulus_derivative, entry in zip(derivatives, forces, strict=True)
+                for modulus_derivative, entry in zip(derivatives, products, strict=True)
             ]
         )
         sensitivity_error = (
             bound_error(sensitivities @ [1.0, -1.0], sensitivity_factor)
-            + (ERROR_FLOOR_RELATIVE + fine.volume_error) * abs(sensitivities[-1] @ [1.0, -1.0])
+            + (ERROR_FLOOR_RELATIVE + doubt.volume) * abs(sensitivities[-1] @ [1.0, -1.0])
             + np.abs(sensitivities[-1]) @ rim_errors
         )
-        derivative = derivatives[-1][k] if scene.target is not None else None
+        derivative = derivatives[-1][k] if has_target else None
         films.append(FilmForces(mesh_forces, Bound(error, log_ratio_bound), derivative, float(sensitivity_error)))
     return tuple(films)
 

@@ -7,6 +7,10 @@ and the unknowns v of a state,
     K v = -K_tissue lift,    F_ij = u_i^T K u_j,  u = v in the blocks, v + lift in the tissue       (SO.3)
 
 where F_ij is the consistent reaction of the base: the sum of the nodal forces that hold it, weighted by its motion.
+
+Films whose charges are wanted add two states, eq. MS.12: in these the upper ends of the blocks, which are held in the others,
+have the displacement w (``solver/multiple_scattering/stack_motion.py``). The products of the film states with the others are
+charges.
 """
 
 from __future__ import annotations
@@ -189,18 +193,27 @@ class Problem:
         Unknowns and lifts.
     matrix
         Stiffness, N/m; of half the solid, if the mesh is a half.
+    film_lift
+        Displacements of the blocks' upper ends in the film states, zero elsewhere, shape (3 n, 2); None without film states.
     """
 
     solid: Solid
     laws: Mapping[int, Isotropic]
     supports: Supports
     matrix: Stiffness
+    film_lift: Floats | None = None
 
     @classmethod
-    def assemble(cls, solid: Solid, laws: Mapping[int, Isotropic], supports: Supports | None = None) -> Problem:
+    def assemble(
+        cls,
+        solid: Solid,
+        laws: Mapping[int, Isotropic],
+        supports: Supports | None = None,
+        film_lift: Floats | None = None,
+    ) -> Problem:
         """Assemble the problem of a solid whose bodies have these laws; problems with the same bodies may share supports."""
         supports = supports or Supports.from_bodies(solid, laws)
-        return cls(solid, laws, supports, Stiffness(assemble(solid.parts, laws, supports.number)))
+        return cls(solid, laws, supports, Stiffness(assemble(solid.parts, laws, supports.number)), film_lift)
 
     @property
     def symmetry_factor(self) -> float:
@@ -209,15 +222,30 @@ class Problem:
 
     def compute_displacements(self, v: Floats, body: int) -> Floats:
         """Return the displacements (3 n, k) that strain a body, from unknowns v (unknowns, k): u of eq. SO.3."""
-        displacements = self.expand(v)
-        return displacements if body in BLOCK_BODIES else displacements + self.supports.lift.reshape(displacements.shape)
+        return self.expand(v) + self.get_lift(body)
+
+    def get_lift(self, body: int) -> Floats:
+        """Return the lifts of all s states that strain a body, shape (3 n, s): the base's motion or, in blocks, a film's."""
+        motion = self.supports.lift.reshape(-1, len(STATE_NAMES))
+        in_block = body in BLOCK_BODIES
+        base_lift = np.zeros_like(motion) if in_block else motion
+        if self.film_lift is None:
+            return base_lift
+        return np.hstack([base_lift, self.film_lift if in_block else np.zeros_like(self.film_lift)])
 
     @cached_property
     def loads(self) -> Floats:
-        """Right-hand sides of the three states, -K_tissue lift, shape (unknowns, 3)."""
+        """Right-hand sides of the s states, -K lift, shape (unknowns, s)."""
         lift = self.supports.lift.reshape(-1, len(STATE_NAMES))
-        tissue = [body for body in self.laws if body in self.solid.parts and body not in BLOCK_BODIES]
-        return self.restrict(-sum((self.compute_body_forces(body, lift) for body in tissue), start=np.zeros_like(lift)))
+        tissue, blocks = (
+            [body for body in self.laws if body in self.solid.parts and (body in BLOCK_BODIES) == in_block]
+            for in_block in (False, True)
+        )
+        forces = sum((self.compute_body_forces(body, lift) for body in tissue), start=np.zeros_like(lift))
+        if self.film_lift is not None:
+            film_forces = (self.compute_body_forces(body, self.film_lift) for body in blocks)
+            forces = np.hstack([forces, sum(film_forces, start=np.zeros_like(self.film_lift))])
+        return self.restrict(-forces)
 
     def compute_body_forces(self, body: int, displacements: Floats) -> Floats:
         """Return a body's nodal forces, N, for displacements of all nodes, m, shape (3 n, k) both."""

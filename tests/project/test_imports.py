@@ -79,6 +79,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.axisymmetric",
         "solver.linalg",
         "solver.materials",
+        "solver.multiple_scattering",  # how stacks of film and bonds deform, which is no field of a rotationally symmetric probe
         "solver.results",
         "geometry.processes",
         "geometry.tetra",

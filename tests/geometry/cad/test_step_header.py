@@ -45,7 +45,7 @@ def test_header_tells_schema_design_program_and_unit(exported: Path, name: str) 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_part_tells_its_material(exported: Path, name: str) -> None:
-    wanted = {"film-inner": ("piezoelectric PVDF film", "E = 2.5 GPa, density 1780 kg/m3")}
+    wanted = {"film-inner": ("piezoelectric PVDF film", "E = 2.5 GPa, Poisson's ratio 0.34, density 1780 kg/m3")}
     wanted["film-outer"] = wanted["film-inner"]
     wanted["base"] = ("rigid material", "metal or glass-filled polymer, far stiffer than the blocks")
     rubber = ("elastomer", "E = 1 MPa, Poisson's ratio 0.4")

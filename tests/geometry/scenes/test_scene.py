@@ -85,7 +85,11 @@ def make() -> Scene:
         probe=Probe(
             inner_radius=4e-3, outer_radius=6e-3, gap=1e-4, inner=rubber, outer=rubber,
             base={"youngs_modulus": 2e9, "poisson_ratio": 0.3, "thickness": 2e-3}, groove=Groove(width=2e-3, depth=1e-3),
-            film={"thickness": 5e-5, "psi1": -0.5, "bond_to_base": GLUE}, **heights,
+            film={
+                "thickness": 5e-5, "psi1": -0.5, "bond_to_base": GLUE,
+                "outer": {"electrode_inset": 1e-4, "bond_to_block": {"name": "tape-50um", "youngs_modulus": 4e5}},
+            },
+            **heights,
         ),
         tissue=BlockTissue(shape="block", length=0.1, breadth=0.08, depth=0.06, **tissue),
         inclusion=[

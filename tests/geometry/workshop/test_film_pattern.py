@@ -101,7 +101,7 @@ def test_the_inner_leads_way_out(options: dict[str, object], way: str, tmp_path:
     pattern, outer = film_pattern.build_film_patterns(make(**options))
     assert (pattern.exit, outer.exit) == (way, "outside")
     assert ("LEAD_TOP" in pattern.layers) == bool(way)
-    film_pattern.write_pattern(pattern, build_stamp(make(**options)), 0.11, tmp_path / "pattern.dxf")
+    film_pattern.write_pattern(pattern, build_stamp(make(**options)), tmp_path / "pattern.dxf")
 
 
 def test_no_films_no_patterns() -> None:

@@ -123,9 +123,9 @@ def test_a_tilt_moves_no_mean_stress_of_a_symmetric_scene_and_does_beside_a_tumo
     mirrored = compute_solid_forces(
         scene.model_copy(update={"inclusion": (mirror_body,), "placement": Placement(tilt=0.01)}), 0.05
     )
-    size = np.abs(tilted_films.tilt[0]).max()
-    assert size > 3 * tilted_films.tilt_error.max()
-    assert mirrored.tilt[0] == pytest.approx(-tilted_films.tilt[0], abs=0.05 * size)
+    size = np.abs(tilted_films.tilt.forces[0]).max()
+    assert size > 3 * tilted_films.tilt.error.max()
+    assert mirrored.tilt.forces[0] == pytest.approx(-tilted_films.tilt.forces[0], abs=0.05 * size)
 
 
 @pytest.mark.slow

@@ -1,0 +1,62 @@
+"""What the program says of films without bonds, and of keys that an older version had: one line each, and JSON stays JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import EXAMPLES
+from tests.support.program import run, started
+
+EXAMPLE = (EXAMPLES / "scene.toml").read_text(encoding="utf-8")
+ADHESIVE = 'adhesive_thickness = "50 um"\nadhesive_modulus = "1 MPa"\n'
+BOND = 'bond_to_base = {thickness = "50 um", youngs_modulus = "1 MPa", poisson_ratio = 0.3}\n'
+
+
+def write_scene(folder: Path, film: str) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(EXAMPLE.replace("[tissue]", f"[probe.film]\n{film}\n[tissue]"), encoding="utf-8")
+    return path
+
+
+def list_bond_warnings(output: dict[str, list[str]]) -> list[str]:
+    return [line for line in output["warnings"] if "bonded rigidly" in line]
+
+
+@pytest.mark.parametrize(
+    ("film", "start"),
+    [
+        ("", "the film is"),
+        ("[probe.film.outer]\n" + BOND, "the inner film is"),
+        (BOND, None),
+        ("psi1 = 0.0", None),
+        ('bond_to_base = {name = "rigid"}', None),
+    ],
+    ids=["none", "outer", "bond", "psi", "rigid"],
+)
+def test_a_film_without_bonds_is_warned_of_once(tmp_path: Path, film: str, start: str | None) -> None:
+    path = write_scene(tmp_path, film)
+    warnings = list_bond_warnings(json.loads(run("evaluate", path, "--json").stdout))
+    assert len(warnings) == (start is not None)
+    assert run("evaluate", path).stderr.count("bonded rigidly") == (start is not None)
+    if start is not None:
+        assert warnings[0].startswith(start)
+        assert "tape makes its charge 5 to 15 times larger: give [probe.film.bond_to_base]" in warnings[0]
+
+
+def test_an_adhesive_of_an_older_version_is_a_bond_and_one_line(tmp_path: Path) -> None:
+    """In a process of its own, where every warning of Python is an error, and in one that shows them."""
+    path = write_scene(tmp_path, ADHESIVE)
+    ended = started("evaluate", path, "--json")
+    lines = [line for line in ended.stderr.splitlines() if "adhesive_thickness" in line]
+    assert ended.returncode == 0
+    assert len(lines) == 1
+    assert lines[0].startswith("probe-design: warning: [probe.film] adhesive_thickness")
+    assert "FutureWarning" not in ended.stderr
+    old = json.loads(ended.stdout)
+    new = json.loads(run("evaluate", write_scene(tmp_path, BOND), "--json").stdout)
+    assert {key: value for key, value in old.items() if "charge" in key} == {
+        key: value for key, value in new.items() if "charge" in key
+    }
