@@ -1,0 +1,79 @@
+"""Compare the stated errors of charges with results a hundred times more accurate, for films and bonds drawn at random.
+
+    python -m benchmarks.films.extremes [--films 300] [--seed 1]
+
+Films of 1 to 500 um, bonds of 1 kPa to 10 GPa and 1 to 300 um on both sides, insets, in the example scene at an accuracy of 0.01.
+
+Duration: minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+from pathlib import Path
+
+from geometry.common.errors import ProbeError
+from geometry.common.json_types import JsonObject
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene
+from solver import evaluate
+from solver.results.result import Result
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
+ACCURACY, TRUE_ACCURACY = 0.01, 1e-4
+RELATIVE_FIELDS = ("charge_ratio", "charge_per_force_inner", "charge_per_force_outer")
+
+
+def draw_film(source: random.Random) -> JsonObject:
+    """Return the table of a film with two bonds, SI."""
+
+    def draw_between(low: float, high: float) -> float:
+        return math.exp(source.uniform(math.log(low), math.log(high)))
+
+    def draw_bond() -> JsonObject:
+        sizes = {"thickness": draw_between(1e-6, 3e-4), "youngs_modulus": draw_between(1e3, 1e10)}
+        return sizes | {"poisson_ratio": source.uniform(0.0, 0.499)}
+
+    film: JsonObject = {"thickness": draw_between(1e-6, 5e-4), "youngs_modulus": draw_between(1e8, 1e10)}
+    film |= {"poisson_ratio": source.uniform(0.0, 0.45), "bond_to_base": draw_bond(), "bond_to_block": draw_bond()}
+    return film | ({"electrode_inset": draw_between(1e-5, 5e-4)} if source.random() < 0.5 else {})
+
+
+def compute_shares(result: Result, true: Result) -> dict[str, float]:
+    """Return the true over the stated error of each quantity of a result."""
+    shares = {
+        name: abs(getattr(result, name) / getattr(true, name) - 1) / getattr(result, f"{name}_error") for name in RELATIVE_FIELDS
+    }
+    difference = abs((result.charge_log_sensitivity or 0.0) - (true.charge_log_sensitivity or 0.0))
+    return shares | {"charge_log_sensitivity": difference / (result.charge_log_sensitivity_error or math.inf)}
+
+
+def main() -> None:
+    """Print the largest true over stated error, and how many exceed it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--films", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    source, tables, worst, above = random.Random(options.seed), read_scene(EXAMPLE).model_dump(exclude_unset=True), 0.0, 0
+    for number in range(options.films):
+        film = draw_film(source)
+        probe = tables["probe"] | {"film": film}
+        scene = Scene.from_tables(tables | {"probe": probe, "reading": {"observable": "charge"}})
+        try:
+            result, true = (evaluate(scene, evaluator="axisymmetric", accuracy=a) for a in (ACCURACY, TRUE_ACCURACY))
+        except ProbeError as refusal:
+            print(f"film {number}: refused: {refusal}")
+            continue
+        shares = compute_shares(result, true)
+        largest = max(shares, key=lambda name: shares[name])
+        above += shares[largest] > 1
+        if shares[largest] > worst:
+            worst = shares[largest]
+            print(f"film {number}: {largest} {worst:.2f} of its stated error; {film}", flush=True)
+    print(f"{options.films} films: largest true over stated error {worst:.2f}, above it: {above}")
+
+
+if __name__ == "__main__":
+    main()
