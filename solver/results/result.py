@@ -9,7 +9,7 @@ from typing import Generic, Literal, TypeVar
 
 from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance
-from geometry.scenes.scene import Observable
+from geometry.scenes.scene_tables import Observable
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.warnings import Note
 
@@ -144,7 +144,8 @@ class Result(LoadedRecord):
     frequency
         Frequency of a sinusoidal load, Hz; None where none was given.
     ratio_phase
-        Phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
+        Phase by which ``stress_inner`` leads ``stress_outer``, rad, from the loss factors of materials and bonds; where charges
+        are read, by which ``charge_inner`` leads ``charge_outer``.
     ratio_phase_error
         Bound on its absolute error, rad.
     ratio_phase_derivatives
