@@ -24,6 +24,7 @@ from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import FirstOrder, compute_tumour_gradients, solve_first_order
 from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES
 from solver.phase.losses import ValueOfMaterial
+from solver.results.film_charges import reads_film_states
 
 COARSE_ACCURACY, MEDIUM_ACCURACY = 3e-3, 3e-4  # accuracies from which the mesh may be coarser
 MODULUS_SUFFIX = ".youngs_modulus"
@@ -68,11 +69,6 @@ def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Diffe
     fineness = FIELD_FINENESSES[0 if accuracy >= COARSE_ACCURACY else 1]
     reason = None if refusal is None else f"derivatives are known of upright probes on spheres, each inside one layer ({refusal})"
     return reason, lambda variant, directions: differentiate_off_axis(variant, directions, fineness)
-
-
-def reads_film_states(scene: Scene) -> bool:
-    """Return whether a scene reads charges that follow from the films' stress."""
-    return scene.observable == "charge" and scene.probe.film is not None and not scene.probe.film.uses_psi
 
 
 def differentiate_on_axis(scene: Scene, directions: Sequence[ValueOfMaterial], fineness: MeridianFineness) -> LogDerivatives:

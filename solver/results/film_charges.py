@@ -22,6 +22,11 @@ def warn_of_unknown_bonds(scene: Scene, films: FilmForces) -> tuple[Note, ...]:
     return (Note("bond", f'{text}: give [probe.film.bond_to_base], name = "tape-50um", or "rigid" if it is'),)
 
 
+def reads_film_states(scene: Scene) -> bool:
+    """Return whether a scene reads charges that follow from the films' stress."""
+    return scene.observable == "charge" and scene.probe.film is not None and not scene.probe.film.uses_psi
+
+
 def compute_charge_fields(scene: Scene, films: FilmForces) -> JsonObject:
     """Return the fields of a ``Result`` that concern the charges, with their errors; none where there are no charges.
 
