@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from geometry.scenes.scene_tables import Observable
 from solver.results.result import ErrorKind
 
 Error = Literal["stated_error", "true_error_most"]
@@ -41,8 +42,12 @@ class Row:
         Name of the scene.
     evaluator, accuracy
         See ``Setting``.
+    observable
+        What the ratio is of, by the scene: "charge" or "stress".
     ratio, log_sensitivity
-        See ``solver.Result``.
+        Those of ``solver.Result.reading``, which the scene reads.
+    charge_per_force_inner, charge_per_force_outer
+        See ``solver.Result``; None where there are no charges.
     stated_error
         Relative error of the ratio, as stated by the result.
     error_kind
@@ -72,7 +77,10 @@ class Row:
     scene: str
     evaluator: str
     accuracy: float | None
+    observable: Observable = "stress"
     ratio: float | None = None
+    charge_per_force_inner: float | None = None
+    charge_per_force_outer: float | None = None
     log_sensitivity: float | None = None
     stated_error: float | None = None
     error_kind: ErrorKind = "bound"
