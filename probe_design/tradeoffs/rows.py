@@ -42,12 +42,8 @@ class Row:
         Name of the scene.
     evaluator, accuracy
         See ``Setting``.
-    observable
-        What the ratio is of, by the scene: "charge" or "stress".
     ratio, log_sensitivity
         Those of ``solver.Result.reading``, which the scene reads.
-    charge_per_force_inner, charge_per_force_outer
-        See ``solver.Result``; None where there are no charges.
     stated_error
         Relative error of the ratio, as stated by the result.
     error_kind
@@ -72,15 +68,16 @@ class Row:
     log_sensitivity_error
         Difference of the log-sensitivity from the reference's, relative to the larger of that and ``MIN_LOG_SENSITIVITY``. The
         error of the reference's log-sensitivity is not stated, and so not counted.
+    observable
+        What the ratio is of, by the scene: "charge" or "stress".
+    charge_per_force_inner, charge_per_force_outer
+        See ``solver.Result``; None where there are no charges.
     """
 
     scene: str
     evaluator: str
     accuracy: float | None
-    observable: Observable = "stress"
     ratio: float | None = None
-    charge_per_force_inner: float | None = None
-    charge_per_force_outer: float | None = None
     log_sensitivity: float | None = None
     stated_error: float | None = None
     error_kind: ErrorKind = "bound"
@@ -94,6 +91,9 @@ class Row:
     true_error_least: float | None = None
     true_error_most: float | None = None
     log_sensitivity_error: float | None = None
+    observable: Observable = "stress"
+    charge_per_force_inner: float | None = None
+    charge_per_force_outer: float | None = None
 
     @property
     def setting(self) -> Setting:

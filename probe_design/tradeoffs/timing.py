@@ -28,7 +28,7 @@ MAX_REPEAT_TIME_S = 0.75  # s: no repeats after this total time
 
 def time_first_result(name: str, scene: Scene, setting: Setting) -> Row:
     """Evaluate a scene with a setting for the first time; return its row, or the row of its refusal."""
-    row = Row(name, setting.evaluator, setting.accuracy, scene.observable)
+    row = Row(name, setting.evaluator, setting.accuracy, observable=scene.observable)
     try:
         with use_workspace(Workspace()):
             result, seconds = _time_setting(scene, setting)

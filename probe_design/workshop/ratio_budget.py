@@ -6,10 +6,11 @@ import math
 
 from geometry.cad.materials import format_modulus
 from geometry.common.errors import InputError
+from geometry.scenes.bonds import BOND_SIDES
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
-from geometry.scenes.variables import BLOCK_NAMES, BOND_SIDES
+from geometry.scenes.variables import BLOCK_NAMES
 from geometry.workshop.tolerance import DEVIATION_PER_SD, Budget, Scatter
 from probe_design.tolerances.budget import BudgetLine, tolerances
 from probe_design.tolerances.film_numbers import FILM_PREFIX
