@@ -43,7 +43,7 @@ class Row:
     evaluator, accuracy
         See ``Setting``.
     ratio, log_sensitivity
-        Those of ``solver.Result.reading``, which the scene reads.
+        Those of the property ``reading`` of ``solver.Result``: what the scene reads.
     stated_error
         Relative error of the ratio, as stated by the result.
     error_kind
