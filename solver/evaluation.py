@@ -144,7 +144,9 @@ def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -
     from solver.phase.phase import PhaseUnknown, compute_ratio_phase
 
     quasi_static = result
-    result = replace(result, frequency=frequency, error_estimate=add_inertia_error(result.error_estimate, scene, frequency))
+    errors = (add_inertia_error(error, scene, frequency) for error in (result.error_estimate, result.charge_ratio_error))
+    error_estimate, charge_error = errors
+    result = replace(result, frequency=frequency, error_estimate=error_estimate, charge_ratio_error=charge_error)
     try:
         phase = compute_ratio_phase(scene, quasi_static, accuracy, frequency)
     except PhaseUnknown as reason:
@@ -275,7 +277,9 @@ def curve(
     linear: bool = False,
     limits: Limits | None = None,
 ) -> Curve:
-    """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the evaluator of ``auto``.
+    """Return ratios and log-sensitivities of a scene for every Young's modulus (Pa) of its target, by the evaluator of ``auto``.
+
+    The ratio of charges stands beside that of stresses; ``Curve.reading`` is the one that the scene reads.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from geometry.scenes.bonds import BOND_SIDES
-from geometry.scenes.film import Film, OuterFilm
+from geometry.scenes.film import Bond, Film, OuterFilm
 from geometry.scenes.probe import LAW_CONSTANTS, Material
 from geometry.scenes.scene import Scene
 
@@ -87,7 +87,7 @@ def list_loss_factors(scene: Scene) -> dict[str, float]:
 
     A scene's only inclusion is called ``inclusion``, as in ``list_values``.
     """
-    return {f"{name}.loss_factor": body.loss_factor for name, body in list_materials(scene).items()}
+    return {f"{name}.loss_factor": body.loss_factor for name, body in (list_materials(scene) | list_bonds(scene)).items()}
 
 
 def list_law_constants(scene: Scene) -> dict[str, float]:
@@ -102,6 +102,14 @@ def list_materials(scene: Scene) -> dict[str, Material]:
     bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
     alone = len(scene.inclusion) == 1
     return bodies | {"inclusion" if alone else f"inclusion[{k}]": body for k, body in enumerate(scene.inclusion)}
+
+
+def list_bonds(scene: Scene) -> dict[str, Bond]:
+    """Return the bonds of a scene's films that have a thickness, by their keys."""
+    sides = {
+        f"{prefix}.{side}": getattr(part, side) for prefix, part in _list_film_parts(scene.probe.film) for side in BOND_SIDES
+    }
+    return {key: bond for key, bond in sides.items() if bond is not None and not bond.is_rigid}
 
 
 def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:

@@ -59,7 +59,7 @@ class EvaluateRequest(LimitedRequest):
     def run(self) -> None:
         """Evaluate the scene, and draw the solution where this is requested."""
         from probe_design.terminal.console import show_steps
-        from probe_design.terminal.result_tables import build_result_table
+        from probe_design.terminal.result_tables import build_result_table, list_reading_lines
 
         with show_steps(f"evaluating {self.scene}") as progress:
             scene = load_scene(self.scene)
@@ -73,7 +73,7 @@ class EvaluateRequest(LimitedRequest):
                 from solver import evaluate
 
                 result = self.call(evaluate, scene=scene, progress=progress)
-        present(result, build_result_table, self.as_json)
+        present(result, build_result_table, self.as_json, lines=list_reading_lines)
 
 
 class PlanRequest(LimitedRequest):

@@ -11,21 +11,23 @@ from solver.results.result import Curve, LoadCurve
 
 
 def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
-    """Draw ratio, with its error band, and log-sensitivity over the inclusion's modulus; return the figure.
+    """Draw the ratio that readings are, with its error band, and its log-sensitivity over the inclusion's modulus.
 
-    The moduli of the scene's own inclusion and of its tissue, Pa, are marked if they are given and within the curve.
+    Returns the figure. The moduli of the scene's own inclusion and of its tissue, Pa, are marked if they are given and within the
+    curve.
     """
     figure = Figure(figsize=(8.0, 7.0), dpi=150, facecolor="white", layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     modulus = np.array(curve.youngs_modulus)
     order = np.argsort(modulus)
+    read = curve.reading
     ratio, error, sensitivity = (  # NaN where a value is None
-        np.array(values, dtype=float)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity)
+        np.array(values, dtype=float)[order] for values in (read.ratio, read.error, read.log_sensitivity)
     )
     top.plot(modulus[order], ratio, color="tab:blue", marker="." if len(modulus) < 25 else None)
     band = np.abs(ratio) * np.minimum(error, 1.0)
     top.fill_between(modulus[order], ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
-    top.set_ylabel("ratio of inner to outer film stress")
+    top.set_ylabel(f"ratio of inner to outer film {curve.observable}")
     bottom.plot(modulus[order], sensitivity, color="tab:orange", marker="." if len(modulus) < 25 else None)
     bottom.axhline(0.0, color="0.7", linewidth=0.8)
     bottom.set_ylabel("log-sensitivity  d ln ratio / d ln E")

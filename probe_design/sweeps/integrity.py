@@ -17,7 +17,7 @@ from typing import Any
 from geometry.common.json_types import JsonObject
 from probe_design.sweeps.rows import COLUMN_UNITS, ROW_COLUMNS, Row
 
-STORE_FORMAT = 4  # version of the schema, in SQLite's user_version
+STORE_FORMAT = 5  # version of the schema, in SQLite's user_version
 TABLE_COLUMNS = {
     "designs": ("number INTEGER PRIMARY KEY", "inputs TEXT", "key BLOB"),
     "request": ("content TEXT PRIMARY KEY",),  # one row

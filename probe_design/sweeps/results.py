@@ -95,7 +95,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
     """
     xarray, request, frame = import_extra("xarray"), read_request(folder), dataframe(folder)
     labelled: xr.Dataset  # xarray is imported at run time, so its types are not known here
-    names, columns = request["names"], [*COLUMN_UNITS, "status", "evaluator", "reason"]
+    names, columns = request["names"], [*COLUMN_UNITS, "status", "evaluator", "observable", "reason"]
     if request["sample"]["kind"] == "grid":
         axes = [variable["values"] for variable in request["variables"]]
         shape = tuple(len(axis) for axis in axes)

@@ -32,11 +32,14 @@ if TYPE_CHECKING:
 # columns of numbers with their SI units; a column of results is an attribute of ``solver.Result``
 RESULT_UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "",
+    "charge_outer": "C", "charge_per_force_inner": "C/N", "charge_per_force_outer": "C/N", "charge_ratio": "",
+    "charge_log_sensitivity": "", "equivalent_modulus": "Pa", "error_estimate": "", "charge_ratio_error": "", "residual": "",
 }  # fmt: skip
 LIMIT_UNITS = {"time_limit": "s", "memory_limit": "byte"}  # the limit that stopped a design, or kept it from a finer result
 COLUMN_UNITS = RESULT_UNITS | LIMIT_UNITS | {"seconds": "s"}
-ROW_COLUMNS = ("status", "type", "reason", *LIMIT_UNITS, "evaluator", *RESULT_UNITS, "plan", "warnings", "seconds")
+ROW_COLUMNS = (
+    "status", "type", "reason", *LIMIT_UNITS, "evaluator", "observable", *RESULT_UNITS, "plan", "warnings", "seconds",
+)  # fmt: skip
 SOURCE_ROOT = Path(__file__).parents[2]  # contains the packages whose sources are hashed
 SOURCE_SUFFIXES = {".py", ".npy", ".json"}  # files on which results depend
 RESULT_LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # change results in the last bits
@@ -199,8 +202,14 @@ def _build_row(result: Result | Exception, seconds: float) -> Row:
     details = {"plan": [asdict(decision) for decision in result.plan], "warnings": result.warnings}
     texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
     # a row notes the limits if one of them kept the design from a finer result
-    columns = {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
-    return dict.fromkeys(ROW_COLUMNS) | columns | (_read_both_limits() if select_notes(result.warnings, "limit") else {})
+    columns = {"status": "ok", "evaluator": result.evaluator, "observable": result.observable, "seconds": seconds}
+    return (
+        dict.fromkeys(ROW_COLUMNS)
+        | columns
+        | numbers
+        | texts
+        | (_read_both_limits() if select_notes(result.warnings, "limit") else {})
+    )
 
 
 def _find_stopping_limit(fault: Exception) -> Row:

@@ -19,7 +19,11 @@ from probe_design.reporting.table import Table
 from probe_design.sweeps.results import iterate_rows, read_provenance, read_request
 from probe_design.sweeps.rows import COLUMN_UNITS
 
-SUMMARY_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
+STRESS_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
+CHARGE_COLUMNS = (
+    "charge_ratio", "charge_log_sensitivity", "charge_per_force_inner", "charge_per_force_outer", "stiffness",
+    "charge_ratio_error",
+)  # fmt: skip
 MAX_POINTS = 5000  # designs drawn in a scatter plot
 PICTURES_PER_LINE = 4  # scatter plots in a line
 EFFECT_BINS = 10  # of a variable, for main effects of a sample
@@ -40,7 +44,12 @@ def write_page(folder: Path | str, path: Path) -> Path:
     """
     request, all_rows = read_request(folder), list(iterate_rows(folder))
     ok_rows = [row for row in all_rows if row["status"] == "ok"]
-    names = [name for name in SUMMARY_COLUMNS if any(row[name] is not None for row in ok_rows)]
+    # charges first where some designs read them; stresses too where some designs read these, or have no charges
+    by_charge = any(row["observable"] == "charge" for row in ok_rows)
+    only_charges = by_charge and all(row["charge_ratio"] is not None for row in ok_rows if row["observable"] == "charge")
+    by_stress = not only_charges or any(row["observable"] == "stress" for row in ok_rows)
+    summary_columns = dict.fromkeys((CHARGE_COLUMNS if by_charge else ()) + (STRESS_COLUMNS if by_stress else ()))
+    names = [name for name in summary_columns if any(row[name] is not None for row in ok_rows)]
     sections = [Chapter("The request", (_build_counts_table(request, all_rows),))]
     for name in names:
         result_rows = [row for row in ok_rows if row[name] is not None]

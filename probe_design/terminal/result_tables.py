@@ -15,30 +15,54 @@ if TYPE_CHECKING:
     from solver.planning.plan import Plan
     from solver.results.result import Curve, LoadCurve, Result
 
-SHOWN_QUANTITIES = (
-    "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
-    "stress_inner_error", "stress_outer_error", "stiffness_error", "equivalent_modulus", "residual", "frequency",
-    "ratio_phase", "ratio_phase_error",
+STRESS_QUANTITIES = ("stress_inner", "stress_outer", "ratio", "log_sensitivity")
+CHARGE_QUANTITIES = (
+    "charge_inner", "charge_outer", "charge_per_force_inner", "charge_per_force_outer", "charge_ratio", "charge_log_sensitivity",
 )  # fmt: skip
+STRESS_ERRORS = ("error_estimate", "stress_inner_error", "stress_outer_error")
+CHARGE_ERRORS = (
+    "charge_ratio_error", "charge_inner_error", "charge_outer_error", "charge_per_force_inner_error",
+    "charge_per_force_outer_error", "charge_log_sensitivity_error",
+)  # fmt: skip
+OTHER_QUANTITIES = ("equivalent_modulus", "residual", "frequency", "ratio_phase", "ratio_phase_error")
+UNITS_OF_PEOPLE = {"C": ("pC", 1e12), "C/N": ("pC/N", 1e12)}  # by SI unit: the unit that is shown, and its number in an SI unit
+OBSERVABLE_WORDS = {"stress": "film stresses", "charge": "film charges"}
 
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
 
 
 def build_result_table(result: Result) -> Table:
     """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
-    values = ((name, getattr(result, name)) for name in SHOWN_QUANTITIES)
+    by_charge = result.observable == "charge"
+    kinds = (CHARGE_QUANTITIES, STRESS_QUANTITIES) if by_charge else (STRESS_QUANTITIES, CHARGE_QUANTITIES)
+    errors = (CHARGE_ERRORS, STRESS_ERRORS) if by_charge else (STRESS_ERRORS, CHARGE_ERRORS)
+    names = (*kinds[0], *kinds[1], "stiffness", *errors[0], *errors[1], "stiffness_error", *OTHER_QUANTITIES)
+    values = ((name, getattr(result, name)) for name in names)
     quantiles = ERROR_FIELDS if result.error_kind == "95 %" else ()
-    rows = [
-        (f"{name} (95 %)" if name in quantiles else name, format_number(value, 6), format_unit(name))
-        for name, value in values
-        if value is not None
-    ]
+    rows = list[tuple[str, str, str]]()
+    for name, value in values:
+        unit, scale = UNITS_OF_PEOPLE.get(format_unit(name), (format_unit(name), 1.0))
+        if value is not None:
+            rows.append((f"{name} (95 %)" if name in quantiles else name, format_number(scale * value, 6), unit))
     rows += [
         (f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
         for name, limit in (("linear_limit_load", result.linear_limit_load), ("gap_closure_load", result.gap_closure_load))
         if limit is not None
     ]
     return Table(("quantity", "value", "unit"), rows, f"{result.evaluator}, {result.seconds:.2g} s", left=(0, 2))
+
+
+def list_reading_lines(result: Result) -> list[str]:
+    """Return in words what a reading of a scene with films is, and how well it determines E_object; no line without films."""
+    read = result.reading
+    if result.charge_ratio is None or read.ratio is None:
+        return []
+    within = "" if read.error is None else f" within {100 * read.error:.2g} %"
+    text = f"A reading is the ratio of {OBSERVABLE_WORDS[result.observable]}, {read.ratio:.4g}{within}"
+    if not read.log_sensitivity:
+        return [f"{text}."]
+    size = abs(read.log_sensitivity)
+    return [f"{text}; it changes by {size:.3g} % per 1 % of E_object, so that 1 % of it is {0.01 / size:.2g} of ln E_object."]
 
 
 def build_plan_table(plan: Plan) -> Table:
@@ -63,11 +87,12 @@ def list_plan_lines(plan: Plan) -> list[str]:
 
 def build_curve_table(curve: Curve) -> Table:
     """Return a curve as a table of at most ``CURVE_ROWS`` rows; null values are dashes."""
+    read, charge = curve.reading, "charge_" if curve.observable == "charge" else ""
     columns = {
         "youngs_modulus, Pa": (curve.youngs_modulus, 4),
-        "ratio": (curve.ratio, 6),
-        "log_sensitivity": (curve.log_sensitivity, 4),
-        "error_estimate": (curve.error_estimate, 2),
+        f"{charge}ratio": (read.ratio, 6),
+        f"{charge}log_sensitivity": (read.log_sensitivity, 4),
+        "charge_ratio_error" if charge else "error_estimate": (read.error, 2),
     }
     title = f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s"
     return Table.from_columns(title, columns, CURVE_ROWS)

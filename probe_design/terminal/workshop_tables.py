@@ -23,6 +23,7 @@ OUTPUT_NAMES = {
 def build_tolerance_table(budget: ToleranceBudget) -> Table:
     """Return a budget of uncertainties as a table, one row for each number, the largest contribution to the ratio first."""
     title = f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s"
+    title += ", ratio of charges" if budget.observable == "charge" else ""
     last = f"hold to, for {100 * budget.ratio:g} %"
     rows = list[tuple[str, ...]]()
     for line in budget.lines:
@@ -55,6 +56,8 @@ def _format_nominal(line: BudgetLine) -> str:
     """Return the nominal value of a number in its unit."""
     if line.kind == "length":
         return f"{1e3 * line.value:.4g} mm"
+    if line.kind == "temperature":
+        return f"{line.value:g} K"
     return format_modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
 
 
@@ -62,6 +65,8 @@ def _format_sd(line: BudgetLine, sd: float) -> str:
     """Return a standard deviation as text in the unit of a workshop: um, mm or %."""
     if line.kind == "length":
         return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"
+    if line.kind == "temperature":
+        return f"{sd:.2g} K"
     return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / line.value:.2g} %"
 
 

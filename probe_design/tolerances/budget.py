@@ -25,6 +25,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Observable
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.tolerances.derivatives import choose_evaluator, compute_derivatives
@@ -33,6 +34,7 @@ from probe_design.tolerances.uncertain_numbers import UncertainNumber, list_unce
 from solver import evaluator
 from solver.closed_form.evaluator import ClosedForm
 from solver.planning.load_check import add_load_warning
+from solver.results.film_charges import reads_film_states
 from solver.results.record import Record
 from solver.results.result import Result
 from solver.results.warnings import select_notes
@@ -125,10 +127,12 @@ class ToleranceBudget(Record):
         Wall clock.
     ratio
         Standard deviation of ln ratio to which ``held`` and ``alone`` refer.
+    observable
+        What readings, and so all ratios here, are the ratio of: "charge" or "stress".
     nominal
-        Results of the probe as drawn: ratio, stiffness (N/m), log_sensitivity.
+        Results of the probe as drawn: ratio and log_sensitivity, of what is read, and stiffness (N/m).
     outputs
-        Scatter by output: ``ln_ratio`` of stresses on the built areas, as in ``evaluate``; ``ln_ratio_over_drawn_areas``, as
+        Scatter by output: ``ln_ratio`` over the built areas, as in ``evaluate``; ``ln_ratio_over_drawn_areas``, as
         measured when the built areas are not known; ``ln_stiffness``, of both films together; ``log_sensitivity``, absolute.
     lines
         The budget, the largest share of ln_ratio first.
@@ -141,6 +145,7 @@ class ToleranceBudget(Record):
     evaluator: str
     seconds: float
     ratio: float
+    observable: Observable
     nominal: dict[str, float | None]
     outputs: dict[str, OutputScatter]
     lines: tuple[BudgetLine, ...]
@@ -185,11 +190,14 @@ def tolerances(
     scene = split_heights(express_by_outer_radius(scene))
     variables, evaluator_name = list_uncertain_numbers(scene, bench, materials, given), choose_evaluator(scene)
     result = add_load_warning(evaluator(evaluator_name).evaluate(scene, NOMINAL_ACCURACY), scene, LOAD_ACCURACY)
-    if result.ratio is None or result.ratio <= 0 or result.error_estimate is None:
+    read = result.reading
+    if result.ratio is None or result.ratio <= 0 or read.ratio is None or read.ratio <= 0 or read.error is None:
         raise InputError("load", "ratio", "a scene whose films are both pressed")
     derivatives = compute_derivatives(scene, variables, NOMINAL_ACCURACY)
     contributions = derivatives * [item.sd for item in variables]
     refusal = ClosedForm().refusal(scene)
+    if refusal is None and reads_film_states(scene):
+        refusal = "no charges of many probes at once, only stresses"
     statistics = sample_probes(scene, variables, samples, seed) if refusal is None else None
     notes = tuple(str(item) for item in result.warnings)
     if statistics is None:
@@ -199,7 +207,8 @@ def tolerances(
         evaluator=evaluator_name,
         seconds=perf_counter() - start,
         ratio=ratio,
-        nominal={key: getattr(result, key) for key in ("ratio", "stiffness", "log_sensitivity")},
+        observable=scene.observable,
+        nominal={"ratio": read.ratio, "stiffness": result.stiffness, "log_sensitivity": read.log_sensitivity},
         outputs=_build_scatter(contributions, statistics, result),
         lines=_build_lines(variables, derivatives, statistics, ratio),
         samples=0 if statistics is None else statistics.designs,
@@ -255,10 +264,10 @@ def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, r
     result
         Of the probe as drawn.
     """
-    scatters, model_error = {}, DERIVATIVE_ERROR_FACTOR * (result.error_estimate or 0.0)
+    scatters, model_error = {}, DERIVATIVE_ERROR_FACTOR * (result.reading.error or 0.0)
     is_vague = bool(select_notes(result.warnings, "sensitivity"))
     for k, name in enumerate(OUTPUT_NAMES):
-        if name == "log_sensitivity" and result.log_sensitivity is None:
+        if name == "log_sensitivity" and result.reading.log_sensitivity is None:
             continue
         sd = float(np.sqrt((contributions[k] ** 2).sum()))
         if statistics is None or statistics.sd[k] == 0:

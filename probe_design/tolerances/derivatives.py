@@ -1,6 +1,7 @@
 """Derivatives of the outputs with respect to all uncertain numbers, from the finite elements.
 
-With F_i the force on film i (1 inner, 2 outer), g_i its gain and A_i its area, built or drawn,
+With F_i the force on film i (1 inner, 2 outer), or in the ratio its charge where the scene reads charges, g_i its gain and A_i
+its area, built or drawn,
 
     ln ratio = ln(g_1 F_1 A_2 / (g_2 F_2 A_1)),   ln stiffness = ln(g_1 F_1 + g_2 F_2) - ln indentation.   (TO.3)
 
@@ -22,12 +23,14 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.block_predictions import differentiate_area_ratio
+from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME, list_shared_moduli, list_tape_moduli
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.sections import build_sections
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
+from solver.results.film_charges import reads_film_states
 
 
 def choose_evaluator(scene: Scene) -> str:
@@ -36,11 +39,15 @@ def choose_evaluator(scene: Scene) -> str:
     Raises
     ------
     Refusal
-        Neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene.
+        Neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene, or the latter has no derivatives of charges.
     """
-    if Axisymmetric().refusal(scene) is None:
+    reason = Axisymmetric().refusal(scene)
+    if reason is None:
         return "axisymmetric"
     EquivalentInclusion().check(scene)
+    if reads_film_states(scene):
+        allowed = "'stress', or at most one sphere on the probe's axis: elsewhere charges have no derivatives"
+        raise Refusal("reading.observable", "charge", allowed)
     return "equivalent-inclusion"
 
 
@@ -57,18 +64,28 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
         See ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
     """
     # names of the scene's numbers, always with the gap, which eq. TO.6 needs
-    names = tuple(dict.fromkeys([*(variable.name for variable in variables if variable.kind != "gain"), GAP_KEY]))
+    shared = list_shared_moduli(scene)
+    own_names = [variable.name for variable in variables if variable.kind not in ("gain", "temperature")]
+    scene_names = [key for name in own_names for key in shared.get(name, (name,))]
+    tapes = list_tape_moduli(scene) if any(variable.kind == "temperature" for variable in variables) else {}
+    names = tuple(dict.fromkeys([*scene_names, *tapes, GAP_KEY]))
     gradients = _compute_gradients(scene, names, accuracy)
     indices = [gradients.variables.index(name) for name in names]
     values = {output: float(part[0]) for output, part in gradients.values.items()}
     derivatives = {output: part[0, indices] for output, part in gradients.derivatives.items()}
-    ln_ratio = derivatives["ratio"] / values["ratio"]
+    charge = "charge_" if reads_film_states(scene) else ""  # where psi gives the charges, ln of the ratio changes as by forces
+    ln_ratio = derivatives[f"{charge}ratio"] / values[f"{charge}ratio"]
     ln_drawn_ratio = ln_ratio + [differentiate_area_ratio(scene.probe, name) for name in names]
     ln_stiffness = derivatives["stiffness"] / values["stiffness"]
-    outputs = np.array([ln_ratio, ln_drawn_ratio, ln_stiffness, derivatives["log_sensitivity"]])
+    outputs = np.array([ln_ratio, ln_drawn_ratio, ln_stiffness, derivatives[f"{charge}log_sensitivity"]])
     columns = dict(zip(names, outputs.T, strict=True))
     if RADIUS_KEY in columns:  # as the workshop makes it, eq. TO.6
         columns[RADIUS_KEY] = columns[RADIUS_KEY] - columns[GAP_KEY]
+    columns |= {name: np.sum([columns[key] for key in keys], axis=0) for name, keys in shared.items() if keys[0] in columns}
+    # one temperature changes the moduli of all tapes
+    columns[TEMPERATURE_NAME] = sum(
+        (-TAPE_COEFFICIENT_PER_K * modulus * columns[name] for name, modulus in tapes.items()), start=np.zeros(len(outputs))
+    )
     forces = np.array([values["stress_inner"] * scene.probe.inner_area, values["stress_outer"] * scene.probe.outer_area])
     # gains have value 1; the stiffness changes by the film's fraction of the force, the log-sensitivity not at all
     for name, sign, fraction in zip(GAIN_NAMES, (1.0, -1.0), forces / forces.sum(), strict=True):  # eq. TO.3

@@ -1,9 +1,11 @@
-"""Uncertain numbers of a built probe: lengths, moduli and Poisson's ratios of its blocks, and gains of its films.
+"""Uncertain numbers of a built probe: lengths, moduli and Poisson's ratios of its blocks, gains of its films, and their stacks.
 
 With eta standard normal, x0 (nu0) the drawn value, t its standard deviation and a = ln(2 nu0 / (1 - 2 nu0)), each number is
 distributed so that no draw is impossible and its first order is t eta:
 
     x = x0 e^(t eta / x0)  of lengths, moduli and gains;   nu = 1 / (2 + 2 e^(-a - s eta)),  s = t / (nu0 (1 - 2 nu0))   (TO.1)
+
+The temperature of tapes, which counts from the one at which their moduli hold, is t eta.
 """
 
 from __future__ import annotations
@@ -20,14 +22,23 @@ from geometry.common.json_types import JsonMapping
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import read_fraction
+from geometry.scenes.units import Quantity, read_fraction
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import BLOCK_LENGTHS, find_length_sd, find_length_tolerance, format_deviation
 from probe_design.built_probe.bench import Bench, Channels, Workshop
+from probe_design.tolerances.film_numbers import (
+    TAPE_COEFFICIENT_PER_K,
+    TEMPERATURE_NAME,
+    TEMPERATURE_SD_K,
+    list_film_deviations,
+    list_tape_moduli,
+)
+from solver.results.film_charges import reads_film_states
 
-Kind = Literal["length", "modulus", "poisson_ratio", "gain"]
+Kind = Literal["length", "modulus", "poisson_ratio", "gain", "temperature"]
 GAIN_NAMES = ("film.inner.gain", "film.outer.gain")
 RADIUS_KEY, GAP_KEY = "probe.inner_radius", "probe.gap"
+TEMPERATURE_QUANTITY = Quantity("temperature deviation", "K", "K", 0.0, 30.0)
 MAX_LOG_SD = 2.0  # standard deviation of a logarithm, at most
 ALLOWED_RELATIVE_SD = f"a relative standard deviation from 0 to {MAX_LOG_SD:g}, such as 0.02 or 2 %"
 ALLOWED_POISSON_SD = "a standard deviation from 0 to 0.1, such as 0.003"
@@ -40,11 +51,12 @@ class UncertainNumber:
     Attributes
     ----------
     name
-        Its key in the scene file; for the gain of a film one of ``GAIN_NAMES``.
+        Its key in the scene file; for the gain of a film one of ``GAIN_NAMES``, for the temperature of tapes
+        ``TEMPERATURE_NAME``; else see ``film_numbers.list_shared_moduli``.
     kind
-        Length, modulus, Poisson's ratio or gain.
+        Length, modulus, Poisson's ratio, gain or temperature.
     value
-        As drawn, SI; 1 for a gain.
+        As drawn, SI; 1 for a gain, 0 for a temperature.
     sd
         Standard deviation of the built value, SI; for a modulus E that of ln E, times E.
     source
@@ -59,6 +71,8 @@ class UncertainNumber:
 
     def draw(self, eta: Any) -> Any:
         """Return the value at standard normal ``eta``, eq. TO.1; real or complex, any shape."""
+        if self.kind == "temperature":
+            return self.sd * eta
         if self.kind != "poisson_ratio":
             return self.value * np.exp(self.sd / self.value * eta)
         if self.sd == 0.0 or self.value == 0.0:
@@ -73,7 +87,8 @@ def list_uncertain_numbers(
     """Return the uncertain numbers of a scene's probe, which is given by its outer radius.
 
     Lengths vary by the tolerance of their block's process (``geometry/workshop/processes.toml``), the gap by that of the hole's
-    radius. A modulus from the catalogue varies as the catalogue states, any other as a measured one.
+    radius. A modulus from the catalogue varies as the catalogue states, any other as a measured one. Films and bonds, as in
+    ``film_numbers``, count where the scene reads charges, which change with them.
 
     Parameters
     ----------
@@ -104,6 +119,7 @@ def list_uncertain_numbers(
     for block, material_name in (named_materials | dict(materials or {})).items():
         number = _apply_material(numbers, block, material_name)
         numbers[number.name] = number
+    numbers |= _build_film_numbers(scene) if reads_film_states(scene) else {}
     for name, entry in (given or {}).items():
         if name not in numbers:
             raise InputError("tolerance", name, describe_choices(name, numbers))
@@ -111,8 +127,20 @@ def list_uncertain_numbers(
     return tuple(numbers.values())
 
 
+def _build_film_numbers(scene: Scene) -> dict[str, UncertainNumber]:
+    """Return the uncertain numbers of films and bonds by name, and the temperature of tapes where there are some."""
+    numbers = {
+        name: UncertainNumber(name, deviation.kind, value, deviation.compute_sd(value), deviation.source)
+        for name, (value, deviation) in list_film_deviations(scene).items()
+    }
+    if not list_tape_moduli(scene):
+        return numbers
+    source = f"assumed: {TEMPERATURE_SD_K:g} K; a tape's modulus falls by {100 * TAPE_COEFFICIENT_PER_K:g} % per K (assumed)"
+    return numbers | {TEMPERATURE_NAME: UncertainNumber(TEMPERATURE_NAME, "temperature", 0.0, TEMPERATURE_SD_K, source)}
+
+
 def _list_block_values(scene: Scene) -> dict[str, float]:
-    """Return the numbers of the blocks by name, SI, without those of films and base, which are bought or hardly matter."""
+    """Return the numbers of the blocks by name, SI, without those of the base, which hardly matter, and of films and bonds."""
     others = ("probe.film.", "probe.base.", "probe.area_ratio")
     return {
         name: value for name, value in list_values(scene).items() if name.startswith("probe.") and not name.startswith(others)
@@ -156,6 +184,8 @@ def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material
 def _read_sd(number: UncertainNumber, entry: object) -> float:
     """Return a given standard deviation in SI units, checked; ``entry`` is relative for moduli and gains."""
     key = f"tolerance.{number.name}"
+    if number.kind == "temperature":
+        return TEMPERATURE_QUANTITY.read(key, entry, units_required=isinstance(entry, str)) if entry not in (0, "0") else 0.0
     if number.kind == "length":
         sd = LENGTH_QUANTITY.read(key, entry, units_required=isinstance(entry, str)) if entry not in (0, "0") else 0.0
         if sd > MAX_LOG_SD * number.value:

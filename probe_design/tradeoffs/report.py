@@ -31,14 +31,16 @@ ROW_HEADINGS = (
     "scene", "evaluator", "accuracy requested", "ratio", "stated error", "true error", "log-sensitivity error", "first result, s",
     "new probe, s", "next tumour, s",
 )  # fmt: skip
+CHARGE_HEADINGS = ("charge per force, inner, pC/N", "charge per force, outer, pC/N")
 COLUMN_NOTES = """\
-Stated error: the bound on the relative error of the ratio that comes with each result. True error: difference from the
-reference, the finest result of any converging evaluator; <: at most this, as the difference is below the reference's own stated
-error. *: for some scenes the reference is of the same evaluator: the difference then shows its convergence, but no error that
-all its settings share; equivalent-inclusion and axisymmetric share the model of the probe on tissue without tumours.
-Log-sensitivity error: relative to the reference's, or to 1e-5 where that is smaller; the reference's own error is not counted.
-First result: includes what a process computes only once. New probe: nothing is cached. Next tumour: another one under the same
-probe. Slowest: of the new probes. Times are medians of wall clock; only their ratios carry over to other machines."""
+Ratio: what the scene reads, of charges or of stresses. Stated error: the bound on the relative error of the ratio that comes with
+each result. True error: difference from the reference, the finest result of any converging evaluator; <: at most this, as the
+difference is below the reference's own stated error. *: for some scenes the reference is of the same evaluator: the difference
+then shows its convergence, but no error that all its settings share; equivalent-inclusion and axisymmetric share the model of the
+probe on tissue without tumours. Log-sensitivity error: relative to the reference's, or to 1e-5 where that is smaller; the
+reference's own error is not counted. First result: includes what a process computes only once. New probe: nothing is cached. Next
+tumour: another one under the same probe. Slowest: of the new probes. Times are medians of wall clock; only their ratios carry
+over to other machines."""
 
 
 def write_files(study: Tradeoff, folder: Path) -> list[Path]:
@@ -62,14 +64,16 @@ def write_files(study: Tradeoff, folder: Path) -> list[Path]:
 
 def _build_page(study: Tradeoff, picture: Path, summary: JsonObject) -> str:
     """Return the page as HTML; ``picture`` is the file of the plot, ``summary`` the JSON object that the page contains."""
-    rows = [_format_row(row) for row in study.rows if row.ratio is not None]
+    has_charges = any(row.charge_per_force_inner is not None for row in study.rows)
+    results = [row for row in study.rows if row.ratio is not None]
+    rows = [(*_format_row(row), *_format_charges(row)[: 2 * has_charges]) for row in results]
     refusals = dict.fromkeys(f"{row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None)
     skipped = [f"{name}: {reason}" for name, reason in study.skipped.items()]
     sections = (
         Chapter("Error against time", (Picture.from_file(picture, "error against time of every evaluator and setting"),)),
         Chapter("Every setting", (Table(SUMMARY_HEADINGS, build_summary_cells(study)), Text(COLUMN_NOTES))),
         Chapter("The cheapest for each scene", (Table(CHOICE_HEADINGS, _build_choice_cells(study)),)),
-        Chapter("Every result", (Table(ROW_HEADINGS, rows),)),
+        Chapter("Every result", (Table((*ROW_HEADINGS, *CHARGE_HEADINGS[: 2 * has_charges]), rows),)),
         Chapter("Not evaluated, or no result", (Items((*skipped, *refusals) or ("nothing",)),)),
         *(build_scene_section(scene, f"The scene {name}") for name, scene in study.scenes.items()),
     )
@@ -130,7 +134,14 @@ def _format_row(row: Row) -> Cells:
     """Return the table row of one result."""
     times = (_format_seconds(seconds) for seconds in (row.seconds_first, row.seconds_probe, row.seconds_tumour))
     errors = (_format_stated_error(row), _format_true_error(row), _format_error(row.log_sensitivity_error))
-    return (row.scene, *_format_setting_cells(row.setting), f"{row.ratio:.6g}", *errors, *times)
+    ratio = f"{row.ratio:.6g}" + (" (charges)" if row.observable == "charge" else "")
+    return (row.scene, *_format_setting_cells(row.setting), ratio, *errors, *times)
+
+
+def _format_charges(row: Row) -> Cells:
+    """Return the cells of both films' charge per force; "-" where there is none."""
+    values = (row.charge_per_force_inner, row.charge_per_force_outer)
+    return tuple("-" if value is None else f"{1e12 * value:.5g}" for value in values)
 
 
 def _format_stated_error(row: Row) -> str:

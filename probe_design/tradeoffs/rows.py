@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from geometry.scenes.scene_tables import Observable
 from solver.results.result import ErrorKind
 
 Error = Literal["stated_error", "true_error_most"]
@@ -42,7 +43,7 @@ class Row:
     evaluator, accuracy
         See ``Setting``.
     ratio, log_sensitivity
-        See ``solver.Result``.
+        Those of the property ``reading`` of ``solver.Result``: what the scene reads.
     stated_error
         Relative error of the ratio, as stated by the result.
     error_kind
@@ -67,6 +68,10 @@ class Row:
     log_sensitivity_error
         Difference of the log-sensitivity from the reference's, relative to the larger of that and ``MIN_LOG_SENSITIVITY``. The
         error of the reference's log-sensitivity is not stated, and so not counted.
+    observable
+        What the ratio is of, by the scene: "charge" or "stress".
+    charge_per_force_inner, charge_per_force_outer
+        See ``solver.Result``; None where there are no charges.
     """
 
     scene: str
@@ -86,6 +91,9 @@ class Row:
     true_error_least: float | None = None
     true_error_most: float | None = None
     log_sensitivity_error: float | None = None
+    observable: Observable = "stress"
+    charge_per_force_inner: float | None = None
+    charge_per_force_outer: float | None = None
 
     @property
     def setting(self) -> Setting:

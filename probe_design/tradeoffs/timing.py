@@ -20,6 +20,7 @@ from geometry.tetra.cache import CACHE_VARIABLE
 from probe_design.tradeoffs.rows import Row, Setting
 from solver import Result, Workspace, evaluator
 from solver.linalg.workspace import use_workspace
+from solver.results.warnings import select_notes
 
 MAX_REPEATS = 9  # at most
 MAX_REPEAT_TIME_S = 0.75  # s: no repeats after this total time
@@ -27,18 +28,21 @@ MAX_REPEAT_TIME_S = 0.75  # s: no repeats after this total time
 
 def time_first_result(name: str, scene: Scene, setting: Setting) -> Row:
     """Evaluate a scene with a setting for the first time; return its row, or the row of its refusal."""
-    row = Row(name, setting.evaluator, setting.accuracy)
+    row = Row(name, setting.evaluator, setting.accuracy, observable=scene.observable)
     try:
         with use_workspace(Workspace()):
             result, seconds = _time_setting(scene, setting)
     except ProbeError as fault:
         return replace(row, reason=str(fault))
     timed_row = replace(row, seconds_first=seconds, seconds_probe=seconds)
-    if result.ratio is None:
-        return replace(timed_row, reason=next(iter(result.warnings), "no ratio"))
+    read = result.reading
+    if read.ratio is None:
+        reasons = select_notes(result.warnings, "null") or result.warnings
+        return replace(timed_row, reason=next(iter(reasons[::-1]), "no ratio"))  # the note on charges comes last
     return replace(
-        timed_row, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate,
-        error_kind=result.error_kind,
+        timed_row, ratio=read.ratio, log_sensitivity=read.log_sensitivity, stated_error=read.error,
+        error_kind=result.error_kind, charge_per_force_inner=result.charge_per_force_inner,
+        charge_per_force_outer=result.charge_per_force_outer,
     )  # fmt: skip
 
 

@@ -6,11 +6,14 @@ import math
 
 from geometry.cad.materials import format_modulus
 from geometry.common.errors import InputError
+from geometry.scenes.bonds import BOND_SIDES
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
+from geometry.scenes.variables import BLOCK_NAMES
 from geometry.workshop.tolerance import DEVIATION_PER_SD, Budget, Scatter
 from probe_design.tolerances.budget import BudgetLine, tolerances
+from probe_design.tolerances.film_numbers import FILM_PREFIX
 
 BUDGET_SAMPLES = 64  # the minimum: only the first-order part of the budget is used here
 SHARP_EDGES_REMARK = (
@@ -86,14 +89,25 @@ def build_budget(probe: Probe, lines: tuple[BudgetLine, ...], tolerance: float, 
 
 def _describe_number(name: str) -> str:
     """Describe a number in words: ``probe.outer.youngs_modulus`` becomes "outer block's modulus"."""
-    _, part, number = name.split(".")
-    description = {"youngs_modulus": "modulus", "poisson_ratio": "Poisson's ratio"}.get(number, number)
-    return f"{part} {'film' if name.startswith('film') else 'block'}'s {description}"
+    *parts, number = name.removeprefix("probe.").split(".")
+    description = {"youngs_modulus": "modulus", "poisson_ratio": "Poisson's ratio"}.get(number, number.replace("_", " "))
+    if name.startswith(FILM_PREFIX):
+        outer, bond = "outer film's " if "outer" in parts else "films' ", parts[-1].replace("_", " ")
+        return f"{outer}{bond}, {description}" if parts[-1] in BOND_SIDES else f"{outer}{description}"
+    if parts == ["film"]:
+        return f"films' {description}"
+    if parts[0] == "film" and parts[1] not in BLOCK_NAMES:  # a product that several bonds are of
+        return f"{parts[1]}'s {description}"
+    return f"{parts[-1]} {'film' if name.startswith('film') else 'block'}'s {description}"
 
 
 def _build_scatter(line: BudgetLine) -> Scatter:
     """Return the scatter of a number that is no dimension of the drawings, such as a modulus or a gain."""
     nominal = format_modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
+    if line.kind == "temperature":
+        nominal = f"0 \N{PLUS-MINUS SIGN} {line.sd:g} K"
+    elif line.kind == "length":
+        nominal = f"{MM_PER_M * line.value:.4g} mm"
     return Scatter(
         line.name,
         _describe_number(line.name),

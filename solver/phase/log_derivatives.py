@@ -1,4 +1,7 @@
-"""Differentiate ln(ratio) on one mesh: by the numbers of a scene, and along directions in the logarithms of all moduli."""
+"""Differentiate ln of the ratio that a scene reads, of charges or of stresses, on one mesh.
+
+Derivatives are by the numbers of a scene, and along directions in the logarithms of all moduli.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,7 @@ from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import FirstOrder, compute_tumour_gradients, solve_first_order
 from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES
 from solver.phase.losses import ValueOfMaterial
+from solver.results.film_charges import reads_film_states
 
 COARSE_ACCURACY, MEDIUM_ACCURACY = 3e-3, 3e-4  # accuracies from which the mesh may be coarser
 MODULUS_SUFFIX = ".youngs_modulus"
@@ -58,6 +62,8 @@ def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Diffe
         fineness = MESH_LEVELS[3 if accuracy >= COARSE_ACCURACY else 4 if accuracy >= MEDIUM_ACCURACY else 5]
         return None, lambda variant, directions: differentiate_on_axis(variant, directions, fineness)
     refusal = EquivalentInclusion().refusal(scene)
+    if refusal is None and reads_film_states(scene):
+        refusal = "charges of films over tumours elsewhere"
     if refusal is None and any(body.diameter is None for body in scene.inclusion):
         refusal = "an ellipsoid"
     fineness = FIELD_FINENESSES[0 if accuracy >= COARSE_ACCURACY else 1]
@@ -106,9 +112,16 @@ def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], 
 
 def _convert_to_logarithms(scene: Scene, solution: Gradients) -> tuple[float, dict[str, float]]:
     """Return the ratio and the derivatives of ln(ratio): by ln of moduli, by all other numbers themselves."""
-    ratio, numbers = float(solution.values["ratio"][0]), list_values(scene)
-    derivatives = dict(zip(solution.variables, (solution.derivatives["ratio"][0] / ratio).tolist(), strict=True))
-    return ratio, {
+    key, factor, film = "ratio", 1.0, scene.probe.film
+    if scene.observable == "charge" and film is not None:
+        if film.uses_psi:  # each charge is a multiple of the force
+            inner, outer = film.by_block
+            factor = inner.charge_per_force / outer.charge_per_force
+        else:
+            key = "charge_ratio"
+    ratio, numbers = float(solution.values[key][0]), list_values(scene)
+    derivatives = dict(zip(solution.variables, (solution.derivatives[key][0] / ratio).tolist(), strict=True))
+    return factor * ratio, {
         name: derivative * (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, derivative in derivatives.items()
     }
 

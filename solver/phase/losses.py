@@ -13,9 +13,11 @@ from __future__ import annotations
 import math
 
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import list_loss_factors, list_materials
+from geometry.scenes.variables import list_bonds, list_loss_factors, list_materials
 
-ValueOfMaterial = dict[str, float]  # by the names "probe.inner", "tissue.layer[0]", "inclusion[1]"; of all that can be lossy
+ValueOfMaterial = dict[
+    str, float
+]  # by the names "probe.inner", "tissue.layer[0]", "inclusion[1]", "probe.film.bond_to_base"; of all that can be lossy
 
 
 def compute_loss_angles(scene: Scene) -> ValueOfMaterial:
@@ -40,10 +42,10 @@ def compute_angle_spread(scene: Scene) -> float:
 
 def scale_moduli(scene: Scene, log_changes: ValueOfMaterial, times: float) -> Scene:
     """Return the scene with each material's Young's modulus E multiplied by exp(times * c), c its value in ``log_changes``."""
-    materials = list_materials(scene)
+    moduli = {name: material.youngs_modulus for name, material in (list_materials(scene) | list_bonds(scene)).items()}
     return scene.replace(
         {
-            f"{name}.youngs_modulus": materials[name].youngs_modulus * math.exp(times * change)
+            f"{name}.youngs_modulus": (moduli[name] or 0.0) * math.exp(times * change)  # all of these have a modulus
             for name, change in log_changes.items()
         }
     )

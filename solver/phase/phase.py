@@ -1,7 +1,8 @@
 """Compute the phase of the ratio to first order in the loss angles, with a bound on the error.
 
-f is ln(ratio) as a function of the logarithms x of all moduli, real where x is real. The vectors v and delta hold the changes of
-ln E by losses and the loss angles of all materials, eq. PH.1. With j the imaginary unit and Df, D2f and D3f the first three
+f is ln of the ratio that the scene reads, of charges or of stresses, as a function of the logarithms x of all moduli, real where
+x is real. The vectors v and delta hold the changes of ln E by losses and the loss angles of all materials, bonds of films
+included, eq. PH.1. With j the imaginary unit and Df, D2f and D3f the first three
 derivatives of f at x along the directions in brackets, the phase is
 
     arg ratio = Im f(x + v + j delta) = Df[delta] + D2f[delta, v] - D3f[delta, delta, delta] / 6 + ...    (PH.2)
@@ -49,7 +50,9 @@ class PhaseUnknown(ProbeError):  # noqa: N818 - says why
 
 @dataclass(frozen=True)
 class RatioPhase:
-    """The phase by which stress_inner leads stress_outer, counted from the sign of their elastic ratio.
+    """The phase by which the inner film's stress or charge, whichever the scene reads, leads that of the outer film.
+
+    It is counted from the sign of their elastic ratio.
 
     Attributes
     ----------
@@ -96,7 +99,8 @@ def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency
     swing_refusal = find_swing_refusal(scene, frequency)
     if swing_refusal is not None:
         raise PhaseUnknown(swing_refusal)
-    if result.ratio is None or result.error_estimate is None:
+    read = result.reading
+    if read.ratio is None or read.error is None:
         raise PhaseUnknown("the ratio has to be known with its error")
     if result.evaluator == CONTACT_EVALUATOR:  # derivatives change with the load more than the ratio, which may return
         raise PhaseUnknown("nothing is known of phases at finite strain and with contact")
@@ -113,10 +117,10 @@ def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency
         except SolveError as fault:
             raise PhaseUnknown(f"its derivatives cannot be solved for: {fault}") from fault
     # the result may come from a finer model than the derivatives: the difference of both ratios counts as an error
-    ratio_factor, spread = result.ratio / middle.ratio, compute_angle_spread(scene)
+    ratio_factor, spread = read.ratio / middle.ratio, compute_angle_spread(scene)
     error = HIGHER_ORDER_FACTOR * third_order
     if spread:
-        log_error = abs(math.log(ratio_factor)) + math.log1p(result.error_estimate) if ratio_factor > 0 else math.inf
+        log_error = abs(math.log(ratio_factor)) + math.log1p(read.error) if ratio_factor > 0 else math.inf
         inertia_error = INERTIA_ERROR_FACTOR * compute_inertia_number(scene, frequency)
         error += spread * (RATIO_ERROR_FACTOR * log_error + inertia_error)
     if not error <= MAX_PHASE_ERROR_RAD:  # also where it is NaN

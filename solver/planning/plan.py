@@ -28,7 +28,7 @@ from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave
 from solver.results.evaluator import OutOfReach
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
-from solver.results.result import Curve, Decision, Effect, Result, combine_errors
+from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, explain_null_sensitivity
 from solver.solid.domain import choose_domain, compute_reach
 from solver.solid.evaluator import BEST_ACCURACY, SolidEvaluator
@@ -140,7 +140,8 @@ class Plan(LoadedRecord):
             result = replace(result, load_limits=self.load_limits)
         else:
             result = add_load_effect(result, scene, self.rule, accuracy, scene.target is not None)
-        error = result.error_estimate
+        errors = (result.error_estimate, result.charge_ratio_error if result.observable == "charge" else None)
+        error = max((error for error in errors if error is not None), default=None)
         if not linear and error is not None and error > accuracy * (1 + 1e-9):
             raise OutOfReach(
                 str(self.evaluator), self.scene, self.accuracy, (1 + error) * (1 + self.allowed) / (1 + accuracy) - 1
@@ -149,17 +150,15 @@ class Plan(LoadedRecord):
 
     def complete_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
         """Complete an evaluator's curve of the reduced scene to one of the whole; see ``complete_result``."""
-        left_out_change = float(np.expm1(self.left_out))
+        completed = curve.add_errors([float(np.expm1(self.left_out))] * len(curve.youngs_modulus))
+        completed = replace(completed, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
         if self.evaluator == CONTACT:
-            errors = tuple(combine_errors(error, left_out_change) for error in curve.error_estimate)
-            return replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
+            return completed
         changes = LoadChanges.from_stiffness(scene, self.rule, np.array(curve.stiffness))
         if not linear:
             check_load(scene, changes.weakest, accuracy, True)
-        pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
-        errors = tuple(combine_errors(combine_errors(error, left_out_change), load) for error, load in pairs)
+        completed = completed.add_errors(changes.ratio.tolist())
         notes = build_load_notes(scene, changes.weakest, accuracy, True)
-        completed = replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
         return replace(completed, warnings=(*curve.warnings, *notes))
 
     def _merge_decisions(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
@@ -354,4 +353,5 @@ def _decide_detail(change: Change, evaluator: str | None, accuracy: float) -> De
 def _remove_sensitivity(result: Result) -> Result:
     """Remove the log-sensitivity of a result for a reduced scene, whose only inclusion counts as target, unlike in the whole."""
     notes = tuple(note for note in result.warnings if note.kind != "sensitivity")
-    return replace(result, log_sensitivity=None, warnings=(explain_null_sensitivity(2), *notes))
+    no_sensitivity: JsonObject = dict.fromkeys(("log_sensitivity", "charge_log_sensitivity", "charge_log_sensitivity_error"))
+    return replace(result, **no_sensitivity, warnings=(explain_null_sensitivity(2), *notes))

@@ -14,7 +14,13 @@ from geometry.common.limits import format_minimum
 from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_own_workspace
-from solver.results.film_charges import compute_charge_fields, warn_of_unknown_bonds
+from solver.results.film_charges import (
+    RATIO_FIELDS,
+    compute_charge_fields,
+    compute_charge_ratio_fields,
+    explain_null_charges,
+    warn_of_unknown_bonds,
+)
 from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
 from solver.results.result import Curve, Decision, ErrorKind, Result
 from solver.results.warnings import Note, select_notes
@@ -114,20 +120,22 @@ class FilmSolution:
         fields = compute_result_fields(scene, self.films[0]) | compute_charge_fields(scene, self.films[0])
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
-        # those of the film forces first
-        warnings = (*fields.pop("warnings"), *warn_of_unknown_bonds(scene, self.films[0]), *self.notes)
-        return Result(
-            name, seconds, **fields, error_kind=self.error_kind, residual=self.residual, plan=self.plan, warnings=warnings
-        )
+        films, warnings = self.films[0], fields.pop("warnings")  # those of the film forces first
+        warnings = (*warnings, *warn_of_unknown_bonds(scene, films), *self.notes, *explain_null_charges(name, scene, films))
+        fields |= {"observable": scene.observable, "error_kind": self.error_kind}
+        return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
 
     def build_curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
         """Return the curve of evaluator ``name`` over moduli of the target, Pa, shape (k,); ``films`` has one entry for each."""
         rows = [compute_ratio_fields(scene, films) for films in self.films]
         values: JsonObject = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
         values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
-        return Curve(
-            name, seconds, tuple(moduli.tolist()), **values, error_kind=self.error_kind, plan=self.plan, warnings=self.notes
-        )
+        if self.films[0].find_charges(scene) is not None:
+            rows = [compute_charge_ratio_fields(scene, films) for films in self.films]
+            values |= {key: tuple(row[key] for row in rows) for key in RATIO_FIELDS}
+        values |= {"observable": scene.observable, "error_kind": self.error_kind}
+        notes = dict.fromkeys(note for films in self.films for note in explain_null_charges(name, scene, films))
+        return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=(*self.notes, *notes))
 
 
 @dataclass(frozen=True, kw_only=True)

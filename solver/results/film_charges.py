@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from geometry.common.json_types import JsonObject
@@ -11,20 +9,7 @@ from geometry.scenes.scene import Scene
 from solver.results.film_forces import FilmForces, compute_indentation
 from solver.results.warnings import Note
 
-
-def find_charges(scene: Scene, films: FilmForces) -> FilmForces | None:
-    """Return the films' charges in the form of film forces, Q_ij in C per m of displacement of base j.
-
-    Where the scene gives psi1 or psi2, each is the force times the charge per force of the paper's eq. (12). Otherwise they are
-    the evaluator's; None where it has none.
-    """
-    film = scene.probe.film
-    if film is None or not film.uses_psi:
-        return films.charges
-    factors = np.array([block_film.charge_per_force for block_film in film.by_block])[:, None]
-    derivative = None if films.modulus_derivative is None else factors * films.modulus_derivative
-    bound = replace(films.bound, totals=np.abs(factors[:, 0]) * films.bound.totals, sum=None)
-    return FilmForces(factors * films.forces, bound, derivative, films.sensitivity_error)
+RATIO_FIELDS = ("charge_ratio", "charge_ratio_error", "charge_log_sensitivity", "charge_log_sensitivity_error")
 
 
 def warn_of_unknown_bonds(scene: Scene, films: FilmForces) -> tuple[Note, ...]:
@@ -35,6 +20,11 @@ def warn_of_unknown_bonds(scene: Scene, films: FilmForces) -> tuple[Note, ...]:
     name = "inner film" if film.by_block[1].has_bonds else "film"
     text = f"the {name} is taken as bonded rigidly on both sides; tape makes its charge 5 to 15 times larger"
     return (Note("bond", f'{text}: give [probe.film.bond_to_base], name = "tape-50um", or "rigid" if it is'),)
+
+
+def reads_film_states(scene: Scene) -> bool:
+    """Return whether a scene reads charges that follow from the films' stress."""
+    return scene.observable == "charge" and scene.probe.film is not None and not scene.probe.film.uses_psi
 
 
 def compute_charge_fields(scene: Scene, films: FilmForces) -> JsonObject:
@@ -54,7 +44,7 @@ def compute_charge_fields(scene: Scene, films: FilmForces) -> JsonObject:
     Refusal
         The load drives the probe deeper than the tissue.
     """
-    charges = find_charges(scene, films)
+    charges = films.find_charges(scene)
     if charges is None:
         return {}
     indentation = compute_indentation(scene, float(films.totals.sum()))
@@ -69,10 +59,29 @@ def compute_charge_fields(scene: Scene, films: FilmForces) -> JsonObject:
             fields[f"charge_{name}_error"] = float(at_load[k])
             fields[f"charge_per_force_{name}"] = float(per_force[k])
             fields[f"charge_per_force_{name}_error"] = float(errors[k] + films.relative_errors[k])
-    if np.all(errors < 1):
-        areas = scene.probe.inner_area, scene.probe.outer_area
-        fields["charge_ratio"] = float(totals[0] / totals[1] * areas[1] / areas[0])
-        fields["charge_ratio_error"] = charges.ratio_error
-        fields["charge_log_sensitivity"] = charges.log_sensitivity
-        fields["charge_log_sensitivity_error"] = None if charges.log_sensitivity is None else charges.sensitivity_error
-    return fields
+    return fields | compute_charge_ratio_fields(scene, films)
+
+
+def compute_charge_ratio_fields(scene: Scene, films: FilmForces) -> JsonObject:
+    """Return the fields ``RATIO_FIELDS`` of a ``Result``; all are None where there are no charges or one is below its error."""
+    charges = films.find_charges(scene)
+    if charges is None or not np.all(charges.relative_errors < 1):
+        return dict.fromkeys(RATIO_FIELDS)
+    areas = scene.probe.inner_area, scene.probe.outer_area
+    ratio = float(charges.totals[0] / charges.totals[1] * areas[1] / areas[0])
+    sensitivity_error = None if charges.log_sensitivity is None else charges.sensitivity_error
+    values = (ratio, charges.ratio_error, charges.log_sensitivity, sensitivity_error)
+    return dict(zip(RATIO_FIELDS, values, strict=True))
+
+
+def explain_null_charges(name: str, scene: Scene, films: FilmForces) -> tuple[Note, ...]:
+    """Return the warning that an evaluator, ``name``, has no charges of a scene's films, or no ratio of them; else none."""
+    if scene.probe.film is None:
+        return ()
+    charges = films.find_charges(scene)
+    if charges is None:
+        return (Note("null", f"charges are null: {name} does not compute the stress in the films"),)
+    unresolved = [film for film, error in zip(("inner", "outer"), charges.relative_errors, strict=True) if not error < 1]
+    if unresolved:
+        return (Note("null", f"charge_ratio and charge_log_sensitivity are null: charge_{unresolved[0]} is below its own error"),)
+    return ()

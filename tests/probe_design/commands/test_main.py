@@ -25,7 +25,7 @@ KEYS = {
     "frequency", "ratio_phase", "ratio_phase_error", "ratio_phase_derivatives", "film_log_sensitivities", "plan", "warnings",
     "provenance", "error_kind", "stress_inner_error", "stress_outer_error", "stiffness_error", "charge_per_force_inner",
     "charge_per_force_outer", "charge_ratio", "charge_log_sensitivity", "charge_log_sensitivity_error", "charge_inner_error",
-    "charge_outer_error", "charge_per_force_inner_error", "charge_per_force_outer_error", "charge_ratio_error",
+    "charge_outer_error", "charge_per_force_inner_error", "charge_per_force_outer_error", "charge_ratio_error", "observable",
 }  # fmt: skip
 
 

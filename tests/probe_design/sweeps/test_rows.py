@@ -111,9 +111,9 @@ class TestRows:
     def test_a_store_of_another_format_is_refused(self, tmp_path: Path) -> None:
         with open_for_writing(tmp_path) as store:
             store._connection.execute("PRAGMA user_version = 1")
-        with pytest.raises(InputError, match="format 4, not 1"):
+        with pytest.raises(InputError, match="format 5, not 1"):
             sweep(grid(2, 2), tmp_path)
-        with pytest.raises(InputError, match="format 4, not 1"):
+        with pytest.raises(InputError, match="format 5, not 1"):
             list(iterate_rows(tmp_path))
 
     def test_surface_files_count_by_what_they_hold(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

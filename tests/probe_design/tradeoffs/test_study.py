@@ -14,8 +14,9 @@ import matplotlib.image
 import pytest
 from rich.console import Console
 
-from geometry import Scene
+from geometry import Scene, read_scene
 from geometry.common.errors import Refusal
+from geometry.scenes.film import Film
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.terminal.whole_table import WholeTable
 from probe_design.tradeoffs.report import (
@@ -29,7 +30,7 @@ from probe_design.tradeoffs.study import REFERENCE_SETTINGS, SKIPPED_EVALUATORS,
 from probe_design.tradeoffs.timing import change_tumours
 from solver import evaluate
 from solver.evaluators import EVALUATOR_NAMES
-from tests.support.paths import REFERENCE, ROOT
+from tests.support.paths import EXAMPLES, REFERENCE, ROOT
 from tests.support.program import begun, refused, run
 from tests.support.references import named
 
@@ -269,3 +270,20 @@ def test_the_page_s_table_is_one_of_the_command_s(made_tradeoff: Tradeoff) -> No
         assert len(line) == len(SUMMARY_HEADINGS)
         assert re.fullmatch(r"\d+/\d+", line[2])
         assert all(figure.fullmatch(cell) for cell in line[3:]), line
+
+
+def test_where_charges_are_read_their_ratio_is_compared() -> None:
+    """The finer setting is the reference; a setting without charges has no result, and says why."""
+    scene = read_scene(EXAMPLES / "scene.toml")
+    film = Film.model_validate({"bond_to_base": "tape-50um", "bond_to_block": "tape-50um"})
+    scene = scene.model_copy(update={"probe": scene.probe.model_copy(update={"film": film})})
+    coarse, fine = Setting("axisymmetric", 0.01), Setting("axisymmetric", 1e-4)
+    rows = {row.setting: row for row in measure_tradeoff({"taped": scene}, settings=(coarse,), finest=(fine,)).rows}
+    result = evaluate(scene, "axisymmetric", 1e-4)
+    assert rows[fine].reference
+    assert (rows[fine].ratio, rows[fine].log_sensitivity) == (result.charge_ratio, result.charge_log_sensitivity)
+    assert rows[fine].charge_per_force_inner == result.charge_per_force_inner
+    assert rows[fine].observable == "charge"
+    assert rows[coarse].stated_error is not None
+    assert rows[coarse].true_error_most is not None
+    assert rows[coarse].true_error_most <= rows[coarse].stated_error

@@ -1,0 +1,125 @@
+"""The uncertainty budget of charges: films and bonds count, with derivatives that are those of ``evaluate``."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.film import Film
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene
+from geometry.scenes.variables import list_values
+from probe_design.tolerances.budget import ToleranceBudget, tolerances
+from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME
+from probe_design.workshop.ratio_budget import build_budget
+from solver import evaluate
+from tests.support.paths import EXAMPLES
+from tests.support.slow import slow_unless
+
+TAPE, GLUE = "tape-50um", {"thickness": 20e-6, "youngs_modulus": 1e9, "poisson_ratio": 0.4}
+FILM = {"bond_to_base": TAPE, "bond_to_block": TAPE, "electrode_inset": 2e-4}
+SHARED = "film.tape-50um.youngs_modulus"
+
+
+def build(film: dict[str, object], observable: str = "charge") -> Scene:
+    scene = read_scene(EXAMPLES / "scene.toml")
+    probe = scene.probe.model_copy(update={"film": Film.model_validate(film)})
+    return scene.model_copy(update={"probe": probe}).replace({"reading.observable": observable})
+
+
+@cache
+def budget() -> ToleranceBudget:
+    return tolerances(build(FILM), samples=64)
+
+
+def read(changes: dict[str, float]) -> np.ndarray:
+    """ln of the ratio and of the stiffness, and the log-sensitivity, of charges."""
+    result = evaluate(build(FILM).replace(changes), "axisymmetric", 1e-4, linear=True)
+    assert result.charge_ratio is not None
+    assert result.stiffness is not None
+    return np.array([math.log(result.charge_ratio), math.log(result.stiffness), result.charge_log_sensitivity])
+
+
+MOVED = ("probe.film.thickness", "probe.film.electrode_inset", "probe.film.bond_to_base.thickness", "probe.outer.youngs_modulus")
+
+
+@pytest.mark.parametrize("name", slow_unless("probe.film.thickness".__eq__, MOVED))
+def test_derivatives_are_those_of_results(name: str) -> None:
+    """Central differences of ``evaluate`` at 3 % of the number."""
+    value = list_values(build(FILM))[name]
+    high, low = (read({name: value * (1 + step)}) for step in (0.03, -0.03))
+    (line,) = (line for line in budget().lines if line.name == name)
+    derivatives = [line.outputs[key].derivative for key in ("ln_ratio", "ln_stiffness", "log_sensitivity")]
+    np.testing.assert_allclose(derivatives, (high - low) / (0.06 * value), rtol=0.03, atol=2e-4 / value)
+
+
+def test_one_product_deviates_as_one_and_temperature_moves_it() -> None:
+    """Both tapes are unmeasured pieces of one product; at 7 % per kelvin its temperature changes both."""
+    lines = {line.name: line for line in budget().lines}
+    assert not any(name.endswith("bond_to_base.youngs_modulus") for name in lines)
+    modulus = list_values(build(FILM))["probe.film.bond_to_base.youngs_modulus"]
+    keys = [f"probe.film.{side}.youngs_modulus" for side in ("bond_to_base", "bond_to_block")]
+    high, low = (read(dict.fromkeys(keys, modulus * math.exp(step)))[0] for step in (0.03, -0.03))
+    by_log_modulus = (high - low) / 0.06
+    assert by_log_modulus == pytest.approx(0.14, abs=0.03)  # FILM.md: d ln q / d ln E is +0.07 and -0.07
+    assert lines[SHARED].outputs["ln_ratio"].derivative == pytest.approx(by_log_modulus / modulus, rel=0.02)
+    assert lines[SHARED].sd == pytest.approx(0.69 * modulus)  # of the catalogue
+    per_kelvin = lines[TEMPERATURE_NAME].outputs["ln_ratio"].derivative
+    assert per_kelvin == pytest.approx(-TAPE_COEFFICIENT_PER_K * by_log_modulus, rel=0.02)
+    assert abs(per_kelvin) == pytest.approx(0.01, abs=2e-3)  # FILM.md: 1 % of the ratio per kelvin
+
+
+def test_parts_add_up_and_what_is_missing_is_said() -> None:
+    shares = [line.outputs["ln_ratio"].share for line in budget().lines]
+    assert sum(shares) == pytest.approx(1)
+    assert budget().observable == "charge"
+    assert budget().nominal["ratio"] == pytest.approx(evaluate(build(FILM), "axisymmetric").charge_ratio, rel=0.01)
+    assert budget().samples == 0
+    assert any("no charges of many probes" in note for note in budget().warnings)
+
+
+def test_measured_bonds_and_glue_deviate_on_their_own() -> None:
+    film = {"bond_to_base": {"name": TAPE, "youngs_modulus": 4e5}, "bond_to_block": GLUE}
+    lines = {line.name: line for line in tolerances(build(film), samples=64).lines}
+    assert lines["probe.film.bond_to_base.youngs_modulus"].sd == pytest.approx(0.02 * 4e5)
+    assert lines["probe.film.bond_to_block.youngs_modulus"].sd == pytest.approx(0.02 * 1e9)
+    assert TEMPERATURE_NAME in lines  # of the tape
+    given = {TEMPERATURE_NAME: "1 K", "probe.film.thickness": "2 um", "probe.film.bond_to_base.youngs_modulus": "30 %"}
+    sds = {line.name: line.sd for line in tolerances(build(film), samples=64, given=given).lines}
+    assert [sds[name] for name in given] == pytest.approx([1.0, 2e-6, 0.3 * 4e5])
+    glued = {line.name for line in tolerances(build({"bond_to_base": GLUE, "bond_to_block": GLUE}), samples=64).lines}
+    assert TEMPERATURE_NAME not in glued
+    with pytest.raises(InputError, match="from 0 K to 30 K"):
+        tolerances(build(film), samples=64, given={TEMPERATURE_NAME: "5 %"})
+
+
+def test_stresses_have_the_budget_of_the_blocks_alone() -> None:
+    names = {line.name for line in tolerances(build(FILM, "stress"), samples=64).lines}
+    assert not any(name.startswith("probe.film") or name in (SHARED, TEMPERATURE_NAME) for name in names)
+
+
+def test_charges_by_psi_have_the_budget_of_forces() -> None:
+    """Each charge is a multiple of the force: contributions to ln ratio are those of the stresses, samples included."""
+    charge, stress = (tolerances(build({"psi1": 0.2, "psi2": 0.1}, key), samples=64) for key in ("charge", "stress"))
+    assert charge.lines == stress.lines
+    assert charge.outputs == stress.outputs
+
+
+def test_off_the_axis_there_are_no_derivatives_of_charges() -> None:
+    scene = build(FILM)
+    moved = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update={"x": 4e-3}),)})
+    with pytest.raises(Refusal, match=r"reading\.observable"):
+        tolerances(moved, samples=64)
+
+
+def test_drawings_name_films_and_bonds_in_words() -> None:
+    scatters = {scatter.name: scatter.words for scatter in build_budget(build(FILM).probe, budget().lines, 0.01).scatter}
+    assert scatters["probe.film.bond_to_base.thickness"] == "films' bond to base, thickness"
+    assert scatters["probe.film.electrode_inset"] == "films' electrode inset"
+    assert scatters[SHARED] == "tape-50um's modulus"
+    assert scatters[TEMPERATURE_NAME] == "films' temperature"
+    assert scatters["probe.outer.youngs_modulus"] == "outer block's modulus"
