@@ -88,6 +88,15 @@ def _integrate_side(sample: MeshSample, element: int, corners: np.ndarray, radiu
     return 0.0
 
 
+def test_film_state_and_direct_integral_agree() -> None:
+    """Reciprocity: the energy of film state and base state is that of the actuator's strain and the base state in the film alone."""
+    sample = solve(build_scene(TAPES))
+    states, model = sample.states, sample.states.model
+    loads = model.system.stiffness @ states.edge[..., :2]
+    direct = np.einsum("eps,epj->sj", model.lift[..., 2:], loads)
+    np.testing.assert_allclose(direct, states.products[2:], rtol=1e-8, atol=1e-10 * np.abs(direct).max())
+
+
 def test_a_film_that_cannot_stretch() -> None:
     """Rigidly bonded between stiff faces a thin film is clamped: d33 + 2 d_p nu / (1 - nu), FILM.md eq. 3."""
     scene = build_scene("probe/bare/plain-6").replace(
