@@ -89,7 +89,7 @@ def _integrate_side(sample: MeshSample, element: int, corners: np.ndarray, radiu
 
 
 def test_film_state_and_direct_integral_agree() -> None:
-    """Reciprocity: the energy of film state and base state is that of the actuator's strain and the base state in the film alone."""
+    """Reciprocity: film state and base state have the energy that actuator and base state have in the film alone."""
     sample = solve(build_scene(TAPES))
     states, model = sample.states, sample.states.model
     loads = model.system.stiffness @ states.edge[..., :2]
