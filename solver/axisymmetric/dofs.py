@@ -96,7 +96,7 @@ def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0
     Dofs that are fixed have no unknown (number -1); dofs that are tied by the contact share one.
     """
     probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
-    functions, signs, ends = _number_functions(compute_labels(mesh), probe, order)
+    functions, signs, ends = number_functions(compute_labels(mesh), probe, order)
     owner, fixed, unit_shift = _find_ties(mesh, ends, interface, FIXED_ON_AXIS.get(m, (True, True, True)))
     components = owner.shape[1]
     number = np.full(owner.max() + 1, -1)  # the unknown of each dof, -1 where fixed
@@ -111,9 +111,9 @@ def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0
         vertical[1, :4] = 1.0
     all_signs = np.tile(signs, components)
     degrees = np.repeat(ends[:, 5], components).astype(int)[free]  # ties are between functions of one degree
-    pattern = _build_pattern(dofs, all_signs, len(free))
+    pattern = build_pattern(dofs, all_signs, len(free))
     return Numbering(
-        _build_gather(dofs, all_signs, len(free)),
+        build_gather(dofs, all_signs, len(free)),
         lift.reshape(len(functions), -1, 2),
         *pattern,
         all_signs,
@@ -162,7 +162,7 @@ def select_subspace(numbering: Numbering, degree: int) -> Subspace:
     return Subspace(np.flatnonzero(inside), entries, number[numbering.rows[entries]], starts)
 
 
-def _number_functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
+def number_functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
     """Assign numbers to the functions on corners and edges, separately for probe and tissue.
 
     Returns the numbers and signs of each element's functions, shape (n, 4 p) both, and a row for each function: the two ends of
@@ -207,7 +207,7 @@ def _find_ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[b
     mesh
         The mesh, whose layout gives the lines of surface, blocks and supports.
     ends
-        A row (r, z, r, z, probe, degree) for each function, see ``_number_functions``.
+        A row (r, z, r, z, probe, degree) for each function, see ``number_functions``.
     interface
         How blocks and tissue touch.
     axis
@@ -241,7 +241,7 @@ def _find_ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[b
     return owner, fixed, np.stack(shifted, axis=-1).astype(float)
 
 
-def _build_gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
+def build_gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
     """Return the sparse matrix that gives the elements' own values from the unknowns.
 
     ``dofs`` are the unknowns of these values, negative where fixed, and ``signs`` their signs; shape (n, values) both.
@@ -251,7 +251,7 @@ def _build_gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
     return sp.csr_array((signs.ravel()[free], dofs.ravel()[free], starts), shape=(dofs.size, unknowns))
 
 
-def _build_pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
+def build_pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
     """Return rows and column starts of the system's matrix, and the sparse matrix that sums elements' entries to its entries.
 
     ``dofs`` are the unknowns of the elements' own values, negative where fixed, and ``signs`` their signs; shape (n, values)
