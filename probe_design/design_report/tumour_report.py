@@ -93,7 +93,8 @@ def build_comparison_table(optimum: TumourOptimum) -> Table:
 def describe_noise(optimum: TumourOptimum) -> str:
     """Return the noise for which the standard deviations hold, in words."""
     noise = optimum.noise
-    return f"noise {noise.ratio:g} on the ratio, {noise.charge * 1e12:g} pC on each channel's charge"
+    observable = "ratio of charges" if optimum.design.scene.observable == "charge" else "ratio"
+    return f"noise {noise.ratio:g} on the {observable}, {noise.charge * 1e12:g} pC on each channel's charge"
 
 
 def build_verified_table(optimum: TumourOptimum) -> Table:
@@ -102,8 +103,8 @@ def build_verified_table(optimum: TumourOptimum) -> Table:
     number_headings = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
     rows = list[tuple[str, ...]]()
     for name, item in [("start", optimum.start), *((f"{k + 1}", item) for k, item in enumerate(optimum.finalists))]:
-        result, objectives = item.result, (item.formula_value, item.value, item.lower, item.upper)
-        values = (*objectives, result.ratio, result.log_sensitivity, result.error_estimate)
+        read = item.ratio_read
+        values = (item.formula_value, item.value, item.lower, item.upper, *(read[key] for key in number_headings[4:]))
         cells = [text for _, text in (*_list_design_cells(item), *_list_load_cells(item))]
         rows.append((name, *cells, item.evaluator, *(f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values)))
     return Table(("design", *names, "evaluator", *number_headings), rows)
@@ -161,17 +162,15 @@ def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> 
     """
     linear = verified.linear or verified
     if evaluator_name == "closed-form":
-        sensitivity = linear.formula_result.log_sensitivity if linear.formula_result else None
+        sensitivity = linear.read_ratio(linear.formula_result)["log_sensitivity"] if linear.formula_result else None
         return [
             ("log-sensitivity", format_number(sensitivity)),
             ("sd of ln E_object", format_number(linear.formula_value)),
         ]
     evaluated = next((item for item in (verified, linear) if item.evaluator == evaluator_name), None)
-    shown, result = evaluated or verified, (evaluated or verified).result
+    shown = evaluated or verified
     rows = [
-        ("ratio", result.ratio),
-        ("error estimate", result.error_estimate),
-        ("log-sensitivity", result.log_sensitivity),
+        *((key.replace("_", " ").replace("log ", "log-"), value) for key, value in shown.ratio_read.items()),
         ("sd of ln E_object", shown.value),
         ("least sd", shown.lower),
         ("most sd", shown.upper),

@@ -108,7 +108,7 @@ def _evaluate_loads(
     if reach.limited_by == LAST_CONVERGED and (denser := contact_scene.add_contact_points()) is not None:
         reach = max(reach, _find_reach(denser, design.scene), key=lambda item: item.max_size)
     loads = [(reach.load, reach.limited_by)]
-    best = _find_interior_load(noise, reach)
+    best = _find_interior_load(design.scene, noise, reach)
     if best is not None:
         loads.append((best, BEST_LOAD))
     for wanted, reason in loads:
@@ -211,13 +211,13 @@ def _find_path_closure(path: Path) -> LargestLoad:
     return LargestLoad(last.force, last.indentation, GAP_CLOSURE)
 
 
-def _find_interior_load(noise: Noise, reach: Reach) -> Load | None:
+def _find_interior_load(scene: Scene, noise: Noise, reach: Reach) -> Load | None:
     """Return the load below the largest at which the standard deviation of ln E_object is minimum; None if the largest is best.
 
     It is the vertex of a parabola through the best load solved and both its neighbours, in the logarithms of both.
     """
     sizes = [size for size, _ in reach.allowed_points]
-    values = [compute_objective(item.films, noise, item.point.force) for _, item in reach.allowed_points]
+    values = [compute_objective(scene, item.films, noise, item.point.force) for _, item in reach.allowed_points]
     k = int(np.argmin(values)) if values else 0
     # the best is the last, the largest load, or a neighbour of the best has no value
     if k >= len(values) - 1 or not np.isfinite(values[max(0, k - 1) : k + 2]).all():
@@ -280,12 +280,12 @@ def _build_loaded_design(
     scene = design.scene.model_copy(update={"load": pressing.load})
     solution = ContactEvaluator().build_solution(scene, VERIFICATION_ACCURACY, pressed_scene, [result])
     contact_result = solution.build_result(CONTACT_EVALUATOR, scene, perf_counter() - begin)
-    lower, upper = bound_objective(result.films, noise, pressing)
+    lower, upper = bound_objective(scene, result.films, noise, pressing)
     return replace(
         design,
         result=replace(contact_result, load_limits=design.result.load_limits),
         pressing=pressing,
-        value=compute_objective(result.films, noise, pressing.force),
+        value=compute_objective(scene, result.films, noise, pressing.force),
         lower=lower,
         upper=upper,
         linear=design,

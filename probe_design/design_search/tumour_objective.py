@@ -1,15 +1,15 @@
 """Compute the objective for one tumour read once: the standard deviation of ln E_object after the reading of the ratio.
 
-With g the noise of the ratio, half of its variance from each channel, q0 the charge noise and Q_j = |d33| F_j the charge of
-channel j under the force that ``loads`` allows the design (PHYSICS section 2),
+With g the noise of the ratio, half of its variance from each channel, q0 the charge noise and Q_j the charge of channel j under
+the force that ``loads`` allows the design (PHYSICS section 2), that of its film where the scene reads charges, else |d33| F_j,
 
     v_j = g^2 / 2 + (q0 / Q_j)^2                    (DS.4)
     I   = S^2 / (v_inner + v_outer)                 (DS.5)
     sd  = I^(-1/2), smaller is better               (DS.6)
 
-with v_j the variance of ln F_j, S the log-sensitivity of the ratio, I the information about ln E_object and sd its standard
-deviation. The derivative d(ratio)/dE alone would favour designs whose outer film carries no load and reads only noise. A search
-maximises -ln sd.
+with v_j the variance of ln Q_j, S the log-sensitivity of the ratio of charges or of stresses that is read, I the information
+about ln E_object and sd its standard deviation. The derivative d(ratio)/dE alone would favour designs whose outer film carries no
+load and reads only noise. A search maximises -ln sd.
 """
 
 from __future__ import annotations
@@ -81,7 +81,9 @@ class Noise:
         """Return the noise of a scene's probe, with the charge per force of its film if it has one."""
         return cls(ratio, charge_per_force=find_charge_per_force(scene.probe))
 
-    def compute_information(self, sensitivity: Any, inner_fraction: Any, force: Any) -> Any:
+    def compute_information(
+        self, sensitivity: Any, inner_fraction: Any, force: Any, charge_per_force: tuple[Any, Any] | None = None
+    ) -> Any:
         """Return the Fisher information of one reading of the ratio about ln E_object (eqs. DS.4, DS.5); floats or arrays.
 
         Parameters
@@ -92,9 +94,13 @@ class Noise:
             Inner film's fraction of the force; the outer film has the remainder.
         force
             Force on the probe, N.
+        charge_per_force
+            Of the inner and the outer film, C/N, above 0; default: that of ``self`` for both.
         """
-        charge_error = self.charge / (self.charge_per_force * force)  # of a film that had the whole force
-        inner, outer = charge_error / inner_fraction, charge_error / (1 - inner_fraction)
+        inner_charge, outer_charge = charge_per_force or (self.charge_per_force, self.charge_per_force)
+        # the first quotient is the relative error of a film's charge if the film had the whole force
+        inner = self.charge / (inner_charge * force) / inner_fraction
+        outer = self.charge / (outer_charge * force) / (1 - inner_fraction)
         variance = self.ratio**2 + inner**2 + outer**2
         return sensitivity**2 / variance
 
@@ -150,7 +156,9 @@ class TumourObjective(SearchObjective):
         values = self.compute_log_precision(sizes, totals, derivatives[0] / totals[0] - derivatives[1] / totals[1])
         return values, 0 * values
 
-    def compute_log_precision(self, sizes: ProbeSizes, totals: Array, sensitivity: Array) -> Array:
+    def compute_log_precision(
+        self, sizes: ProbeSizes, totals: Array, sensitivity: Array, charge_per_force: Array | None = None
+    ) -> Array:
         """Return -ln sd, eq. DS.6, of n designs, shape (n,).
 
         Parameters
@@ -160,10 +168,13 @@ class TumourObjective(SearchObjective):
         totals
             Forces on both films per unit indentation, N/m, shape (2, n).
         sensitivity
-            Log-sensitivity S of the ratio, shape (n,).
+            Log-sensitivity S of the ratio that is read, shape (n,).
+        charge_per_force
+            Of both films, C/N, of any sign, shape (2, n); default: |d33|.
         """
         force = self.rule.compute_forces(sizes, totals.T[:, None], np.zeros(1, dtype=int))[:, 0]
-        return 0.5 * np.log(self.noise.compute_information(sensitivity, totals[0] / (totals[0] + totals[1]), force))
+        per_force = None if charge_per_force is None else tuple(np.where(part.real < 0, -part, part) for part in charge_per_force)
+        return 0.5 * np.log(self.noise.compute_information(sensitivity, totals[0] / (totals[0] + totals[1]), force, per_force))
 
 
 class FiniteElementObjective:
@@ -198,10 +209,11 @@ class FiniteElementObjective:
         """See ``ExactGradients.gradient``; Poisson's ratios are the start's."""
         outputs, jacobian = self.films.compute(x)
         steps = build_complex_steps(x, which)
-        # first order in the complex steps, which is exact for the derivatives; outputs: ratio, film stresses, log-sensitivity
-        _, inner, outer, sensitivity = outputs[:, None] + jacobian @ (steps - x[:, None])
+        # first order in the complex steps, which is exact for the derivatives; see ``output_names``
+        _, inner, outer, sensitivity, *charges = outputs[:, None] + jacobian @ (steps - x[:, None])
         sizes = ProbeSizes.from_vector(steps)
         totals = np.array([inner, outer]) * np.array(sizes.areas) / UNIT_INDENTATION_M
         with np.errstate(all="ignore"):
-            values = self.formulas.compute_log_precision(sizes, totals, sensitivity)
+            per_force = np.array(charges) / UNIT_INDENTATION_M / totals if charges else None
+            values = self.formulas.compute_log_precision(sizes, totals, sensitivity, per_force)
         return np.array([values[0].real, 0.0]), np.array([values.imag, 0 * values.imag]) / COMPLEX_STEP_RELATIVE

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Refusal
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
@@ -28,6 +29,7 @@ from solver.results.film_forces import FilmForces
 
 GAIN_SIGNIFICANCE = 2.0  # times the combined error: a gain beyond it counts
 VERIFICATION_ACCURACY = 0.01  # of the evaluator
+MIN_CHARGE_FRACTION = 1e-6  # of a charge, which is left of it where its error is as large: its noise is then without bound
 FINER_ACCURACY = 0.001  # of the evaluator if its errors at ``VERIFICATION_ACCURACY`` hide a gain
 
 
@@ -143,6 +145,19 @@ class TumourVerification:
         return self.result.evaluator
 
     @property
+    def ratio_read(self) -> dict[str, float | None]:
+        """``read_ratio`` of the result."""
+        return self.read_ratio(self.result)
+
+    def read_ratio(self, result: Result) -> dict[str, float | None]:
+        """Return the ratio that readings of the scene are, its error estimate and log-sensitivity, of charges or of stresses."""
+        keys = ("ratio", "error_estimate", "log_sensitivity")
+        if self.scene.observable == "charge":
+            keys = ("charge_ratio", "charge_ratio_error", "charge_log_sensitivity")
+        values = (getattr(result, key) for key in keys)
+        return dict(zip(("ratio", "error_estimate", "log_sensitivity"), values, strict=True))
+
+    @property
     def objective(self) -> tuple[float, float]:
         """Standard deviation of ln E_object and its error bound, which is inf if there is none."""
         return self.value, max(self.upper - self.value, self.value - self.lower) if self.upper < math.inf else math.inf
@@ -252,13 +267,13 @@ def verify_tumour_design(
     solution = evaluate_films(scene, evaluator_name, accuracy)
     films = solution.films[0]
     pressing = compute_pressing(scene, float(films.totals.sum()), rule)
-    lower, upper = bound_objective(films, noise, pressing)
+    lower, upper = bound_objective(scene, films, noise, pressing)
     result = solution.build_result(evaluator_name, _set_load(scene, pressing), perf_counter() - start)
     verified = TumourVerification(
         scene=scene,
         result=replace(result, load_limits=build_limits(rule, MAX_RATIO_CHANGE_RELATIVE, promise=True)),
         pressing=pressing,
-        value=compute_objective(films, noise, pressing.force),
+        value=compute_objective(scene, films, noise, pressing.force),
         lower=lower,
         upper=upper,
     )
@@ -268,7 +283,10 @@ def verify_tumour_design(
     films = formula_solution.films[0]
     pressing = compute_pressing(scene, float(films.totals.sum()), rule)
     formula_result = formula_solution.build_result("closed-form", _set_load(scene, pressing), 0.0)
-    return replace(verified, formula_result=formula_result, formula_value=compute_objective(films, noise, pressing.force))
+    verified = replace(verified, formula_result=formula_result)
+    with suppress(Refusal):  # a closed form without charges has no objective
+        return replace(verified, formula_value=compute_objective(scene, films, noise, pressing.force))
+    return verified
 
 
 def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICATION_ACCURACY) -> FilmSolution:
@@ -294,21 +312,44 @@ def _set_load(scene: Scene, pressed: Pressing) -> Scene:
     return scene.model_copy(update={"load": pressed.load})
 
 
-def compute_objective(films: FilmForces, noise: Noise, force: float) -> float:
-    """Return the standard deviation of ln E_object under a force, N; inf where a film's stress is below its own error.
+def compute_objective(scene: Scene, films: FilmForces, noise: Noise, force: float) -> float:
+    """Return the standard deviation of ln E_object under a force, N; inf where a film's stress or charge is below its own error.
 
     Parameters
     ----------
+    scene
+        The scene, whose readings are ratios of charges or of stresses.
     films
-        Forces on both films with the log-sensitivity.
+        Forces on both films with the log-sensitivity, and their charges where these are read.
     noise
         Noise of a reading.
     force
         Force on the probe, N.
+
+    Raises
+    ------
+    Refusal
+        The scene reads charges, and these are not known.
     """
-    if films.stress_below_error is not None or films.log_sensitivity is None:
+    observable = films.get_observable(scene)
+    if not _is_resolved(films, observable) or observable.log_sensitivity is None:
         return math.inf
-    return standard_deviation(noise.compute_information(films.log_sensitivity, _compute_inner_fraction(films), force))
+    per_force = _compute_charge_per_force(films, observable)
+    information = noise.compute_information(observable.log_sensitivity, _compute_inner_fraction(films), force, per_force)
+    return standard_deviation(information)
+
+
+def _is_resolved(films: FilmForces, observable: FilmForces) -> bool:
+    """Return whether forces and what is read of them are above their own errors, on both films."""
+    return films.stress_below_error is None and observable.stress_below_error is None
+
+
+def _compute_charge_per_force(films: FilmForces, observable: FilmForces) -> tuple[float, float] | None:
+    """Return the charge per force of both films, C/N, without sign; None where the observable are the forces themselves."""
+    if observable is films:
+        return None
+    inner, outer = np.abs(observable.totals / films.totals).tolist()
+    return inner, outer
 
 
 def merge_designs(verified: Iterable[TumourVerification]) -> tuple[TumourVerification, ...]:
@@ -325,22 +366,50 @@ def _compute_inner_fraction(films: FilmForces) -> float:
     return float(films.totals[0] / films.totals.sum())
 
 
-def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
+def bound_objective(scene: Scene, films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
     """Return lower and upper bounds of the standard deviation of ln E_object under the load of ``pressed``.
 
     The log-sensitivity errs by the evaluator's error and by finite strain. The ratio does as well, which changes how the force
-    is divided between the films and so the charge noise. The upper bound is inf where the sensitivity may be 0.
+    is divided between the films and so the charge noise; charges err by their own errors. The upper bound is inf where the
+    sensitivity may be 0.
+
+    Raises
+    ------
+    Refusal
+        The scene reads charges, and these are not known.
     """
-    sensitivities = films.film_log_sensitivities
-    if films.stress_below_error is not None or films.log_sensitivity is None or sensitivities is None:
+    observable = films.get_observable(scene)
+    sensitivities = observable.film_log_sensitivities
+    if not _is_resolved(films, observable) or observable.log_sensitivity is None or sensitivities is None:
         return 0.0, math.inf
-    sensitivity, inner_fraction = abs(films.log_sensitivity), _compute_inner_fraction(films)
+    sensitivity = abs(observable.log_sensitivity)
     strain_error = compute_sensitivity_size(sensitivities) * bound_log_sensitivity_change(pressed.x)
-    error = films.sensitivity_error + strain_error
-    shift = films.bound.log_ratio + pressed.change
+    error = observable.sensitivity_error + strain_error
+    if observable is films:
+        unit_sds = _bound_noise_of_forces(films, noise, pressed)
+    else:
+        unit_sds = _bound_noise_of_charges(films, observable, noise, pressed)
+    return min(unit_sds) / (sensitivity + error), max(unit_sds) / (sensitivity - error) if sensitivity > error else math.inf
+
+
+def _bound_noise_of_forces(films: FilmForces, noise: Noise, pressed: Pressing) -> list[float]:
+    """Return standard deviations for a log-sensitivity of 1 at the lowest, computed and highest ratio of the forces."""
+    inner_fraction, shift = _compute_inner_fraction(films), films.bound.log_ratio + pressed.change
     force_ratios = inner_fraction / (1 - inner_fraction) * np.exp([-shift, 0.0, shift])  # inner over outer force
-    # standard deviations for a log-sensitivity of 1, at the lowest, computed and highest ratio
-    unit_sds = [
+    return [
         standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in force_ratios.tolist()
     ]
-    return min(unit_sds) / (sensitivity + error), max(unit_sds) / (sensitivity - error) if sensitivity > error else math.inf
+
+
+def _bound_noise_of_charges(films: FilmForces, charges: FilmForces, noise: Noise, pressed: Pressing) -> list[float]:
+    """Return standard deviations for a log-sensitivity of 1 with both charges at their lowest, computed and highest values.
+
+    A charge at a given force errs by its own error at a given indentation, by that of the stiffness and by finite strain.
+    """
+    fraction, per_force = _compute_inner_fraction(films), np.abs(charges.totals / films.totals)
+    errors = charges.relative_errors + films.stiffness_error + pressed.change
+    unit_sds = []
+    for sign in (-1.0, 0.0, 1.0):
+        inner, outer = (per_force * np.maximum(1 + sign * errors, MIN_CHARGE_FRACTION)).tolist()
+        unit_sds.append(standard_deviation(noise.compute_information(1.0, fraction, pressed.force, (inner, outer))))
+    return unit_sds

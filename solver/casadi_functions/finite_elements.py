@@ -8,7 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import ProbeError
+from geometry.common.errors import ProbeError, Refusal
 from geometry.meridian.mesh_lines import Kind, MeshTopology
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
@@ -22,11 +22,18 @@ from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.results.result import Decision
 
-OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
+STRESS_OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
+"""Outputs for scenes that read stresses."""
+CHARGE_OUTPUTS = (
+    "charge_ratio", "stress_inner", "stress_outer", "charge_log_sensitivity", "charge_inner", "charge_outer",
+)  # fmt: skip
+"""Outputs for scenes that read charges: ratio and log-sensitivity are those of the charges, which follow them."""
 
 
 class FilmCallback(DifferentiableFunction):
-    """Ratio, stress_inner, stress_outer and log_sensitivity of a scene as functions of some of its numbers x, SI.
+    """Ratio, stresses, log-sensitivity and charges of a scene as functions of some of its numbers x, SI.
+
+    ``output_names`` lists them: ``STRESS_OUTPUTS``, or ``CHARGE_OUTPUTS`` where the scene reads charges.
 
     The mesh that meets the accuracy at the scene itself is used throughout: its nodes move smoothly with x, and so do the
     outputs. A design that does not fit this mesh gets a mesh of its own kind. An invalid scene, or one that cannot be solved,
@@ -46,7 +53,7 @@ class FilmCallback(DifferentiableFunction):
     InputError
         A variable is not one of the scene's.
     Refusal
-        ``axisymmetric`` cannot take the scene.
+        ``axisymmetric`` cannot take the scene, or a charge that it reads is not known.
     """
 
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
@@ -55,13 +62,23 @@ class FilmCallback(DifferentiableFunction):
         layout, plan = self.solve_start(accuracy)
         self.kind, self.fineness = layout.kind, layout.fineness
         self.layered = any(decision.modelled for decision in plan)
-        self.begin("films", len(variables), len(OUTPUT_NAMES))
+        self.begin("films", len(variables), len(self.output_names))
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs, in their order."""
+        return CHARGE_OUTPUTS if self.scene.observable == "charge" else STRESS_OUTPUTS
 
     def solve_start(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
         """Solve the scene itself and check the variables; return the mesh and the plan of details."""
         start = Axisymmetric().compute_converged(self.scene, accuracy)
-        compute_gradients(self.scene, start.sample, self.variables)
+        self.check_outputs(compute_gradients(self.scene, start.sample, self.variables))
         return start.sample.states.model.mesh.layout, start.plan
+
+    def check_outputs(self, gradients: Gradients) -> None:
+        """Raise ``Refusal`` where the gradients lack an output: those of the charges that the scene reads."""
+        if not set(self.output_names) <= set(gradients.values):
+            raise Refusal("reading.observable", "charge", "'stress' for derivatives that leave out the charges")
 
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind; of its own where ``kind`` is None.
@@ -76,11 +93,10 @@ class FilmCallback(DifferentiableFunction):
 
     def compute(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the outputs and their derivatives at x; NaN where the scene is invalid or cannot be solved."""
-        solution = self._try_differentiate(x)
+        solution, names = self._try_differentiate(x), self.output_names
         if solution is None:
-            return np.full(len(OUTPUT_NAMES), np.nan), np.full((len(OUTPUT_NAMES), len(x)), np.nan)
-        values = [solution.values[name][0] for name in OUTPUT_NAMES]
-        return np.array(values), np.array([solution.derivatives[name][0] for name in OUTPUT_NAMES])
+            return np.full(len(names), np.nan), np.full((len(names), len(x)), np.nan)
+        return np.array([solution.values[name][0] for name in names]), np.array([solution.derivatives[name][0] for name in names])
 
     def _try_differentiate(self, x: Floats) -> Gradients | None:
         """Return the outputs and derivatives at x; None where the scene is invalid or cannot be solved.
@@ -119,7 +135,8 @@ class TumourCallback(FilmCallback):
     def solve_start(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
         """Solve the scene itself and check the variables, to first order; see ``FilmCallback.solve_start``."""
         base = EquivalentInclusion().prepare(self.scene, accuracy)
-        compute_tumour_gradients(self.scene, solve_first_order(self.scene, build_sections(self.scene)), self.variables)
+        first_order = solve_first_order(self.scene, build_sections(self.scene))
+        self.check_outputs(compute_tumour_gradients(self.scene, first_order, self.variables))
         return base.field.states.model.mesh.layout, base.plan
 
     def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
