@@ -16,6 +16,7 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.workshop.csv_lists import combine_scatter
 from geometry.workshop.film_pattern import FilmPattern
 from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, MouldSizes, compute_cavity_volume
+from geometry.workshop.parts import describe_bond
 from geometry.workshop.sheet import DIAMETER_SIGN, format_number
 from geometry.workshop.tolerance import (
     CASTING_PROCESS,
@@ -108,23 +109,15 @@ def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[s
     if any(film.stack_height > film.thickness for film in probe.film.by_block):
         heights = [f"{format_number(1e3 * film.stack_height)} mm" for film in probe.film.by_block]
         text = heights[0] if heights[0] == heights[1] else f"{heights[0]} (inner) and {heights[1]} (outer)"
-        steps.append(f"Measure the height of film and bonds between block and base: {text}; press out what is thicker.")
+        steps.append(f"Measure the height of film and bonds between block and base: {text}; other heights change the charges.")
     return steps
 
 
 def _describe_bonds(bonds: Sequence[Bond | None], key: str) -> str:
     """Return with what the inner and the outer film are bonded on one side, " with ..."; ``key`` is that of the scene."""
     thin = f"adhesive as thin as it goes (the scene has no {key})"
-    inner, outer = (_describe_bond(bond) or (thin if bond is None else "adhesive as thin as it goes") for bond in bonds)
+    inner, outer = (describe_bond(bond) or (thin if bond is None else "adhesive as thin as it goes") for bond in bonds)
     return f" with {inner}" if inner == outer else f": the inner one with {inner}, the outer one with {outer}"
-
-
-def _describe_bond(bond: Bond | None) -> str | None:
-    """Return what a bond with a thickness is, in words; None for a rigid one."""
-    if bond is None or bond.is_rigid:
-        return None
-    thickness = f"{format_number(1e3 * bond.thickness)} mm"
-    return f"{thickness} of bond" if bond.name is None else f"{bond.name} ({thickness})"
 
 
 def _describe_exit(pattern: FilmPattern) -> str:

@@ -9,6 +9,7 @@ from typing import Literal
 
 from geometry.cad.materials import PartMaterial, find_part_materials
 from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.film import Bond
 from geometry.scenes.probe import Probe
 from geometry.workshop.outlines import (
     Millimetres,
@@ -334,6 +335,24 @@ def build_section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, 
 
 
 def list_parts(probe: Probe, materials: Mapping[str, PartMaterial]) -> tuple[str, ...]:
-    """Return the lines of the assembly's list, in the order of its items."""
+    """Return the lines of the assembly's list, in the order of its items, and below them those on bonds."""
     names = [name for name in ASSEMBLY_ITEMS if probe.film is not None or not name.startswith("film")]
-    return tuple(f"{item}  {DRAWING_TITLES[name]}: {materials[name].text}" for item, name in enumerate(names, start=1))
+    parts = tuple(f"{item}  {DRAWING_TITLES[name]}: {materials[name].text}" for item, name in enumerate(names, start=1))
+    return (*parts, *_list_bonds(probe))
+
+
+def _list_bonds(probe: Probe) -> list[str]:
+    """Return a line on the bonds of both films, or one on those of each where they differ; none without bonds."""
+    films = () if probe.film is None else probe.film.by_block
+    sides = [(("base", film.bond_to_base), ("block", film.bond_to_block)) for film in films]
+    texts = [", ".join(f"to the {side} with {text}" for side, bond in pairs if (text := describe_bond(bond))) for pairs in sides]
+    titles = ("Film",) if len(set(texts)) == 1 else (DRAWING_TITLES["film-inner"], DRAWING_TITLES["film-outer"])
+    return [f"{title} bonded {text}" for title, text in zip(titles, texts, strict=False) if text]
+
+
+def describe_bond(bond: Bond | None) -> str | None:
+    """Return what a bond with a thickness is, in words; None for a rigid one."""
+    if bond is None or bond.is_rigid:
+        return None
+    thickness = f"{format_number(1e3 * bond.thickness)} mm"
+    return f"{thickness} of bond" if bond.name is None else f"{bond.name} ({thickness})"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pypdf import PdfReader
 
 from geometry.cad import export
 from geometry.scenes.film import Film
@@ -87,6 +88,13 @@ def test_drawings_give_the_heights(alike: Path, different: Path) -> None:
     assert [0.11 in read_sizes(different / f"film-{name}.dxf") for name in ("inner", "outer")] == [True, False]
     assert 0.052 in read_sizes(different / "film-outer.dxf")
     assert 0.008 in read_sizes(different / "base.dxf")
+
+
+def test_the_assembly_s_list_names_the_bonds(alike: Path, different: Path) -> None:
+    text = PdfReader(alike / "assembly.pdf").pages[0].extract_text()
+    assert "Film bonded to the base with tape-50um (0.05 mm), to the block with tape-50um (0.05 mm)" in text
+    text = PdfReader(different / "assembly.pdf").pages[0].extract_text()
+    assert "Outer film bonded to the base with epoxy-20um (0.02 mm), to the block with tape-130um (0.13 mm)" in text
 
 
 def read_bill(folder: Path) -> dict[str, dict[str, str]]:
