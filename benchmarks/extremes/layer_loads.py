@@ -159,7 +159,8 @@ def _changes(loaded_scene: LoadedScene, path: Path, places: Floats) -> Floats:
     films = CubicHermiteSpline(depth, [point.films for point in points], [point.tangent for point in points])(places).T
     secants = np.tile(start.tangent[:, None], len(places))
     secants[:, 1:] = films[:, 1:] / places[1:]
-    derivatives = PchipInterpolator(depth, [loaded_scene.compute_sensitivity(path, point) for point in points])(places)
+    forces = loaded_scene.outputs[0]
+    derivatives = PchipInterpolator(depth, [forces.compute_sensitivity(path, point) for point in points])(places)
     inner, outer = secants / start.tangent[:, None]
     stiffness = secants.sum(axis=0) / start.tangent.sum()
     return np.array([inner / outer - 1, inner - 1, outer - 1, stiffness - 1, derivatives - derivatives[0]])

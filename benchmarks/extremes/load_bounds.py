@@ -159,11 +159,12 @@ def _compute_used_shares(loaded_scene: LoadedScene, rule: LoadRule, force: float
     _, path = loaded_scene.paths
     _, point = (path_point.press_to_force(force) for path_point in loaded_scene.paths)
     start, bound = path.points[0], bound_ratio_change(rule.compute_x(force), rule.covered)
-    difference = loaded_scene.compute_differences(point.indentation)
-    films = np.abs(point.films / point.indentation / start.tangent - 1) - difference.films
-    stiffness = abs(point.force / point.indentation / start.tangent.sum() - 1) - difference.films.max()
+    outputs = loaded_scene.outputs[0]
+    difference = outputs.compute_differences(point.indentation)
+    films = np.abs(point.films / point.indentation / start.tangent - 1) - difference.outputs
+    stiffness = abs(point.force / point.indentation / start.tangent.sum() - 1) - difference.outputs.max()
     odds = abs(_ratio(point.films) / _ratio(start.tangent) - 1) - difference.log_ratio
-    first, then = loaded_scene.compute_sensitivity(path, start), loaded_scene.compute_sensitivity(path, point)
+    first, then = outputs.compute_sensitivity(path, start), outputs.compute_sensitivity(path, point)
     size = compute_sensitivity_size(loaded_scene.linear.films[0].film_log_sensitivities or (0.0, 0.0))
     derivative = max(0.0, abs(then - first) - MIN_SLOPE_DIFFERENCE - difference.sensitivity * max(abs(first), abs(then))) / size
     strained = (odds / bound, films.max() / bound, stiffness / bound)

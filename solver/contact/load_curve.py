@@ -149,12 +149,13 @@ class _LimitChange:
 
 def _list_changes(loaded: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitChange]:
     """Yield the values that limit linear elasticity: the ratio, and the log-sensitivity of a scene with a target."""
-    yield _LimitChange("ratio", _compute_ratio, accuracy)
+    read = loaded.read_outputs
+    yield _LimitChange("ratio", lambda path, point: read.compute_ratio(point), accuracy)
     fine = loaded.paths[1]  # the finer of two meshes
-    rest_sensitivity = abs(loaded.compute_sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
+    rest_sensitivity = abs(read.compute_sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
     if rest_sensitivity:
         tolerance = float(compute_sensitivity_tolerance(accuracy, rest_sensitivity))
-        yield _LimitChange("log_sensitivity", loaded.compute_sensitivity, tolerance / rest_sensitivity)
+        yield _LimitChange("log_sensitivity", read.compute_sensitivity, tolerance / rest_sensitivity)
 
 
 def _refine_limit(loaded: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:
@@ -181,12 +182,6 @@ def _find_closure(loaded: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
         reason = str(fault)
     state = "touch, but no step before that converges" if is_gap_closed(path) else f"are apart up to {path.last.force:.3g} N"
     return None, [Note("linear", f"gap_closure_load is null: the walls {state}, {reason}")]
-
-
-def _compute_ratio(path: Path, point: PathPoint) -> float:
-    """Return the ratio of the film forces, inner over outer; at rest, where both are zero, that of their derivatives."""
-    films = point.films if point.indentation > 0 else point.tangent
-    return float(films[0] / films[1])
 
 
 def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
@@ -15,6 +14,7 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
+from solver.contact.loaded_outputs import NO_DIFFERENCES, LoadedOutputs, MeshDifferences
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
@@ -23,7 +23,6 @@ from solver.results.film_forces import Bound, FilmForces
 MESH_FINENESSES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
 SPRING_SHARES = {2: 0.25, 3: 0.5, 4: 1.0}  # friction springs' stiffness by mesh order, so that meshes show the springs' error
 LINEAR_SHARE = 0.2  # of the accuracy, for the linear solution
-MESH_SAFETY_FACTOR = 2.0  # times the maximum difference of two meshes on the load path
 SMALL_INDENTATION_RELATIVE = 1e-5  # indentation, in units of a path, below which the linear result holds within ...
 LIGHT_INDENTATION_RELATIVE = 1e-3  # likewise where faces may open: the contact area no longer changes below it
 MIN_ERROR_RELATIVE = 1e-4  # ... this relative amount, the minimum error bound
@@ -38,7 +37,6 @@ EDGE_PASSING_ERRORS = (
     0.005,
     0.05,
 )  # relative errors of ratio and log-sensitivity where faces open: points pass an edge one by one
-SCALING_TOLERANCE = 0.2  # relative: meshes nearer to the linear log-sensitivity are corrected by a factor
 
 
 @dataclass(frozen=True)
@@ -50,28 +48,11 @@ class LoadedForces:
     point
         Point of the load path on the finest mesh.
     films
-        Film forces per indentation with bounds; their derivatives are taken at constant force.
+        Film forces per indentation with bounds, and charges where they are modelled; derivatives are taken at constant force.
     """
 
     point: PathPoint
     films: FilmForces
-
-
-@dataclass(frozen=True)
-class MeshDifferences:
-    """Differences of two meshes: in ln of the film forces, shape (2,), in ln of their ratio, and in log-sensitivity, relative."""
-
-    films: Floats
-    log_ratio: float
-    sensitivity: float
-
-    def __or__(self, other: MeshDifferences) -> MeshDifferences:
-        """Return the larger of both values of each difference (``a | b``)."""
-        films = np.maximum(self.films, other.films)
-        return MeshDifferences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
-
-
-NO_DIFFERENCES = MeshDifferences(np.zeros(2), 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -89,8 +70,8 @@ class LoadedScene:
     paths
         Load paths on two meshes, the finer last.
     known
-        Mesh differences on the part of the load path that was not computed because the path began at a loaded state of another
-        modulus.
+        Mesh differences of film forces, and of charges if they are modelled, on the part of the load path that was not computed
+        because the path began at a loaded state of another modulus.
     dense
         Whether lines that touch have twice the usual number of contact points.
     """
@@ -99,7 +80,7 @@ class LoadedScene:
     accuracy: float
     linear: Converged
     paths: tuple[Path, Path]
-    known: MeshDifferences = NO_DIFFERENCES
+    known: tuple[MeshDifferences, ...] = ()
     dense: bool = False
 
     @classmethod
@@ -145,8 +126,8 @@ class LoadedScene:
         """Return the scene at rest with another Young's modulus of the target, Pa; ``linear`` are its linear film forces."""
         body = self.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
         scene = self.scene.model_copy(update={"inclusion": (body,)})
-        known = None if self.may_open else linear.films[0].totals
-        first, second = (Path(path.model.with_modulus(modulus), True, known) for path in self.paths)
+        rest_films = None if self.may_open else linear.films[0]
+        first, second = (Path(path.model.with_modulus(modulus), True, rest_films) for path in self.paths)
         return LoadedScene(scene, self.accuracy, linear, (first, second), dense=self.dense)
 
     def press_to_scene_load(self) -> LoadedForces:
@@ -209,78 +190,30 @@ class LoadedScene:
         unit = self.paths[1].unit
         if self.may_open and estimate < LIGHT_INDENTATION_RELATIVE * unit:
             light = self.press_to_indentation(LIGHT_INDENTATION_RELATIVE * unit)
-            point = replace(
-                light.point, indentation=estimate, films=estimate / (LIGHT_INDENTATION_RELATIVE * unit) * light.point.films
-            )
-            return LoadedForces(point, light.films)
+            return LoadedForces(light.point.scale(estimate), light.films)
         if estimate <= SMALL_INDENTATION_RELATIVE * unit:
-            rest_point = self.paths[1].points[0]
-            point = replace(rest_point, indentation=estimate, films=estimate * rest_point.tangent)
+            point = self.paths[1].points[0].advance(estimate)
             return LoadedForces(point, _widen_bounds(self.linear.films[0], max(self.min_errors)))
         _, fine = (press(path) for path in self.paths)
-        return LoadedForces(fine, self._compute_film_forces(fine))
+        forces, *charges = (outputs.build_films(fine) for outputs in self.outputs)
+        return LoadedForces(fine, replace(forces, charges=charges[0] if charges else None))
 
-    def _compute_film_forces(self, point: PathPoint) -> FilmForces:
-        """Return film forces per indentation at a point, with bounds from the linear errors and the differences of two meshes."""
-        linear_films, differences = self.linear.films[0], self.compute_differences(point.indentation)
-        totals = point.films / point.indentation
-        min_error, min_slope_error = self.min_errors
-        errors = linear_films.relative_errors + MESH_SAFETY_FACTOR * differences.films + min_error
-        bound = Bound(
-            errors * np.abs(totals), linear_films.bound.log_ratio + MESH_SAFETY_FACTOR * differences.log_ratio + min_error
-        )
-        if linear_films.modulus_derivative is None:
-            return FilmForces(np.diag(totals), bound)
-        value = self.compute_sensitivity(self.paths[1], point)
-        # the linear error grows with the log-sensitivity under load
-        grown = abs(value / linear_films.log_sensitivity) if linear_films.log_sensitivity else 1.0
-        mesh_error = (MESH_SAFETY_FACTOR * differences.sensitivity + min_slope_error) * self._find_max_sensitivity(
-            point.indentation
-        )
-        error = linear_films.sensitivity_error * max(1.0, grown) + mesh_error
-        # at constant force the changes of the two film forces cancel
-        log_derivatives = np.array([totals[1], -totals[0]]) / totals.sum() * value
-        return FilmForces(np.diag(totals), bound, np.diag(totals * log_derivatives), error)
-
-    def compute_sensitivity(self, path: Path, point: PathPoint) -> float:
-        """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known.
-
-        A small error is corrected by a factor, a large one by an addition.
-        """
-        if self.may_open:
-            return point.log_sensitivity
-        exact, rest_sensitivity = self.linear.films[0].log_sensitivity or 0.0, path.points[0].log_sensitivity
-        if rest_sensitivity * exact > 0 and abs(rest_sensitivity / exact - 1) < SCALING_TOLERANCE:
-            return point.log_sensitivity * exact / rest_sensitivity
-        return point.log_sensitivity + exact - rest_sensitivity
-
-    def compute_differences(self, until: float) -> MeshDifferences:
-        """Return the maximum differences of both meshes up to the indentation ``until``, m."""
-        places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
-        places = places[(places > 0) & (places <= until)]
-        # film forces and log-sensitivities of the coarser and the finer mesh
-        (films, first), (second_films, second) = (self._interpolate(path, places) for path in self.paths)
-        log_ratios, size = np.log(np.abs(films / second_films)), self._find_max_sensitivity(until)
-        sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
-        return (
-            MeshDifferences(np.abs(log_ratios).max(axis=1), float(np.abs(log_ratios[0] - log_ratios[1]).max()), sensitivity)
-            | self.known
+    @property
+    def outputs(self) -> tuple[LoadedOutputs, ...]:
+        """The film forces on both load paths, and the charges where they are modelled."""
+        linear = self.linear.films[0]
+        films = (linear, *([] if linear.charges is None else [linear.charges]))
+        known = self.known or (NO_DIFFERENCES,) * len(films)
+        return tuple(
+            LoadedOutputs(self.paths, values, values is not linear, not self.may_open, self.min_errors, differences)
+            for values, differences in zip(films, known, strict=True)
         )
 
-    def _find_max_sensitivity(self, until: float) -> float:
-        """Return the maximum magnitude of the log-sensitivity up to the indentation ``until``, m."""
-        path = self.paths[1]
-        return max(abs(self.compute_sensitivity(path, point)) for point in path.points if point.indentation <= until)
-
-    def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
-        """Interpolate film forces, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m."""
-        points = path.points
-        indentations = np.array([point.indentation for point in points])
-        films = CubicHermiteSpline(indentations, [point.films for point in points], [point.tangent for point in points])
-        sensitivity = PchipInterpolator(
-            indentations, [self.compute_sensitivity(path, point) for point in points], extrapolate=True
-        )
-        return films(places).T, sensitivity(places)
+    @property
+    def read_outputs(self) -> LoadedOutputs:
+        """What the scene's readings are the ratio of: the charges where they are modelled and read, else the film forces."""
+        forces, *charges = self.outputs
+        return charges[0] if charges and self.scene.observable == "charge" else forces
 
 
 def press_with_enough_points(
@@ -346,7 +279,7 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
     rest_scene = neighbour.with_modulus(modulus, linear)
     last = neighbour.paths[1].last.indentation
     if not neighbour.may_open and last > SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit:
-        loaded = replace(rest_scene, known=neighbour.compute_differences(last))
+        loaded = replace(rest_scene, known=tuple(outputs.compute_differences(last) for outputs in neighbour.outputs))
         try:
             for path, neighbour_path in zip(loaded.paths, neighbour.paths, strict=True):
                 path.seed(neighbour_path.last.equilibrium.state)
@@ -363,9 +296,16 @@ def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, den
     section = rest_model.section if scene.tissue.shape != "half-space" else _truncate_section(rest_model.section)
     faces, spring = scene.contact, SPRING_SHARES[fineness.order]
     model = ContactModel.from_section(
-        section, {**rest_model.materials, **inclusion}, faces.interface, fineness, faces.friction, spring=spring, dense=dense
+        section,
+        {**rest_model.materials, **inclusion},
+        faces.interface,
+        fineness,
+        faces.friction,
+        spring=spring,
+        dense=dense,
+        films=rest_model.films,
     )
-    return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0].totals)
+    return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0])
 
 
 def _tie_faces(scene: Scene) -> Scene:
@@ -383,8 +323,9 @@ def _truncate_section(section: Section) -> Section:
 
 
 def _widen_bounds(films: FilmForces, relative_error: float) -> FilmForces:
-    """Return film forces with bounds widened by a relative error of each film force."""
+    """Return film forces, and charges, with bounds widened by a relative error of each."""
     # two forces may err in opposite directions, so that ln of their ratio errs by twice as much
     bound = Bound(films.bound.totals + relative_error * np.abs(films.totals), films.bound.log_ratio + 2 * relative_error)
     error = films.sensitivity_error + relative_error * abs(films.log_sensitivity or 0.0)
-    return replace(films, bound=bound, sensitivity_error=error)
+    charges = None if films.charges is None else _widen_bounds(films.charges, relative_error)
+    return replace(films, bound=bound, sensitivity_error=error, charges=charges)

@@ -16,6 +16,7 @@ from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, number_unknowns
+from solver.axisymmetric.film_states import CHARGE_UNIT, Films, build_film_lift
 from solver.contact.assembly import Assembly
 from solver.contact.contact_forces import FRICTION_SPRING_RELATIVE, Touch, compute_touch
 from solver.contact.elements import Elements, ElementValues
@@ -53,6 +54,9 @@ class ContactModel:
         Pairs of lines that may touch.
     lift
         Displacements of the elements' values per indentation of either block, rigid shift included, (n, 8 p, 2).
+    outputs
+        Displacements of the elements' values, (n (8 p), 2 or 4), whose energies with a state are the film forces, N, and after
+        them the charges of the films that are modelled, C (eq. CT.7).
     """
 
     section: Section
@@ -63,6 +67,7 @@ class ContactModel:
     assembly: Assembly
     pairs: tuple[Pair, ...]
     lift: Floats
+    outputs: Floats
 
     @classmethod
     def from_section(
@@ -75,6 +80,7 @@ class ContactModel:
         *,
         spring: float = 1.0,
         dense: bool = False,
+        films: Films | None = None,
     ) -> ContactModel:
         """Mesh a section and prepare it to be deformed.
 
@@ -92,6 +98,8 @@ class ContactModel:
             Factor of the stiffness of the springs through which friction acts.
         dense
             Whether there are twice the usual number of contact points; see ``find_pairs``.
+        films
+            The inner and the outer film, if their charges are wanted.
 
         Raises
         ------
@@ -108,7 +116,11 @@ class ContactModel:
             lift[block_elements, :, side] -= numbers.vertical
         pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction, dense=dense)
         pairs = tuple(replace(pair, spring=spring * FRICTION_SPRING_RELATIVE) for pair in pairs)
-        return cls(section, materials, mesh, elements, numbers, Assembly.from_pairs(numbers, pairs), pairs, lift)
+        outputs = lift.reshape(-1, 2)
+        if films is not None:
+            film_lift = CHARGE_UNIT * build_film_lift(section, mesh, functions.skeleton, films)
+            outputs = np.hstack([outputs, film_lift.reshape(-1, 2)])
+        return cls(section, materials, mesh, elements, numbers, Assembly.from_pairs(numbers, pairs), pairs, lift, outputs)
 
     def build_rest_state(self) -> State:
         """Return the undeformed state."""
@@ -273,25 +285,34 @@ class ContactModel:
         """Ranges in which the laws that are not neo-Hookean are stable, in their order."""
         return [StableRange.from_law(law) for _, law in self.elements.material.laws]
 
-    def compute_film_forces(self, equations: Linearised) -> Floats:
-        """Return the film forces, N, (2,): derivatives of the energy with respect to the indentation of each base (CT.4)."""
-        return np.asarray(self.lift.reshape(-1, 2).T @ (equations.balance.forces.ravel() + equations.contact))
+    def compute_outputs(self, equations: Linearised) -> Floats:
+        """Return the film forces, N, and after them the charges that are modelled, C; shape (2,) or (4,).
+
+        A film force is the derivative of the energy with respect to the indentation of the base (CT.4). A charge is that of the
+        energy of the film under its electrode with respect to the displacement -u* of eq. AX.15 there,
+
+            -Q = -Int P : grad u* dV = -Int (1/t) [d_p (P_r + P_t) + d33 P_z] dV,        (CT.7)
+
+        with the stresses P per undeformed area. Films strain by less than 1e-3 where blocks bear the load, so that no other
+        measure of stress or strain differs by more. No line of contact belongs to a film.
+        """
+        return np.asarray(self.outputs.T @ (equations.balance.forces.ravel() + equations.contact))
 
     def compute_responses(self, state: State, equations: Linearised, target: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return the derivatives of unknowns and film forces with respect to indentation and, for a target, to its ln E.
+        """Return the derivatives of unknowns and outputs with respect to indentation and, for a target, to its ln E.
 
         The modulus derivative is taken at constant indentation. ``target`` is the mask of the target's elements, shape (n, 1);
-        None for the derivatives with respect to indentation alone. The results' shapes are (unknowns, k) and (2, k), with k = 1
-        or 2.
+        None for the derivatives with respect to indentation alone. The results' shapes are (unknowns, k) and (outputs, k), with
+        k = 1 or 2; for the outputs see ``compute_outputs``.
 
         Raises
         ------
         SolveError
             The residual of the solution is too large.
         """
-        gather, scatter, flat = self.numbering.gather, self.numbering.scatter, self.lift.reshape(-1, 2)
+        gather, scatter = self.numbering.gather, self.numbering.scatter
         # forces that indentation and modulus cause while the unknowns are held
-        driven = self._apply_tangent(equations, flat.sum(axis=1, keepdims=True))
+        driven = self._apply_tangent(equations, self.lift.reshape(-1, 2).sum(axis=1, keepdims=True))
         if target is not None:
             modulus = self.elements.compute_modulus_derivative(state.elements, equations.elimination, target)
             driven = np.concatenate([driven, modulus.reshape(-1, 1)], axis=1)
@@ -302,7 +323,7 @@ class ContactModel:
         unbalanced = np.linalg.norm(scatter @ whole, axis=0)
         if not np.all(unbalanced <= MAX_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
             raise SolveError("the equations of the tangent cannot be solved")
-        return changes, np.asarray(flat.T @ whole)
+        return changes, np.asarray(self.outputs.T @ whole)
 
     def _apply_tangent(self, equations: Linearised, displacements: Floats) -> Floats:
         """Return the tangent times ``displacements``, changes of the elements' values; shape (n (8 p), k) both."""

@@ -14,6 +14,7 @@ from solver.contact.newton import solve
 from solver.contact.states import (
     Equilibrium,
     Linearised,
+    Outputs,
     PathPoint,
     State,
     StoppedError,
@@ -21,6 +22,7 @@ from solver.contact.states import (
     hermite_weights,
     lagrange_weights,
 )
+from solver.results.film_forces import FilmForces
 
 FIRST_STEP_RELATIVE, MIN_STEP_RELATIVE, MAX_STEP_RELATIVE = (
     0.02,
@@ -48,8 +50,8 @@ class Path:
     sensitive
         Whether derivatives with respect to the target's modulus are computed.
     linear
-        More accurate film forces per indentation at rest, N/m, shape (2,), or None. Their ratio to this mesh's corrects all
-        forces on the path, by one factor for each film.
+        More accurate film forces, and charges where they are modelled, per indentation at rest; or None. Their ratio to this
+        mesh's corrects all forces and charges on the path, by one factor for each.
     points
         The point at rest, then all points at which Newton's method converged, by rising indentation.
     length
@@ -58,15 +60,15 @@ class Path:
 
     model: ContactModel
     sensitive: bool
-    linear: Floats | None = None
+    linear: FilmForces | None = None
     points: list[PathPoint] = field(default_factory=list)
     length: float = 0.0
     _light_state: State = field(init=False)
-    _scale: Floats = field(default_factory=lambda: np.ones(2))
+    _scale: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the first points: at rest, and under a very light load."""
-        self.length = FIRST_STEP_RELATIVE * self.unit
+        self.length, self._scale = FIRST_STEP_RELATIVE * self.unit, np.ones(self.model.outputs.shape[1])
         rest_state = self.model.build_rest_state()
         rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
         light = self._solve_light_load(rest_equilibrium)
@@ -74,13 +76,12 @@ class Path:
         light = replace(light, equations=self.model.factorise_tangent(light.equations))
         if self.linear is not None:
             _, derivatives = self.model.compute_responses(light.state, light.equations)
-            self._scale = self.linear / derivatives[:, 0]
+            films = (self.linear, *([] if self.linear.charges is None else [self.linear.charges]))
+            self._scale = np.concatenate([outputs.totals for outputs in films]) / derivatives[:, 0]
         self._light_state, linear = light.state, self._build_point(light)
         # under the light load all is linear: its derivatives are those at rest
-        gap, zeros = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
-        self.points.append(
-            replace(linear, indentation=0.0, films=zeros, walls=gap, strain=0.0, residual=0.0, equilibrium=rest_equilibrium)
-        )
+        gap = float(self.model.section.hole_radius - self.model.section.inner_radius)
+        self.points.append(replace(linear.release(), walls=gap, strain=0.0, residual=0.0, equilibrium=rest_equilibrium))
 
     def seed(self, state: State) -> PathPoint:
         """Solve from a loaded state of the same mesh with other moduli and continue the path there; see ``iterate_steps``."""
@@ -143,9 +144,7 @@ class Path:
             nearest = min(self.points, key=lambda point: abs(point.force - force))
             remainder = self._estimate_advance(force)
             if abs(nearest.force - force) <= FORCE_TOLERANCE_RELATIVE * force:
-                return replace(
-                    nearest, indentation=nearest.indentation + remainder, films=nearest.films + remainder * nearest.tangent
-                )
+                return nearest.advance(remainder)
             self.insert(nearest.indentation + remainder)
         raise StoppedError(self.last, "no indentation gives the force")
 
@@ -286,16 +285,15 @@ class Path:
         model.check_base(state)
         model.check_laws(state)
         changes, derivatives = model.compute_responses(state, equations, self._target)
-        films, derivatives = self._scale * model.compute_film_forces(equations), self._scale[:, None] * derivatives
-        sensitivity = 0.0
+        values, derivatives = self._scale * model.compute_outputs(equations), self._scale[:, None] * derivatives
+        tangent, sensitivities = derivatives[:, 0], np.zeros(len(values))
         if self.sensitive:
-            modulus_derivatives = derivatives[:, 1] - derivatives[:, 0] * (derivatives[:, 1].sum() / derivatives[:, 0].sum())
-            sensitivity = float(modulus_derivatives @ ([1, -1] / films))
+            modulus_derivatives = derivatives[:, 1] - tangent * (derivatives[:2, 1].sum() / tangent[:2].sum())
+            sensitivities = modulus_derivatives * (1 / values)
         return PathPoint(
             state.indentation,
-            films,
-            derivatives[:, 0],
-            sensitivity,
+            Outputs(values[:2], tangent[:2], sensitivities[:2]),
+            Outputs(values[2:], tangent[2:], sensitivities[2:]) if len(values) > 2 else None,
             walls=max(0.0, equations.touches[0].min_gap),
             contact_radius=model.compute_contact_radius(equations, state),
             strain=model.elements.compute_max_stretch(state.elements.u),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,6 +125,30 @@ class Equilibrium:
 
 
 @dataclass(frozen=True)
+class Outputs:
+    """Forces on the inner and the outer film, N, or the films' charges, C, at one point of a load path.
+
+    Attributes
+    ----------
+    values
+        The forces or charges, shape (2,).
+    tangent
+        Their derivatives with respect to indentation, per m, shape (2,).
+    log_sensitivities
+        d ln value / d ln E of the target, at constant force on the base, shape (2,); 0 without a target.
+    """
+
+    values: Floats
+    tangent: Floats
+    log_sensitivities: Floats
+
+    @property
+    def log_sensitivity(self) -> float:
+        """Log-sensitivity of the ratio of both values, at constant force; 0 without a target."""
+        return float(self.log_sensitivities[0] - self.log_sensitivities[1])
+
+
+@dataclass(frozen=True)
 class PathPoint:
     """Results at one point of a load path.
 
@@ -132,12 +156,10 @@ class PathPoint:
     ----------
     indentation
         Indentation of the base, m.
-    films
-        Forces on both films, N, shape (2,).
-    tangent
-        Derivatives of the film forces with respect to indentation, N/m, shape (2,).
-    log_sensitivity
-        d ln(ratio of film forces) / d ln E of the target, at constant force; 0 without a target.
+    forces
+        Forces on both films.
+    charges
+        Charges of both films; None where they are not modelled.
     walls
         Minimum distance of the gap's walls, m; 0 where they touch.
     contact_radius
@@ -153,9 +175,8 @@ class PathPoint:
     """
 
     indentation: float
-    films: Floats
-    tangent: Floats
-    log_sensitivity: float
+    forces: Outputs
+    charges: Outputs | None
     walls: float
     contact_radius: float
     strain: float
@@ -164,9 +185,43 @@ class PathPoint:
     rates: State
 
     @property
+    def films(self) -> Floats:
+        """Forces on both films, N, shape (2,)."""
+        return self.forces.values
+
+    @property
+    def tangent(self) -> Floats:
+        """Derivatives of the film forces with respect to indentation, N/m, shape (2,)."""
+        return self.forces.tangent
+
+    @property
+    def log_sensitivity(self) -> float:
+        """Log-sensitivity of the ratio of the film forces, at constant force; 0 without a target."""
+        return self.forces.log_sensitivity
+
+    @property
     def force(self) -> float:
         """Force on the base, N."""
         return float(self.films.sum())
+
+    def advance(self, distance: float) -> PathPoint:
+        """Return the results at an indentation deeper by a small ``distance``, m, along the tangent."""
+        moved = self._change_values(lambda outputs: outputs.values + distance * outputs.tangent)
+        return replace(moved, indentation=self.indentation + distance)
+
+    def scale(self, indentation: float) -> PathPoint:
+        """Return the results at another indentation, m, at which forces and charges are proportional to it."""
+        factor = indentation / self.indentation
+        return replace(self._change_values(lambda outputs: factor * outputs.values), indentation=indentation)
+
+    def release(self) -> PathPoint:
+        """Return the results at rest, from those under a load so light that all is linear."""
+        return replace(self._change_values(lambda outputs: np.zeros(2)), indentation=0.0)
+
+    def _change_values(self, compute: Callable[[Outputs], Floats]) -> PathPoint:
+        """Return the results with other forces and charges, whose derivatives remain."""
+        charges = None if self.charges is None else replace(self.charges, values=compute(self.charges))
+        return replace(self, forces=replace(self.forces, values=compute(self.forces)), charges=charges)
 
 
 class StoppedError(SolveError):

@@ -1,0 +1,139 @@
+"""Compute film forces or charges under load from the linear ones and the changes that two meshes show, with error bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
+from geometry.common.arrays import Floats
+from solver.contact.path import Path
+from solver.contact.states import Outputs, PathPoint
+from solver.results.film_forces import Bound, FilmForces
+
+MESH_SAFETY_FACTOR = 2.0  # times the maximum difference of two meshes on the load path
+SCALING_TOLERANCE = 0.2  # relative: meshes nearer to the linear log-sensitivity are corrected by a factor
+
+
+@dataclass(frozen=True)
+class MeshDifferences:
+    """Differences of two meshes: in ln of both outputs, shape (2,), in ln of their ratio, and in log-sensitivity, relative."""
+
+    outputs: Floats
+    log_ratio: float
+    sensitivity: float
+
+    def __or__(self, other: MeshDifferences) -> MeshDifferences:
+        """Return the larger of both values of each difference (``a | b``)."""
+        outputs = np.maximum(self.outputs, other.outputs)
+        return MeshDifferences(outputs, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
+
+
+NO_DIFFERENCES = MeshDifferences(np.zeros(2), 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class LoadedOutputs:
+    """The film forces of a scene on the load paths of two meshes, or its films' charges, with what is known of their errors.
+
+    Attributes
+    ----------
+    paths
+        Load paths on two meshes, the finer last.
+    linear
+        The linear film forces, or charges.
+    are_charges
+        Whether the outputs are charges.
+    corrected
+        Whether the linear outputs are the limit of light loads, by which the meshes' errors at rest are corrected.
+    min_errors
+        Minimum error bounds of outputs and log-sensitivity, relative.
+    known
+        Mesh differences on a part of the load path that was not computed.
+    """
+
+    paths: tuple[Path, Path]
+    linear: FilmForces
+    are_charges: bool
+    corrected: bool
+    min_errors: tuple[float, float]
+    known: MeshDifferences = NO_DIFFERENCES
+
+    def select(self, point: PathPoint) -> Outputs:
+        """Return the film forces at a point of a path, or the charges."""
+        if not self.are_charges:
+            return point.forces
+        assert point.charges is not None
+        return point.charges
+
+    def compute_ratio(self, point: PathPoint) -> float:
+        """Return the ratio of both outputs, inner over outer; at rest, where both are zero, that of their derivatives."""
+        outputs = self.select(point)
+        inner, outer = outputs.values if point.indentation > 0 else outputs.tangent
+        return float(inner / outer)
+
+    def build_films(self, point: PathPoint) -> FilmForces:
+        """Return the outputs per indentation at a point, with bounds from the linear errors and the differences of two meshes."""
+        linear, differences, outputs = self.linear, self.compute_differences(point.indentation), self.select(point)
+        totals = outputs.values / point.indentation
+        min_error, min_slope_error = self.min_errors
+        errors = linear.relative_errors + MESH_SAFETY_FACTOR * differences.outputs + min_error
+        bound = Bound(errors * np.abs(totals), linear.bound.log_ratio + MESH_SAFETY_FACTOR * differences.log_ratio + min_error)
+        if linear.modulus_derivative is None:
+            return FilmForces(np.diag(totals), bound)
+        value = self.compute_sensitivity(self.paths[1], point)
+        # the linear error grows with the log-sensitivity under load
+        grown = abs(value / linear.log_sensitivity) if linear.log_sensitivity else 1.0
+        mesh_error = (MESH_SAFETY_FACTOR * differences.sensitivity + min_slope_error) * self._find_max_sensitivity(
+            point.indentation
+        )
+        error = linear.sensitivity_error * max(1.0, grown) + mesh_error
+        if self.are_charges:
+            # the correction of the difference is shared by both
+            log_derivatives = outputs.log_sensitivities + 0.5 * (value - outputs.log_sensitivity) * np.array([1, -1])
+        else:
+            # at constant force the changes of the two film forces cancel
+            log_derivatives = np.array([totals[1], -totals[0]]) / totals.sum() * value
+        return FilmForces(np.diag(totals), bound, np.diag(totals * log_derivatives), error)
+
+    def compute_sensitivity(self, path: Path, point: PathPoint) -> float:
+        """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known.
+
+        A small error is corrected by a factor, a large one by an addition.
+        """
+        value = self.select(point).log_sensitivity
+        if not self.corrected:
+            return value
+        exact, rest_sensitivity = self.linear.log_sensitivity or 0.0, self.select(path.points[0]).log_sensitivity
+        if rest_sensitivity * exact > 0 and abs(rest_sensitivity / exact - 1) < SCALING_TOLERANCE:
+            return value * exact / rest_sensitivity
+        return value + exact - rest_sensitivity
+
+    def compute_differences(self, until: float) -> MeshDifferences:
+        """Return the maximum differences of both meshes up to the indentation ``until``, m."""
+        places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
+        places = places[(places > 0) & (places <= until)]
+        # outputs and log-sensitivities of the coarser and the finer mesh
+        (outputs, first), (second_outputs, second) = (self._interpolate(path, places) for path in self.paths)
+        log_ratios, size = np.log(np.abs(outputs / second_outputs)), self._find_max_sensitivity(until)
+        sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
+        return (
+            MeshDifferences(np.abs(log_ratios).max(axis=1), float(np.abs(log_ratios[0] - log_ratios[1]).max()), sensitivity)
+            | self.known
+        )
+
+    def _find_max_sensitivity(self, until: float) -> float:
+        """Return the maximum magnitude of the log-sensitivity up to the indentation ``until``, m."""
+        path = self.paths[1]
+        return max(abs(self.compute_sensitivity(path, point)) for point in path.points if point.indentation <= until)
+
+    def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
+        """Interpolate outputs, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m."""
+        indentations = np.array([point.indentation for point in path.points])
+        outputs = [self.select(point) for point in path.points]
+        values = CubicHermiteSpline(indentations, [x.values for x in outputs], [x.tangent for x in outputs])
+        sensitivity = PchipInterpolator(
+            indentations, [self.compute_sensitivity(path, point) for point in path.points], extrapolate=True
+        )
+        return values(places).T, sensitivity(places)
