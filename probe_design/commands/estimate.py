@@ -43,6 +43,9 @@ class EstimateRequest(LimitedRequest):
     probe-design estimate scene.toml --readings scan.csv --nuisance "tissue.layer[0].thickness = 20 %"
     probe-design estimate scene.toml --calibration probe.toml --reading over.probe "beside.h5, x=30 mm, blank=true"
 
+    Where SCENE reads charges ([reading] observable, by default that of films with bonds), every ratio is charge_ratio: inner over
+    outer film charge, each over its block's end area. Otherwise it is stress_inner / stress_outer. The result says which.
+
     A recording states its own noise. The error of a calibration does not average out over the readings that share it. The place
     of a reading is the one given after the file's name, else the one stored in the file, else the scene's.
 
@@ -59,7 +62,9 @@ class EstimateRequest(LimitedRequest):
 
     scene: SceneSource
     other_files: Annotated[tuple[str, ...], Option("Further files of --reading.", is_argument=True, metavar="")] = ()
-    ratio: Annotated[Measured, Option("Measured stress_inner / stress_outer at the scene's placement.")] = None
+    ratio: Annotated[
+        Measured, Option("Measured ratio at the scene's placement: of charges per area or of stresses, see below.")
+    ] = None
     noise: Noise = DEFAULT_NOISE
     stiffness: Annotated[Measured, Option("Measured force on the base per indentation, together with --ratio, N/m.")] = None
     stiffness_noise: Annotated[Measured, Option("Relative standard deviation of a stiffness.", left_out="that of the ratio")] = (

@@ -241,6 +241,7 @@ def _build_estimate(
         depth, depth_interval = value, interval
     return Estimate(
         unknown=unknown,
+        observable=findings.model.scene.observable,
         noise=tuple(data.noise[data.is_ratio].tolist()),
         value=value,
         interval=interval,

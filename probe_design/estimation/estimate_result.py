@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geometry.common.json_types import JsonObject
+from geometry.scenes.scene_tables import Observable
 from probe_design.estimation.intervals import Interval
 from solver.results.record import Record
 from solver.results.result import Decision
@@ -99,6 +100,8 @@ class Estimate(Record):
     ----------
     unknown
         youngs_modulus, diameter or depth of the target, or the key of a number of the tissue.
+    observable
+        What the readings are the ratio of: "charge" or "stress", each over its block's end area.
     noise
         Relative standard deviation of each ratio that was read.
     value
@@ -136,6 +139,7 @@ class Estimate(Record):
     """
 
     unknown: str
+    observable: Observable
     noise: tuple[float, ...]
     value: float | None
     interval: Interval

@@ -97,9 +97,10 @@ class LoadedModel:
             films = self._solve_blank(scene) if blank else self._solve_with_target(scene, value)
             rows = data.is_blank == blank
             values[rows], bounds[rows] = np.log(films.totals.sum()), films.stiffness_error
-            # the ratio of pressures: inner force over outer force, each over its film's area
-            ratios, ratio = rows & ~data.is_stiffness, films.totals[0] / films.totals[1] * probe.outer_area / probe.inner_area
-            values[ratios], bounds[ratios] = np.log(abs(ratio)), films.bound.log_ratio
+            # the ratio of stresses or of charges: inner over outer, each over its block's area
+            read = films.get_observable(scene)
+            ratios, ratio = rows & ~data.is_stiffness, read.totals[0] / read.totals[1] * probe.outer_area / probe.inner_area
+            values[ratios], bounds[ratios] = np.log(abs(ratio)), read.bound.log_ratio
             if (data.sign[ratios] != np.sign(ratio)).any() or bounds[rows].max() > MAX_LOG_RATIO_ERROR:
                 return None
         return values, bounds

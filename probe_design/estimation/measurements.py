@@ -42,7 +42,7 @@ DATUM_KEYS = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", 
 MAX_READINGS = 1000
 MAX_FILE_BYTES = 200_000  # bytes
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
-ALLOWED_RATIO = "a number above 0, stress_inner over stress_outer, both of which are pressures"
+ALLOWED_RATIO = "a number above 0: inner over outer film stress, or charge per area, both of one sign"
 SI_QUANTITIES = {  # entries that may be numbers without unit
     "stiffness": Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15),
     "ratio_phase": Quantity("phase", "rad", "deg", -1.5, 1.5),
@@ -59,7 +59,7 @@ class Reading:
     x, y
         Position of its axis, m.
     ratio
-        ``stress_inner / stress_outer``, above 0.
+        ``ratio``, or ``charge_ratio`` where the scene reads charges, see ``solver.results.result.Result``; above 0.
     noise
         Relative, one standard deviation.
     stiffness

@@ -188,14 +188,16 @@ class TargetModel:
         predicted = Predictions.empty(n, len(data.value))
         is_blank = data.is_blank | (not self.scene.inclusion)
         for k in np.flatnonzero(is_blank):
-            predicted.fill(int(k), self._blank_readings, slice(None), data)
+            predicted.fill(int(k), self._blank_readings, slice(None), data, self._blank_readings.get_observable(self.scene))
         if is_blank.all():
             return predicted
         places, place_indices = self._distinct_places
         film_readings = self._compute_readings(self._build_tumours(places, n, target), reflect, by_diameter)
+        observable = film_readings.get_observable(self.scene)
         for k in np.flatnonzero(~is_blank):
             # rows are ordered by body, then place: every len(places)-th row is the same place
-            predicted.fill(int(k), film_readings, slice(int(place_indices[data.place[k]]), None, len(places)), data)
+            rows = slice(int(place_indices[data.place[k]]), None, len(places))
+            predicted.fill(int(k), film_readings, rows, data, observable)
         return predicted
 
     @cached_property
@@ -226,18 +228,15 @@ class TargetModel:
         film_readings = compute_readings(self.base, tumours, index, by_diameter, reflect=False)
         is_reflected = np.full(len(tumours.x), bool(reflect))
         if reflect is None:
-            is_reflected = film_readings.first_share - self.base.films.bound.log_ratio > NEGLIGIBLE_REFLECTION * self.accuracy
+            read, films = film_readings.get_observable(scene), self.base.films.get_observable(scene)
+            is_reflected = read.first_share - films.bound.log_ratio > NEGLIGIBLE_REFLECTION * self.accuracy
         if is_reflected.any():
             reflected_readings = compute_readings(self.base, tumours.select(is_reflected), index, by_diameter, reflect=True)
             film_readings.store(is_reflected, reflected_readings)
         # relative change c of the ratio by the load, which changes its logarithm by at most -ln(1 - c)
         changes = LoadChanges.from_stiffness(scene, self.rule, film_readings.stiffness).ratio
-        finite_changes = np.where(np.isfinite(changes), changes, 0.0)
-        return replace(
-            film_readings,
-            bound=film_readings.bound + finite_changes[:, None] * np.abs(film_readings.totals),
-            log_ratio_bound=film_readings.log_ratio_bound + np.where(np.isfinite(changes), -np.log1p(-finite_changes), np.inf),
-        )
+        charges = None if film_readings.charges is None else _add_load_changes(film_readings.charges, changes)
+        return replace(_add_load_changes(film_readings, changes), charges=charges)
 
     def _build_tumours(self, places: Floats, n: int, target: dict[str, Floats]) -> Tumours:
         """Return the inclusions for n targets at each of p places, positions relative to the probe, shape (n p, inclusions).
@@ -259,6 +258,16 @@ class TargetModel:
         for key, chosen in target.items():
             table[key][:, :, self.scene.target] = chosen[:, None]
         return Tumours(*(table[key].reshape(n * len(places), -1) for key in keys))
+
+
+def _add_load_changes(readings: Readings, changes: Floats) -> Readings:
+    """Return readings whose error bounds count relative changes by the load, shape (n,); no ratio where these are infinite."""
+    finite_changes = np.where(np.isfinite(changes), changes, 0.0)
+    return replace(
+        readings,
+        bound=readings.bound + finite_changes[:, None] * np.abs(readings.totals),
+        log_ratio_bound=readings.log_ratio_bound + np.where(np.isfinite(changes), -np.log1p(-finite_changes), np.inf),
+    )
 
 
 def check_kind(scene: Scene, is_of_target: bool = True) -> None:

@@ -82,7 +82,7 @@ class Predictions:
         """Return the predictions for all bodies of all parts."""
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
-    def fill(self, k: int, film_readings: Readings, rows: slice, data: Measurements) -> None:
+    def fill(self, k: int, film_readings: Readings, rows: slice, data: Measurements, observable: Readings) -> None:
         """Set datum k of all bodies from computed readings.
 
         Parameters
@@ -95,6 +95,8 @@ class Predictions:
             Which of them belong to the datum's place: n, or one for all bodies.
         data
             Give the kind and the sign of the datum.
+        observable
+            What ratios are read of: the readings themselves, or their charges.
         """
         is_stiffness = bool(data.is_stiffness[k])
         for key, derivatives in (("youngs_modulus", self.by_modulus), ("diameter", self.by_diameter)):
@@ -102,15 +104,15 @@ class Predictions:
                 derivatives[:, k] = (
                     film_readings.compute_log_stiffness_derivative(key)[rows]
                     if is_stiffness
-                    else film_readings.compute_log_ratio_derivative(key)[rows]
+                    else observable.compute_log_ratio_derivative(key)[rows]
                 )
         if is_stiffness:
             self.value[:, k] = np.log(film_readings.stiffness)[rows]
             self.bound[:, k] = (film_readings.bound.sum(axis=1) / film_readings.stiffness)[rows]
             return
-        resolved, ratio = (film_readings.log_ratio_bound <= MAX_LOG_RATIO_ERROR)[rows], film_readings.ratio[rows]
+        resolved, ratio = (observable.log_ratio_bound <= MAX_LOG_RATIO_ERROR)[rows], observable.ratio[rows]
         self.value[:, k] = np.log(np.abs(np.where(resolved, ratio, 1.0)))
-        self.bound[:, k] = np.where(resolved, film_readings.log_ratio_bound[rows], 0.0)
+        self.bound[:, k] = np.where(resolved, observable.log_ratio_bound[rows], 0.0)
         self.resolved[:] &= resolved
         # a sign of 0 is unknown, and agrees with any
         self.agrees[:] &= np.where(resolved & (data.sign[k] != 0), np.sign(ratio) == data.sign[k], True)

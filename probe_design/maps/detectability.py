@@ -16,6 +16,7 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Observable
 from probe_design.data.noise import choose_accuracy
 from probe_design.maps.scan import Progress
 from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
@@ -55,6 +56,8 @@ class Detectability(LoadedRecord):
         Thresholds of the verdicts, the second on |change|.
     ratio_without
         R_0, the ratio without the target but with the other inclusions.
+    observable
+        What readings, and so all ratios here, are the ratio of: "charge" or "stress".
     evaluator, seconds, load_limits, plan, warnings
         See ``solver.results.result.Result``.
     scene
@@ -77,6 +80,7 @@ class Detectability(LoadedRecord):
     seen_threshold: float
     resolved_threshold: float
     ratio_without: float | None
+    observable: Observable
     evaluator: str
     seconds: float
     load_limits: LoadLimits | None = None
@@ -129,11 +133,12 @@ def detectability(
     base = EquivalentInclusion().prepare(scene, compute_budget(rule, rule.compute_force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, readings_without = spheres.tumours, scene.target or 0, compute_readings(base, spheres.other_tumours)
-    effects = compute_effects(base, compute_readings(base, tumours, index, reflect=False), readings_without)
+    effects = compute_effects(scene, base.films, compute_readings(base, tumours, index, reflect=False), readings_without)
     open_spheres = np.flatnonzero(effects.find_open(thresholds))  # to first order the verdict is open: reflections decide it
     if len(open_spheres):
         reflected_readings = compute_readings(base, tumours.select(open_spheres), index, progress=progress, reflect=True)
-        effects = effects.replace_rows(open_spheres, compute_effects(base, reflected_readings, readings_without))
+        effects = effects.replace_rows(open_spheres, compute_effects(scene, base.films, reflected_readings, readings_without))
+    read_without = readings_without.get_observable(scene)
     load = LoadChanges.from_stiffness(scene, rule, np.append(effects.stiffness, readings_without.stiffness))
     if not linear:
         check_load(scene, load.weakest, accuracy, True)
@@ -146,7 +151,8 @@ def detectability(
         noise=thresholds.noise,
         seen_threshold=thresholds.min_change,
         resolved_threshold=thresholds.resolved,
-        ratio_without=float(readings_without.ratio[0]) if readings_without.resolved[0] else None,
+        ratio_without=float(read_without.ratio[0]) if read_without.resolved[0] else None,
+        observable=scene.observable,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         load_limits=build_limits(rule, accuracy, promise=True),

@@ -10,8 +10,10 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Observable
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, EquivalentInclusion
@@ -21,12 +23,12 @@ from solver.evaluators import check_accuracy
 from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.planning.loads import LoadRule
-from solver.results.film_forces import compute_ratio_fields, compute_sensitivity_tolerance
+from solver.results.film_charges import compute_charge_ratio_fields
+from solver.results.film_forces import FilmForces, compute_ratio_fields, compute_sensitivity_tolerance
 from solver.results.load_limits import LoadedRecord, LoadLimits
-from solver.results.result import Decision
+from solver.results.result import Column, Decision, ReadRatio
 
 Progress = Callable[[int, int], None]
-Column = tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,10 @@ class Scan(LoadedRecord):
         See ``Result``, one per position.
     ratio_without
         The ratio without any inclusion.
+    charge_inner, charge_outer, charge_ratio, charge_ratio_error, charge_log_sensitivity, charge_ratio_without
+        The same of the films' charges, see ``Result``; None without charges.
+    observable
+        What readings are the ratio of: "charge" or "stress".
     evaluator, seconds, load_limits, plan, warnings
         See ``Result``.
     scene
@@ -67,11 +73,31 @@ class Scan(LoadedRecord):
     ratio_without: float | None
     evaluator: str
     seconds: float
+    charge_inner: tuple[float, ...] | None = None
+    charge_outer: tuple[float, ...] | None = None
+    charge_ratio: Column | None = None
+    charge_ratio_error: Column | None = None
+    charge_log_sensitivity: Column | None = None
+    charge_ratio_without: float | None = None
+    observable: Observable = "stress"
     load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
     scene: Scene | None = field(default=None, compare=False, repr=False)
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def reading(self) -> ReadRatio[Column]:
+        """The ratio that readings of the scene are, at each position."""
+        if self.observable == "stress":
+            return ReadRatio(self.ratio, self.error_estimate, self.log_sensitivity)
+        null: Column = (None,) * len(self.position)
+        return ReadRatio(self.charge_ratio or null, self.charge_ratio_error or null, self.charge_log_sensitivity or null)
+
+    @property
+    def reading_without(self) -> float | None:
+        """The ratio that a reading is without any inclusion."""
+        return self.ratio_without if self.observable == "stress" else self.charge_ratio_without
 
 
 def scan(
@@ -128,7 +154,7 @@ def scan(
     load = LoadChanges.from_stiffness(scene, rule, film_readings.stiffness)
     if not linear:
         check_load(scene, load.weakest, accuracy, promise)
-    stress = _compute_stresses(scene, film_readings)
+    stress = film_readings.totals * _compute_indentations(scene, film_readings)[:, None] / film_readings.areas
     return Scan(
         along=along,
         at=line.offset,
@@ -140,6 +166,8 @@ def scan(
         log_sensitivity=_build_log_sensitivities(scene, film_readings, is_outside),
         error_estimate=_build_column(load.add_to_errors(film_readings.error_estimate), film_readings.resolved & load.is_known),
         ratio_without=compute_ratio_fields(scene, base.films)["ratio"],
+        **_build_charge_columns(scene, base.films, film_readings, load, is_outside=is_outside),
+        observable=scene.observable,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         load_limits=build_limits(rule, accuracy, promise),
@@ -153,12 +181,44 @@ def scan(
     )
 
 
-def _compute_stresses(scene: Scene, film_readings: Readings) -> Floats:
-    """Return the stresses under inner and outer block at the scene's load, Pa, shape (n, 2)."""
+def _compute_indentations(scene: Scene, film_readings: Readings) -> Floats:
+    """Return the indentations at the scene's load, m, shape (n,)."""
     indentation = scene.load.indentation
     if indentation is None:
-        return film_readings.totals * ((scene.load.force or 0.0) / film_readings.stiffness)[:, None] / film_readings.areas
-    return film_readings.totals * indentation / film_readings.areas
+        return (scene.load.force or 0.0) / film_readings.stiffness
+    return np.full(len(film_readings.forces), indentation)
+
+
+def _build_charge_columns(
+    scene: Scene, films: FilmForces, film_readings: Readings, load: LoadChanges, *, is_outside: Bools
+) -> JsonObject:
+    """Return the fields of a ``Scan`` that concern charges; none without charges.
+
+    Parameters
+    ----------
+    scene
+        With its inclusions.
+    films
+        Film forces without inclusions.
+    film_readings
+        At all n positions.
+    load
+        Effect of the load at each.
+    is_outside
+        Whether each tumour lies outside the modelled tissue, shape (n, inclusions).
+    """
+    charges = film_readings.find_charges(scene)
+    if charges is None:
+        return {}
+    charge = charges.totals * _compute_indentations(scene, film_readings)[:, None]
+    return {
+        "charge_inner": tuple(charge[:, 0].tolist()),
+        "charge_outer": tuple(charge[:, 1].tolist()),
+        "charge_ratio": _build_column(charges.ratio, charges.resolved),
+        "charge_ratio_error": _build_column(load.add_to_errors(charges.error_estimate), charges.resolved & load.is_known),
+        "charge_log_sensitivity": _build_log_sensitivities(scene, charges, is_outside),
+        "charge_ratio_without": compute_charge_ratio_fields(scene, films)["charge_ratio"],
+    }
 
 
 def _build_log_sensitivities(scene: Scene, film_readings: Readings, is_outside: Bools) -> Column:
@@ -225,9 +285,10 @@ def _iterate_warnings(
     if is_outside.any():
         left_out = f"left out at {is_outside.any(axis=1).sum()} of {n} positions, which the error counts"
         yield f"tumours outside the round tissue that is modelled are {left_out}"
-    if not film_readings.resolved.all():
-        where = f"at {(~film_readings.resolved).sum()} of {n} positions"
-        yield f"no ratio is given {where}: under one of the blocks the stress is smaller than its own error"
+    read = film_readings.get_observable(scene)
+    if not read.resolved.all():
+        where = f"at {(~read.resolved).sum()} of {n} positions"
+        yield f"no ratio is given {where}: under one of the blocks the {scene.observable} is smaller than its own error"
     limit = f"the accuracy {accuracy:g}"
     if farthest.accuracy < accuracy:
         limit = f"{farthest.accuracy:.2g}, which the load leaves of {limit}"
@@ -237,18 +298,19 @@ def _iterate_warnings(
             bound = f"{bounds.max():.2g}" if bounds.max() < 1 else "1 and more"
             yield f"the error of {quantity} is up to {bound} at {exceeding} of {n} positions, more than {limit}"
     if film_readings.derivatives and scene.target is not None:
-        tolerance = compute_sensitivity_tolerance(farthest.accuracy, film_readings.log_sensitivity)
-        is_worse = film_readings.resolved & (film_readings.sensitivity_error > tolerance)
+        tolerance = compute_sensitivity_tolerance(farthest.accuracy, read.log_sensitivity)
+        is_worse = read.resolved & (read.sensitivity_error > tolerance)
         if is_worse.any():
-            bound = f"{film_readings.sensitivity_error[is_worse].max():.1g} (absolute)"
+            bound = f"{read.sensitivity_error[is_worse].max():.1g} (absolute)"
             where = f"at {is_worse.sum()} of {n} positions"
             yield f"the error of the log-sensitivity is up to {bound} {where}, more than 5 times the accuracy"
 
 
 def _compute_errors(scene: Scene, film_readings: Readings) -> dict[str, Floats]:
     """Return the relative error bounds of ratio, stiffness and, at a given indentation, stresses, shape (n,) each."""
+    read = film_readings.get_observable(scene)
     bounds = {
-        "the ratio": film_readings.error_estimate[film_readings.resolved],
+        "the ratio": read.error_estimate[read.resolved],
         "the stiffness": film_readings.bound.sum(axis=1) / np.abs(film_readings.stiffness),
     }
     if scene.load.force is not None:  # the stresses add up to the force, so that the ratio's error bounds theirs

@@ -8,6 +8,7 @@ second grows, so that the bound at the farthest of some positions holds at all o
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, add_bounds
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import FilmForces
 
 SQUARE_LAW_ERROR = 0.3  # of the effect of the sides between two positions: error of interpolating with the square of the distance
 MAX_SPLITS = 3  # halvings of the positions for closer bounds: up to 8 solutions
@@ -112,7 +114,7 @@ class ScanLine:
     def add_bounds(self, base: Undisturbed, film_readings: Readings, positions: Floats) -> Readings:
         """Return readings that were computed with one ``base``, corrected for the tissue's sides at each position.
 
-        The film forces without tumours are interpolated with the square of the distance from the tissue's middle, between that of
+        Film forces and charges without tumours are interpolated with the square of the distance from the middle, between those of
         ``base`` and the farthest position of each part; the error bounds are those of the farthest position.
 
         Parameters
@@ -124,17 +126,27 @@ class ScanLine:
         positions
             m, shape (n,).
         """
-        tumour_bound, forces = film_readings.bound - base.films.bound.totals, film_readings.forces.copy()
-        bound, log_ratio = np.empty_like(film_readings.bound), np.empty_like(film_readings.log_ratio_bound)
         order = np.argsort(np.abs(positions))
         min_square, squares = positions[order[0]] ** 2, positions**2
-        for part, probe_alone in self._split_positions(positions, order, self.solve_alone(positions[order[-1]]), MAX_SPLITS):
-            change, span = probe_alone.films.forces - base.films.forces, squares[part].max() - min_square
-            fraction = (squares[part] - min_square) / span if span > 0 else np.zeros(len(part))
-            forces[part] += fraction[:, None, None] * change
-            law_error = SQUARE_LAW_ERROR * np.abs(change.sum(axis=1))
-            bound[part], log_ratio[part] = add_bounds(probe_alone.films, tumour_bound[part] + law_error, forces[part])
-        return replace(film_readings, forces=forces, bound=bound, log_ratio_bound=log_ratio)
+        parts = self._split_positions(positions, order, self.solve_alone(positions[order[-1]]), MAX_SPLITS)
+
+        def correct(read: Readings, films: FilmForces, films_of_parts: Iterable[FilmForces | None]) -> Readings:
+            """Return forces or charges, corrected by those without tumours, of ``base`` and at the farthest of each part."""
+            tumour_bound, forces = read.bound - films.bound.totals, read.forces.copy()
+            bound, log_ratio = np.empty_like(read.bound), np.empty_like(read.log_ratio_bound)
+            for (part, _), part_films in zip(parts, films_of_parts, strict=True):
+                assert part_films is not None  # all positions have charges, or none
+                change, span = part_films.forces - films.forces, squares[part].max() - min_square
+                fraction = (squares[part] - min_square) / span if span > 0 else np.zeros(len(part))
+                forces[part] += fraction[:, None, None] * change
+                law_error = SQUARE_LAW_ERROR * np.abs(change.sum(axis=1))
+                bound[part], log_ratio[part] = add_bounds(part_films, tumour_bound[part] + law_error, forces[part])
+            return replace(read, forces=forces, bound=bound, log_ratio_bound=log_ratio)
+
+        charges = film_readings.charges
+        if charges is not None and base.films.charges is not None:
+            charges = correct(charges, base.films.charges, (alone.films.charges for _, alone in parts))
+        return replace(correct(film_readings, base.films, (alone.films for _, alone in parts)), charges=charges)
 
     def _split_positions(
         self, positions: Floats, order: Ints, farthest: ProbeAlone, splits: int
@@ -157,7 +169,8 @@ class ScanLine:
         list[tuple[Ints, ProbeAlone]]
             Indices of each part, and the film forces at its farthest position.
         """
-        worst = max(farthest.films.ratio_error, farthest.films.relative_errors.max())
+        films, read = farthest.films, farthest.films.get_observable(self.scene)
+        worst = max(films.ratio_error, films.relative_errors.max(), read.ratio_error)
         if worst <= CLOSE_BOUND_FRACTION * self.accuracy or splits == 0 or len(order) < 2:
             return [(order, farthest)]
         inner, outer = order[: len(order) // 2], order[len(order) // 2 :]

@@ -1,6 +1,7 @@
 """Compute the effect of spheres on a reading, and the verdicts on it: detected, resolved, or open.
 
-With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity to its Young's modulus and g the noise,
+With R the ratio over a tumour, of charges or of stresses as the scene's observable says, R_0 the ratio without it, S the
+log-sensitivity to its Young's modulus and g the noise,
 
     change = R / R_0 - 1                                        seen where |change| >= seen g           (MA.1)
     sd     = g / |S|, the standard deviation of ln E_object     resolved where sd <= resolved           (MA.2)
@@ -20,10 +21,11 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError
+from geometry.scenes.scene import Scene
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD, check_noise
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.planning.load_check import LoadChanges
+from solver.results.film_forces import FilmForces
 
 MAX_THRESHOLD = 1e6  # upper limit of thresholds
 BASE_ERROR_FACTOR = (
@@ -127,30 +129,43 @@ def _decide(value: Floats, error: Floats, threshold: float) -> Floats:
     return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
 
 
-def compute_effects(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> SphereEffects:
-    """Return the effects of n spheres from the readings with each of them, n rows, and without the target, one row."""
-    has_ratio = np.asarray(readings_with.resolved & readings_without.resolved)
-    ratio_without = np.where(readings_without.resolved, readings_without.ratio, 1.0)
-    change = np.where(has_ratio, readings_with.ratio / ratio_without - 1, 0.0)
-    log_error = np.minimum(_bound_log_error(base, readings_with, readings_without), 700.0)  # so that its exponential is finite
+def compute_effects(scene: Scene, films: FilmForces, readings_with: Readings, readings_without: Readings) -> SphereEffects:
+    """Return the effects of n spheres on the ratio that the scene reads.
+
+    Parameters
+    ----------
+    scene
+        Decides whether readings are ratios of charges or of stresses.
+    films
+        Film forces without tumours.
+    readings_with
+        With each of the spheres, n rows.
+    readings_without
+        Without the target, one row.
+    """
+    read, read_without = readings_with.get_observable(scene), readings_without.get_observable(scene)
+    has_ratio = np.asarray(read.resolved & read_without.resolved)
+    ratio_without = np.where(read_without.resolved, read_without.ratio, 1.0)
+    change = np.where(has_ratio, read.ratio / ratio_without - 1, 0.0)
+    log_error = _bound_log_error(films.get_observable(scene), read, read_without)
+    log_error = np.minimum(log_error, 700.0)  # so that its exponential is finite
     return SphereEffects(
         has_ratio=has_ratio,
         change=change,
         error=np.where(has_ratio, np.abs(1 + change) * np.expm1(log_error), np.inf),
-        sensitivity=readings_with.log_sensitivity,
-        sensitivity_error=np.where(has_ratio, readings_with.sensitivity_error, np.inf),
+        sensitivity=read.log_sensitivity,
+        sensitivity_error=np.where(has_ratio, read.sensitivity_error, np.inf),
         stiffness=readings_with.stiffness,
     )
 
 
-def _bound_log_error(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> Floats:
-    """Return a bound on the error of ln(R / R_0), shape (n,).
+def _bound_log_error(films: FilmForces, readings_with: Readings, readings_without: Readings) -> Floats:
+    """Return a bound on the error of ln(R / R_0), shape (n,), of forces or of charges.
 
     It counts the error of the tumours' fields, and that of the base states (the solutions without tumours in which one block's
-    base is displaced by one unit and the other is held) in dF / F_0, with F_0 the film forces without the
-    target and dF their change; otherwise the errors of the base states cancel in R / R_0.
+    base is displaced by one unit and the other is held) in dF / F_0, with F_0 the film forces or charges without the
+    target and dF their change; otherwise the errors of the base states cancel in R / R_0. ``films`` are those without tumours.
     """
-    films = base.films
     tumour_error = sum(
         np.abs((film_readings.bound - films.bound.totals) / film_readings.totals)
         for film_readings in (readings_with, readings_without)

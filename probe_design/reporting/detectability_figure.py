@@ -30,13 +30,14 @@ def draw_detectability(maps: Detectability, scene: Scene) -> Figure:
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     change, deviation = np.array(maps.change, dtype=float) * 100, np.array(maps.standard_deviation, dtype=float)
     threshold, max_deviation = maps.seen_threshold * 100, maps.resolved_threshold
+    ratio = "ratio" if maps.observable == "stress" else "ratio of charges"
     # the colours reach at least three times the threshold, even if no tumour changes the ratio so much
     max_change = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
     norms = (
         SymLogNorm(threshold / 3, vmin=-max_change, vmax=max_change),
         LogNorm(max_deviation / COLOUR_RANGE_FACTOR, max_deviation * COLOUR_RANGE_FACTOR),
     )
-    _draw_map(figure, left, maps, change, norm=norms[0], colours="RdBu_r", label="change of the ratio, %")
+    _draw_map(figure, left, maps, change, norm=norms[0], colours="RdBu_r", label=f"change of the {ratio}, %")
     label = "standard deviation of ln E_object, one reading"
     _draw_map(figure, right, maps, deviation, norm=norms[1], colours="viridis_r", label=label)
     for axes, verdicts, values, limit, text in (
@@ -54,7 +55,7 @@ def draw_detectability(maps: Detectability, scene: Scene) -> Figure:
     place_text = "on the probe's axis" if offset == 0 else f"{offset * MM_PER_M:.3g} mm off the probe's axis"
     figure.suptitle(
         f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {_describe_moduli(scene)} kPa {place_text}, "
-        f"noise {maps.noise * 100:.3g} % on the ratio",
+        f"noise {maps.noise * 100:.3g} % on the {ratio}",
         fontsize=11,
     )
     _draw_legend(figure)

@@ -86,8 +86,8 @@ def _get_radius(body: Inclusion) -> float:
 
 def _choose_probe_position(scan: Scan) -> float:
     """Return the position at which the probe is drawn: where inclusions change the ratio most."""
-    ratio = np.array(scan.ratio, dtype=float)
-    ratio_without = np.nan if scan.ratio_without is None else scan.ratio_without
+    ratio = np.array(scan.reading.ratio, dtype=float)
+    ratio_without = np.nan if scan.reading_without is None else scan.reading_without
     change = np.abs(ratio - ratio_without)
     if not np.any(change > 1e-9 * np.abs(ratio_without)):
         return scan.position[len(scan.position) // 2]
@@ -97,26 +97,29 @@ def _choose_probe_position(scan: Scan) -> float:
 def _plot_ratio(axes: Axes, scan: Scan) -> None:
     """Plot the ratio with its error band, and the ratio without inclusions."""
     x = np.array(scan.position) * MM_PER_M
-    ratio, error = (np.array(values, dtype=float) for values in (scan.ratio, scan.error_estimate))  # NaN where a value is None
+    read = scan.reading
+    ratio, error = (np.array(values, dtype=float) for values in (read.ratio, read.error))  # NaN where a value is None
     axes.plot(x, ratio, color="tab:blue", marker="." if len(x) < 60 else None, label="with inclusions")
     band = np.abs(ratio) * np.minimum(error, 1.0)
     axes.fill_between(x, ratio - band, ratio + band, color="tab:blue", alpha=0.2, linewidth=0, label="bound on the error")
-    if scan.ratio_without is not None:
-        axes.axhline(scan.ratio_without, color="0.35", linewidth=0.9, linestyle=":", label="without any")
+    if scan.reading_without is not None:
+        axes.axhline(scan.reading_without, color="0.35", linewidth=0.9, linestyle=":", label="without any")
     if not np.any(np.isfinite(ratio)):
-        axes.text(0.5, 0.5, "null: a stress is below its own error", transform=axes.transAxes, ha="center", va="center")
+        axes.text(
+            0.5, 0.5, f"null: a {scan.observable} is below its own error", transform=axes.transAxes, ha="center", va="center"
+        )
     low, high = axes.get_ylim()
     middle = (low + high) / 2
     if high - low < 1e-3 * abs(middle):  # a flat line stays one
         axes.set_ylim(middle - 5e-3 * abs(middle), middle + 5e-3 * abs(middle))
     axes.ticklabel_format(axis="y", useOffset=False)
-    axes.set_ylabel("ratio of inner to\nouter film stress")
+    axes.set_ylabel(f"ratio of inner to\nouter film {scan.observable}")
 
 
 def _plot_second_curve(axes: Axes, scan: Scan) -> None:
     """Plot the log-sensitivity if there is a target, else the stiffness."""
     x = np.array(scan.position) * MM_PER_M
-    sensitivity = np.array(scan.log_sensitivity, dtype=float)
+    sensitivity = np.array(scan.reading.log_sensitivity, dtype=float)
     if np.any(np.isfinite(sensitivity)):
         axes.plot(x, sensitivity, color="tab:orange", marker="." if len(x) < 60 else None)
         axes.axhline(0.0, color="0.7", linewidth=0.8)

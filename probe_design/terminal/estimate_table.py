@@ -6,6 +6,7 @@ from probe_design.estimation.estimate_result import Estimate, ExpectedInterval
 from probe_design.estimation.intervals import Interval
 from probe_design.estimation.reasons import UNKNOWN_NAMES, format_value
 from probe_design.reporting.table import Table
+from probe_design.terminal.result_tables import OBSERVABLE_WORDS
 
 
 def write_sentence(estimate: Estimate) -> str:
@@ -78,7 +79,8 @@ def _describe_noise(estimate: Estimate) -> str:
     """Describe the noise of the readings, and the uncertainty of nuisances, the other uncertain numbers of the scene."""
     min_noise, max_noise = min(estimate.noise), max(estimate.noise)
     nuisances = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
-    return ", ".join([f"noise {min_noise:g}{f' to {max_noise:g}' if max_noise > min_noise else ''} on the ratio", *nuisances])
+    noise = f"noise {min_noise:g}{f' to {max_noise:g}' if max_noise > min_noise else ''}"
+    return ", ".join([f"{noise} on the ratio of {OBSERVABLE_WORDS[estimate.observable]}", *nuisances])
 
 
 def _describe_optional(unknown: str, interval: Interval | None, otherwise: str) -> str:

@@ -102,12 +102,13 @@ def build_scan_table(scan: Scan) -> Table:
     """Return a scan as a table of at most ``SCAN_ROWS`` rows; null values are dashes."""
     cross_axis = "y" if scan.along == "x" else "x"
     line_text = f"along {scan.along} at {cross_axis} = {scan.at * 1e3:.6g} mm"
+    read, charge = scan.reading, "charge_" if scan.observable == "charge" else ""
     columns = {
         "position, mm": ([1e3 * position for position in scan.position], 4),
-        "ratio": (scan.ratio, 6),
+        f"{charge}ratio": (read.ratio, 6),
         "stiffness, N/m": (scan.stiffness, 6),
-        "log_sensitivity": (scan.log_sensitivity, 4),
-        "error_estimate": (scan.error_estimate, 2),
+        f"{charge}log_sensitivity": (read.log_sensitivity, 4),
+        "charge_ratio_error" if charge else "error_estimate": (read.error, 2),
     }
     title = f"{scan.evaluator}, {len(scan.ratio)} positions {line_text} in {scan.seconds:.2g} s"
     return Table.from_columns(title, columns, SCAN_ROWS)
@@ -115,7 +116,7 @@ def build_scan_table(scan: Scan) -> Table:
 
 def build_threshold_table(maps: Detectability) -> Table:
     """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
-    noise = f"noise {maps.noise:g} on the ratio"
+    noise = f"noise {maps.noise:g} on the ratio of {OBSERVABLE_WORDS[maps.observable]}"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     diameters = [1e3 * diameter for diameter in maps.diameter]
 

@@ -98,11 +98,16 @@ class Readings:
         """
         if scene.observable == "stress":
             return self
-        if self.charges is not None:
-            return self.charges
+        charges = self.find_charges(scene)
+        if charges is None:
+            raise Refusal("reading.observable", "charge", "'stress', or [probe.film] given")
+        return charges
+
+    def find_charges(self, scene: Scene) -> Readings | None:
+        """Return the charges, which follow from the forces where the scene gives psi1 or psi2; None where they are not known."""
         film = scene.probe.film
         if film is None or not film.uses_psi:
-            raise Refusal("reading.observable", "charge", "'stress', or [probe.film] given")
+            return self.charges
         return self._scale(np.array([block_film.charge_per_force for block_film in film.by_block]))
 
     def _scale(self, factors: Floats) -> Readings:

@@ -129,7 +129,7 @@ class FilmForces:
             return self
         charges = self.find_charges(scene)
         if charges is None:
-            raise Refusal("reading.observable", "charge", "'stress' for this evaluator, which computes no film's stress")
+            raise Refusal("reading.observable", "charge", "'stress' where an evaluator is needed that computes no film's stress")
         return charges
 
     def find_charges(self, scene: Scene) -> FilmForces | None:

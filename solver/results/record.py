@@ -27,7 +27,7 @@ SI_UNITS = {
     "tangent_stiffness": "N/m", "closest_walls": "m", "contact_radius": "m", "largest_strain": "1", "position": "m", "at": "m",
     "ratio_without": "1", "depth": "m", "diameter": "m", "change": "1", "standard_deviation": "1", "error": "1", "seen": "1",
     "resolved": "1", "above_error": "1", "noise": "1", "seen_threshold": "1", "resolved_threshold": "1", "accuracy": "1",
-    "seconds": "s", "strength": "m^3", "p_value": "1",
+    "charge_ratio_without": "1", "seconds": "s", "strength": "m^3", "p_value": "1",
 }  # fmt: skip
 """SI units of the fields of results, by name; 1 is a pure number."""
 

@@ -22,7 +22,7 @@ from tests.support.slow import slow_unless
 
 KEYS = {
     "depth", "diameter", "change", "standard_deviation", "error", "seen", "resolved", "above_error", "noise", "seen_threshold",
-    "resolved_threshold", "ratio_without", "evaluator", "seconds", "plan", "warnings",
+    "resolved_threshold", "ratio_without", "observable", "evaluator", "seconds", "plan", "warnings",
     "linear_limit_load", "gap_closure_load", "load_limits", "provenance",
 }  # fmt: skip
 

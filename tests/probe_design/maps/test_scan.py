@@ -25,7 +25,8 @@ from tests.support.slow import slow_unless
 SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
 KEYS = {
     "along", "at", "position", "ratio", "stiffness", "stress_inner", "stress_outer", "log_sensitivity", "error_estimate",
-    "ratio_without", "evaluator", "seconds", "plan", "warnings",
+    "ratio_without", "charge_inner", "charge_outer", "charge_ratio", "charge_ratio_error", "charge_log_sensitivity",
+    "charge_ratio_without", "observable", "evaluator", "seconds", "plan", "warnings",
     "linear_limit_load", "gap_closure_load", "load_limits", "provenance",
 }  # fmt: skip
 
