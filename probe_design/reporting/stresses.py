@@ -25,7 +25,8 @@ def compute_pressures(states: BaseStates, scene: Scene) -> Floats:
     model, total = states.model, float(states.forces.sum())
     # n elements with s shape functions each
     n, s = len(model.mesh.body), len(model.shapes.degrees)
-    displacements = states.values.sum(axis=2).reshape(n, 2, s, 1)  # both blocks lowered by 1 m
+    # both blocks lowered by 1 m: the first two states, film states follow
+    displacements = states.values[..., :2].sum(axis=2).reshape(n, 2, s, 1)
     (rr, _, _, zz), hoop_strain = compute_gradients(model.geometry, model.shapes, displacements)
     dilation = project_dilations(model.geometry, model.shapes, rr + zz + hoop_strain)
     stress = model.law.two_mu[:, None] * zz[..., 0] + model.law.dilation_modulus[:, None] * dilation[..., 0]
