@@ -42,12 +42,14 @@ def draw_film(source: random.Random) -> JsonObject:
 
 
 def compute_shares(result: Result, true: Result) -> dict[str, float]:
-    """Return the true over the stated error of each quantity of a result."""
-    shares = {
-        name: abs(getattr(result, name) / getattr(true, name) - 1) / getattr(result, f"{name}_error") for name in RELATIVE_FIELDS
-    }
+    """Return the true over the stated error of each quantity of a result; the true result's own error is taken off the first."""
+    shares = {}
+    for name in RELATIVE_FIELDS:
+        difference = abs(getattr(result, name) / getattr(true, name) - 1)
+        shares[name] = max(0.0, difference - getattr(true, f"{name}_error")) / getattr(result, f"{name}_error")
     difference = abs((result.charge_log_sensitivity or 0.0) - (true.charge_log_sensitivity or 0.0))
-    return shares | {"charge_log_sensitivity": difference / (result.charge_log_sensitivity_error or math.inf)}
+    difference -= true.charge_log_sensitivity_error or 0.0
+    return shares | {"charge_log_sensitivity": max(0.0, difference) / (result.charge_log_sensitivity_error or math.inf)}
 
 
 def main() -> None:
