@@ -87,7 +87,8 @@ def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, ga
     gains
         Of a calibration, here taken as exact; None: nominal.
     """
-    exact_gains = replace(Gains.from_bench(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
+    used_gains = Gains.from_bench(bench) if gains is None else gains
+    exact_gains = replace(used_gains, covariance=np.zeros_like(used_gains.covariance))
     films, noise = compute_film_forces(measurement, scene)
     log_ratio_derivatives = np.array([1.0, -1.0]) / exact_gains.compute_forces(films)  # of ln(F_inner / F_outer)
     return float(np.sqrt(log_ratio_derivatives @ exact_gains.compute_forces_covariance(films, noise) @ log_ratio_derivatives))
