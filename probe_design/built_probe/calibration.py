@@ -18,6 +18,7 @@ from probe_design.built_probe.film_forces import build_observation
 from probe_design.built_probe.gain_checks import estimate_consistent_gains
 from probe_design.built_probe.gains import ForceScale, Gains, Observation
 from probe_design.built_probe.load_plausibility import check_reference_loads
+from probe_design.built_probe.reference_charges import models_charges
 from probe_design.built_probe.timing_errors import count_rate_error_of_gains, list_lag_warnings
 
 T = TypeVar("T")
@@ -189,7 +190,7 @@ def calibrate(
         offsets=offsets.mean(axis=0),
         offsets_sd=scatter,
         readings=readings.observations,
-        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *readings.warnings),
+        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *_list_omitted_films(scene), *readings.warnings),
     )
 
 
@@ -254,6 +255,18 @@ def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
         if not is_resolved:
             warnings.append(f"cross-talk {entry}: the readings do not determine it; the bench's assumption stands")
     return warnings
+
+
+def _list_omitted_films(scene: Scene) -> list[str]:
+    """List what gains leave out of films whose charges are not predicted, one line or none."""
+    film = scene.probe.film
+    if models_charges(scene) or film is None:
+        return []
+    key = "psi1 and psi2" if film.uses_psi else "[reading] observable"
+    return [
+        f"a film's charge is taken as a multiple of its force, by {key} of the scene: of a bonded film it is none, and gains "
+        "from pins or blocks leave an error of up to 20 % of the ratio; give the bonds in [probe.film], and read charges"
+    ]
 
 
 def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:

@@ -62,6 +62,8 @@ class StressReading(Record):
         Frequency of the mains, Hz, or None if not detected.
     calibrated
         Whether gains come from a calibration.
+    log_bonds
+        ln of the factor on the moduli of the films' bonds by the calibration, with which the ratio is to be predicted, or None.
     samples
         Number of samples used.
     saturated
@@ -95,6 +97,7 @@ class StressReading(Record):
     z_ratio_phase: float | None
     mains: float | None
     calibrated: bool
+    log_bonds: float | None
     samples: int
     saturated: int
     gaps: int
@@ -203,6 +206,7 @@ def compute_reading(
         z_ratio_phase=z_phase,
         mains=measurement.fit.mains,
         calibrated=gains is not None,
+        log_bonds=None if used_gains.bonds is None else used_gains.bonds.log_factor,
         samples=measurement.fit.rows,
         saturated=measurement.losses.saturated,
         gaps=measurement.losses.gaps,
