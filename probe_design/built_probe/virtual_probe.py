@@ -90,6 +90,7 @@ def build_signals(
     scene: Scene,
     forces: Floats | Complexes,
     seed: int | list[int],
+    *,
     load: float | complex | None = None,
 ) -> Callable[[Floats], Floats]:
     """Build the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
@@ -222,7 +223,7 @@ class VirtualBench:
 
     def _build_signals(self, forces: Floats | Complexes, load: float | complex, *run: int) -> Callable[[Floats], Floats]:
         """Build the signals under both films' forces and their load, N; each tuple of numbers ``run`` has its own noise."""
-        return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run], load)
+        return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run], load=load)
 
 
 def _compute_charges_per_load(scene: Scene, reference: Reference) -> Floats:
