@@ -31,7 +31,7 @@ from probe_design.built_probe.block_predictions import (
     compute_inner_fractions,
     express_by_outer_radius,
     predict_blocks,
-    predict_log_ratios,
+    predict_force_ratios,
 )
 from probe_design.built_probe.gain_checks import estimate_consistent_gains
 from probe_design.built_probe.gains import GAIN_CHANGE_PER_KELVIN, Gains, Observation
@@ -170,7 +170,7 @@ def iterate_outcomes(
     left = explain
     for seed in range(count):
         drawn = study.draw(seed, names[seed % len(names)])
-        logs = solved.get(seed, drawn.off, lambda drawn=drawn: predict_log_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
+        logs = solved.get(seed, drawn.off, lambda drawn=drawn: predict_force_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
         outcome = study.outcome(drawn, logs)
         if left and outcome.alarmed and not outcome.refused:
             left, outcome = left - 1, replace(outcome, named=study.is_named(drawn, logs))

@@ -28,8 +28,10 @@ Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)
 Fraction = Annotated[float, PERCENTAGE, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02 or 2 %")]
 Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
+Radius = Annotated[float, Quantity("radius", "m", "mm", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 ReferenceKind = Literal["tissue", "inner", "outer"]
+ReferenceContact = Literal["frictionless", "stuck"]
 SIGNIFICANT_SD = 3.0  # standard deviations from which a charge, a lag or a difference is significant
 CONTRADICTION_SD = 5.0  # standard deviations from which two statements contradict each other
 # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
@@ -141,12 +143,17 @@ class Workshop(Frozen):
     """Tolerances of manufacture: standard deviations of every length (m), modulus (relative) and Poisson's ratio.
 
     Without ``length``, each block's lengths have the tightest tolerance of its process, no less than 0.02 mm; see
-    ``geometry.workshop.tolerance.find_length_sd``.
+    ``geometry.workshop.tolerance.find_length_sd``. Thicknesses and the modulus of films and bonds are relative. The modulus of
+    the bonds is not among them: a calibration determines it.
     """
 
     length: Length | None = None
     modulus: Fraction = 0.02
     poisson_ratio: Fraction = 0.003
+    film_thickness: Fraction = 0.05
+    bond_thickness: Fraction = 0.1
+    film_modulus: Fraction = 0.2
+    film_poisson_ratio: Fraction = 0.03
 
 
 class Reference(Frozen):
@@ -164,6 +171,10 @@ class Reference(Frozen):
     leak
         Of a pin or ring, the standard deviation of the fraction of its load on the other block; None: the default
         ``DEFAULT_LEAK_SD``, or the fraction in the other film's channel if that is more.
+    inner_radius, outer_radius
+        Of a pin's or ring's flat end, m; left out, those of the fixture that ``export --fixture`` makes.
+    contact
+        Of a pin or ring with the block; left out, either is possible, and the difference of the charges counts as an error.
     known_force
         Amplitude of the load, N, if it is known independently: of a shaken mass, or a spring of known stiffness.
     known_force_tolerance
@@ -174,6 +185,9 @@ class Reference(Frozen):
     youngs_modulus: Modulus | None = None
     tolerance: Fraction = 0.01
     leak: Fraction | None = None
+    inner_radius: Radius | None = None
+    outer_radius: Radius | None = None
+    contact: ReferenceContact | None = None
     known_force: KnownForce | None = None
     known_force_tolerance: Annotated[float, Field(ge=1e-6, le=1.0, description="a number from 1e-6 to 1, such as 0.01")] = 0.01
 
@@ -183,8 +197,9 @@ class Reference(Frozen):
         if (self.youngs_modulus is None) == (self.on == "tissue"):
             entry = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
             raise InputError("youngs_modulus", entry, "given for on = 'tissue', and for nothing else")
-        if self.leak is not None and self.on == "tissue":
-            raise InputError("leak", self.leak, "given for a pin or a ring, and for nothing else")
+        for key in ("leak", "inner_radius", "outer_radius", "contact") if self.on == "tissue" else ():
+            if getattr(self, key) is not None:
+                raise InputError(key, getattr(self, key), "given for a pin or a ring, and for nothing else")
         return self
 
     @property

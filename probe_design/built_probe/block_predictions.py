@@ -1,6 +1,8 @@
-"""Predict the films' fractions of the load on reference blocks, with errors and derivatives with respect to the design.
+"""Predict what both films read on references, with errors and derivatives with respect to the design.
 
-Only ln rho is predicted, rho = F_inner / F_outer with the films' forces F: their sum is the load, for any probe and tissue.
+Where readings are stresses, only ln rho is predicted, rho = F_inner / F_outer with the films' forces F on a block of tissue:
+their sum is the load, for any probe and tissue. Where they are charges, F is each film's charge over one unit of charge per force
+(``reference_charges.compute_charge_unit``); the sum is then sigma times the load, and ln sigma is predicted on every reference.
 """
 
 from __future__ import annotations
@@ -8,19 +10,33 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
+from geometry.meridian.section import FILMS, STACKS, TISSUES, Body
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_tables import Placement
+from geometry.scenes.scene_tables import Load, Placement
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import find_length_sd
 from probe_design.built_probe.bench import Reference, Workshop
+from probe_design.built_probe.reference_charges import (
+    FILM_KEYS,
+    BondModulus,
+    LoadFactor,
+    compute_charge_unit,
+    find_bond_log_sd,
+    find_film_tolerance,
+    is_bond_modulus,
+    models_charges,
+    predict_pin,
+    scale_bonds,
+)
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import compute_gradients
@@ -28,11 +44,12 @@ from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_check import LINEAR_REMEDY, explain_limit
 from solver.planning.load_limits import find_largest_load
 from solver.planning.loads import LoadRule
-from solver.results.film_forces import compute_result_fields
+from solver.results.film_forces import FilmForces
 
 PREDICTION_ACCURACY = 1e-3  # relative accuracy of the solver
 LINEARITY_ACCURACY = 0.01  # largest relative change by finite strain at which a load is allowed
-TISSUE_MODULUS = "tissue.youngs_modulus"
+BONDS = tuple(body for stack in STACKS for body in stack if body not in FILMS)
+UNIT_LOAD = Load(force=0.01)  # N: derivatives are those at a given load, whatever its size
 BLOCK_MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
 
 
@@ -52,6 +69,8 @@ class BlockPrediction:
         Derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
     rule
         Limits of loads on the block; None: the load does not matter.
+    bond_derivative
+        Derivative of ``log_ratio`` with respect to the logarithm of the modulus of all bonds.
     """
 
     log_ratio: float
@@ -59,6 +78,7 @@ class BlockPrediction:
     derivatives: Floats
     modulus_derivative: float
     rule: LoadRule | None = None
+    bond_derivative: float = 0.0
 
     def compute_variance(self, reference: Reference) -> float:
         """Return the variance of ``log_ratio`` due to the block's modulus and the solver's error.
@@ -111,6 +131,10 @@ class BlockPredictions:
         Standard deviations of ln E by variable, for moduli from the catalogue that were not measured.
     length_sds
         Standard deviations of lengths by variable, m, where the bench states none.
+    load_factors
+        ln sigma of every reference, where readings are charges; otherwise none.
+    bonds
+        The modulus of the bonds at which all this holds; None where it does not matter.
     """
 
     variables: tuple[str, ...]
@@ -118,6 +142,8 @@ class BlockPredictions:
     blocks: tuple[BlockPrediction, ...]
     unmeasured: Mapping[str, float] = field(default_factory=dict)
     length_sds: Mapping[str, float] = field(default_factory=dict)
+    load_factors: tuple[LoadFactor, ...] = ()
+    bonds: BondModulus | None = None
 
     @property
     def log_ratios(self) -> Floats:
@@ -143,16 +169,25 @@ class BlockPredictions:
         blocks = (block.apply_force(*load, linear) for block, load in zip(self.blocks, loads, strict=True))
         return replace(self, blocks=tuple(blocks))
 
-    def compute_tolerances(self, workshop: Workshop) -> Floats:
-        """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's."""
-        return np.array(
+    def compute_tolerances(self, workshop: Workshop, calibrated: bool = True) -> Floats:
+        """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's.
+
+        Without a calibration the bonds' moduli have the catalogue's, too; one determines them, and so they are no tolerances.
+        """
+        tolerances = np.array(
             [self._find_tolerance(*variable, workshop) for variable in zip(self.variables, self.nominal, strict=True)]
         )
+        if self.bonds is not None and not calibrated:
+            is_bond = np.array([is_bond_modulus(name) for name in self.variables])
+            tolerances[is_bond] = self.bonds.log_sd * self.nominal[is_bond]
+        return tolerances
 
     def _find_tolerance(self, name: str, value: float, workshop: Workshop) -> float:
         """Return the standard deviation of a variable, SI."""
         if name == BLOCK_MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
             return 0.0
+        if name.startswith(FILM_KEYS):
+            return find_film_tolerance(name, value, workshop)
         if name.endswith("modulus"):
             return self.unmeasured.get(name, workshop.modulus) * value
         if name.endswith("poisson_ratio"):
@@ -161,42 +196,77 @@ class BlockPredictions:
         return self.length_sds[name] if workshop.length is None else workshop.length
 
 
-def predict_blocks(scene: Scene, references: Sequence[Reference]) -> BlockPredictions:
-    """Predict the films' fractions of the load on the references that are blocks of tissue.
+def predict_blocks(
+    scene: Scene,
+    references: Sequence[Reference],
+    log_bonds: float = 0.0,
+    previous: BlockPredictions | None = None,
+    *,
+    differentiate: bool = True,
+) -> BlockPredictions:
+    """Predict what both films read on references: on blocks of tissue, and where readings are charges, on pins and rings, too.
 
     Parameters
     ----------
     scene
         For its probe, contact and kind of tissue; inclusions, placement and tilt are ignored.
     references
-        Pins and rings are skipped, since they need no prediction.
+        Of a bench. Where readings are stresses, pins and rings are skipped, since they need no prediction.
+    log_bonds
+        ln of the factor on the moduli of the scene's bonds.
+    previous
+        Predictions of the same references for another such factor: derivatives by the design's variables are taken from there.
+    differentiate
+        Whether to compute these derivatives, for which most of the time is needed; without them they are 0, as of a probe that is
+        exactly as drawn.
 
     Raises
     ------
     Refusal
         The axisymmetric evaluator cannot compute the probe, or a film is not pressed.
     """
-    by_radius = express_by_outer_radius(scene)
+    drawn = express_by_outer_radius(scene)
+    reads_charges, by_radius = models_charges(scene), scale_bonds(drawn, log_bonds)
     names = tuple(key for key in list_values(by_radius) if key.startswith("probe."))
-    blocks = tuple(
-        _predict_block(build_block_scene(by_radius, reference), names) for reference in references if reference.on == "tissue"
-    )
+    unit = abs(compute_charge_unit(scene)) if reads_charges else 1.0
+    blocks: list[BlockPrediction] = []
+    factors: list[LoadFactor] = []
+    known = None if differentiate else _Derivatives(np.zeros(len(names)), np.zeros(len(names)))
+    for k, reference in enumerate(references):
+        if previous is not None and reads_charges:
+            ratio = previous.blocks[len(blocks)].derivatives[:-1] if reference.on == "tissue" else np.zeros(0)
+            known = _Derivatives(ratio, previous.load_factors[k].derivatives[:-1])
+        if reference.on == "tissue":
+            block, factor = _predict_block(build_block_scene(by_radius, reference), names, reference.tolerance, unit, known)
+            blocks.append(block)
+            factors.append(factor)
+        elif reads_charges:
+            factors.append(predict_pin(by_radius, reference, names, unit, None if known is None else known.load_factor))
     nominal = list_values(by_radius)
     bodies = {"probe.inner.youngs_modulus": scene.probe.inner, "probe.outer.youngs_modulus": scene.probe.outer}
     unmeasured = {name: body.unmeasured_entry.log_sd for name, body in bodies.items() if body.unmeasured_entry is not None}
     values = np.array([*(nominal[name] for name in names), 1.0])
     length_sds = {
-        name: find_length_sd(by_radius.probe, name) for name in names if not name.endswith(("modulus", "poisson_ratio"))
+        name: find_length_sd(by_radius.probe, name)
+        for name in names
+        if not name.endswith(("modulus", "poisson_ratio")) and not name.startswith(FILM_KEYS)
     }
-    return BlockPredictions((*names, BLOCK_MODULI), values, blocks, unmeasured, length_sds)
-
-
-def predict_log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
-    """Return ln(F_inner / F_outer) on the references that are tissue, shape (blocks,); see ``predict_blocks``."""
-    by_radius = express_by_outer_radius(scene)
-    return np.array(
-        [_solve_block(build_block_scene(by_radius, reference))[1] for reference in references if reference.on == "tissue"]
+    return BlockPredictions(
+        (*names, BLOCK_MODULI),
+        values,
+        tuple(blocks),
+        unmeasured,
+        length_sds,
+        tuple(factors) if reads_charges else (),
+        BondModulus(log_bonds, find_bond_log_sd(scene)) if reads_charges and find_bond_log_sd(scene) > 0 else None,
     )
+
+
+def predict_force_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
+    """Return ln(F_inner / F_outer) of the films' forces on the references that are tissue, shape (blocks,)."""
+    by_radius = express_by_outer_radius(scene)
+    scenes = [build_block_scene(by_radius, reference) for reference in references if reference.on == "tissue"]
+    return np.array([math.log(np.divide(*solve_block(item)[0].films[0].totals)) for item in scenes])
 
 
 def compute_inner_fractions(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
@@ -229,17 +299,28 @@ def express_by_outer_radius(scene: Scene) -> Scene:
     return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
 
 
-def _solve_block(scene: Scene) -> tuple[Converged, float]:
-    """Solve the probe on a block; return the solution and ln(F_inner / F_outer)."""
+def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
+    """Solve the probe on a block; return the solution, what readings are the ratio of, and ln(F_inner / F_outer) of that."""
     solution = Axisymmetric().compute_converged(scene, PREDICTION_ACCURACY)
-    ratio = compute_result_fields(scene, solution.films[0])["ratio"]
-    if ratio is None or ratio <= 0:
+    films = solution.films[0]
+    read = films.get_observable(scene) if models_charges(scene) else films
+    inner, outer = read.totals
+    if not inner * outer > 0 or not read.ratio_error < 1:
         raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
-    return solution, math.log(ratio * scene.probe.inner_area / scene.probe.outer_area)
+    return solution, read, math.log(inner / outer)
 
 
-def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
-    """Predict ln(F_inner / F_outer) on one block, with its derivatives.
+class _Derivatives(NamedTuple):
+    """Derivatives on a reference with respect to the design's variables, per SI unit, shape (v - 1,) both."""
+
+    log_ratio: Floats  # of ln(F_inner / F_outer)
+    load_factor: Floats  # of ln sigma
+
+
+def _predict_block(
+    scene: Scene, names: tuple[str, ...], tolerance: float, unit: float, known: _Derivatives | None
+) -> tuple[BlockPrediction, LoadFactor]:
+    """Predict ln(F_inner / F_outer) and ln sigma on one block, with their derivatives.
 
     Parameters
     ----------
@@ -247,16 +328,65 @@ def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
         Of the probe on the block.
     names
         Keys of the scene's numbers with respect to which to differentiate; the block's modulus is added as the last.
+    tolerance
+        Relative standard deviation of the block's modulus.
+    unit
+        Charge per force, C/N, above 0; 1 where readings are stresses.
+    known
+        Derivatives with respect to ``names``; None: they are computed.
     """
-    solution, log_ratio = _solve_block(scene)
-    gradient = compute_gradients(scene, solution.sample)
-    log_derivatives = gradient.derivatives["ratio"][0] / gradient.values["ratio"][0]  # d ln(ratio) = d ratio / ratio
-    derivative_by_name = dict(zip(gradient.variables, log_derivatives, strict=True))
-    modulus_derivative = float(derivative_by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
-    derivatives = [derivative_by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names]
+    solution, read, log_ratio = solve_block(scene)
+    shares = read.totals / read.totals.sum()
+    by_modulus, by_bonds = (_differentiate_by_moduli(solution, bodies, models_charges(scene)) for bodies in (TISSUES, BONDS))
+    derivatives = _differentiate_block(scene, solution, names, shares) if known is None else known
+    modulus_derivative, bond_derivative = float(by_modulus @ [1.0, -1.0]), float(by_bonds @ [1.0, -1.0])
     rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
-    bound = solution.films[0].bound.log_ratio
-    return BlockPrediction(log_ratio, bound, np.array([*derivatives, modulus_derivative]), modulus_derivative, rule)
+    prediction = BlockPrediction(
+        log_ratio,
+        read.bound.log_ratio,
+        np.append(derivatives.log_ratio, modulus_derivative),
+        modulus_derivative,
+        rule,
+        bond_derivative,
+    )
+    sigma = abs(read.totals.sum() / solution.films[0].totals.sum()) / unit
+    error = float(read.relative_errors.max() + solution.films[0].stiffness_error)
+    factor = LoadFactor(
+        math.log(sigma),
+        error**2 / 3 + float(shares @ by_modulus * tolerance) ** 2,
+        np.append(derivatives.load_factor, shares @ by_modulus),
+        float(shares @ by_bonds),
+        (float(by_bonds[0]), float(by_bonds[1])),
+    )
+    return prediction, factor
+
+
+def _differentiate_by_moduli(solution: Converged, bodies: Sequence[Body], charges: bool) -> Floats:
+    """Return the derivatives of ln of each film's force, or charge, under a given load, by ln of some bodies' moduli, shape (2,).
+
+    They are the energies in these bodies; ``charges`` are the lower half of the products.
+    """
+    states, totals = solution.sample.states, solution.sample.totals[0]
+    present = np.intersect1d(states.model.mesh.body, bodies)
+    changes = np.sum([states.compute_modulus_derivative(Body(body)).sum(axis=1) for body in present], axis=0)
+    if len(present) == 0:
+        return np.zeros(2)
+    films = slice(2, 4) if charges else slice(0, 2)
+    return np.asarray(changes[films] / totals[films] - changes[:2].sum() / totals[:2].sum())
+
+
+def _differentiate_block(scene: Scene, solution: Converged, names: tuple[str, ...], shares: Floats) -> _Derivatives:
+    """Return the derivatives on one block; ``shares`` are the films' fractions of the sum of both, shape (2,)."""
+    gradient = compute_gradients(scene.model_copy(update={"load": UNIT_LOAD}), solution.sample)
+    prefix = "charge" if models_charges(scene) else "stress"
+    # of the logarithm of each film's charge, or stress, under a given load: d ln x = dx / x
+    by_film = [
+        dict(zip(gradient.variables, gradient.derivatives[key][0] / gradient.values[key][0], strict=True))
+        for key in (f"{prefix}_inner", f"{prefix}_outer")
+    ]
+    moved = [differentiate_area_ratio(scene.probe, name) if prefix == "stress" else 0.0 for name in names]
+    inner, outer = (np.array([logs.get(name, 0.0) for name in names]) for logs in by_film)
+    return _Derivatives(inner - outer + moved, shares[0] * inner + shares[1] * outer)
 
 
 def differentiate_area_ratio(probe: Probe, name: str) -> float:

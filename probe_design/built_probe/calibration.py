@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,8 +18,13 @@ from probe_design.built_probe.film_forces import build_observation
 from probe_design.built_probe.gain_checks import estimate_consistent_gains
 from probe_design.built_probe.gains import ForceScale, Gains, Observation
 from probe_design.built_probe.load_plausibility import check_reference_loads
+from probe_design.built_probe.reference_charges import models_charges
 from probe_design.built_probe.timing_errors import count_rate_error_of_gains, list_lag_warnings
 
+T = TypeVar("T")
+MAX_BOND_STEPS = 6  # fits of the bonds' modulus, each with predictions at the last
+MAX_BOND_SDS = 5.0  # standard deviations of ln of that modulus to which predictions go
+NEAR_BONDS = 0.1  # change of it by a fit from which predictions are not repeated: their curvature adds 0.05 % of a charge
 FREQUENCY_TOLERANCE = 0.01  # largest relative difference of the loads' frequencies
 WARNED_SCALE_SD = 3.0  # standard deviations of the bench's tolerance beyond which the force channel's scale is reported
 
@@ -47,7 +53,7 @@ class ReferenceReadings:
     @classmethod
     def from_measurements(
         cls, scene: Scene, bench: Bench, references: Sequence[Reference], measurements: Sequence[Measurement],
-        predictions: BlockPredictions | None, *, linear: bool,
+        predictions: BlockPredictions, *, linear: bool,
     ) -> ReferenceReadings:  # fmt: skip
         """Compare the loads of readings with the expected ones, and predict the blocks under them.
 
@@ -62,7 +68,7 @@ class ReferenceReadings:
         measurements
             By ``film_forces.measure_strict_reading``, one on each reference.
         predictions
-            Without load, if they are known already.
+            Of the references, without load.
         linear
             Whether to accept loads above the limit of linear elasticity: finite strain may change a prediction by more than the
             fraction ``load_limits.LOAD_SHARE`` of ``LINEARITY_ACCURACY``. The change is counted in any case.
@@ -78,8 +84,11 @@ class ReferenceReadings:
             kind = "references" if len(references) == len(bench.reference) else "blocks of tissue, at least one"
             raise InputError("readings", len(measurements), f"one for each of the bench's {len(references)} {kind}")
         pairs = zip(measurements, references, strict=True)
-        observations = tuple(build_observation(measurement, reference, scene) for measurement, reference in pairs)
-        predictions = predict_blocks(scene, bench.reference) if predictions is None else predictions
+        factors = predictions.load_factors if len(predictions.load_factors) == len(references) else (None,) * len(references)
+        observations = tuple(
+            replace(build_observation(measurement, reference, scene), load_factor=factor)
+            for (measurement, reference), factor in zip(pairs, factors, strict=True)
+        )
         load_warnings = check_reference_loads(observations, predictions, scene)
         try:
             predictions = predictions.apply_forces([item.load for item in observations], references, linear)
@@ -156,11 +165,18 @@ def calibrate(
     Refusal
         The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
     """
-    readings = ReferenceReadings.from_measurements(scene, bench, bench.reference, measurements, predictions, linear=linear)
-    try:
-        gains, fit_warnings = estimate_consistent_gains(readings.observations, readings.predictions, bench)
-    except InputError as error:  # a film's lag may explain the contradiction
-        raise InputError(error.key, error.value, "; ".join([error.allowed, *readings.lag_warnings])) from None
+
+    def fit(predictions: BlockPredictions) -> tuple[Gains, tuple[ReferenceReadings, tuple[str, ...]]]:
+        """Return the gains that follow from predictions, with the readings and the fit's warnings."""
+        readings = ReferenceReadings.from_measurements(scene, bench, bench.reference, measurements, predictions, linear=linear)
+        try:
+            gains, fit_warnings = estimate_consistent_gains(readings.observations, readings.predictions, bench)
+        except InputError as error:  # a film's lag may explain the contradiction
+            raise InputError(error.key, error.value, "; ".join([error.allowed, *readings.lag_warnings])) from None
+        return gains, (readings, fit_warnings)
+
+    predictions = predict_blocks(scene, bench.reference) if predictions is None else predictions
+    gains, (readings, fit_warnings) = fit_bonds(scene, bench.reference, predictions, fit)
     gains = count_rate_error_of_gains(gains, measurements, bench)
     offsets = np.array([measurement.fit.offsets[:2] for measurement in measurements])
     # standard error of the mean; a single reading has no scatter, and its fit's standard deviation stands in
@@ -174,8 +190,41 @@ def calibrate(
         offsets=offsets.mean(axis=0),
         offsets_sd=scatter,
         readings=readings.observations,
-        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *readings.warnings),
+        warnings=(*fit_warnings, *_list_gain_warnings(gains, bench), *_list_omitted_films(scene), *readings.warnings),
     )
+
+
+def fit_bonds(
+    scene: Scene,
+    references: Sequence[Reference],
+    predictions: BlockPredictions,
+    fit: Callable[[BlockPredictions], tuple[Gains, T]],
+) -> tuple[Gains, T]:
+    """Fit gains and, where readings are charges, the modulus of the films' bonds, and return what the last fit returned.
+
+    Predictions are linear in the logarithm of that modulus, so that they are repeated where a fit ends.
+
+    Parameters
+    ----------
+    scene
+        The probe as drawn.
+    references
+        Of the predictions.
+    predictions
+        For the bonds as drawn.
+    fit
+        Returns the gains that follow from predictions, and anything else.
+    """
+    for _ in range(MAX_BOND_STEPS):
+        gains, other = fit(predictions)
+        if gains.bonds is None or predictions.bonds is None:
+            break
+        limit = MAX_BOND_SDS * predictions.bonds.log_sd
+        log_bonds = float(np.clip(gains.bonds.log_factor, -limit, limit))
+        if abs(log_bonds - predictions.bonds.log_factor) < NEAR_BONDS:
+            break
+        predictions = predict_blocks(scene, references, log_bonds, predictions)
+    return gains, other
 
 
 def _compute_mean_frequency(measurements: Sequence[Measurement]) -> float:
@@ -206,6 +255,18 @@ def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
         if not is_resolved:
             warnings.append(f"cross-talk {entry}: the readings do not determine it; the bench's assumption stands")
     return warnings
+
+
+def _list_omitted_films(scene: Scene) -> list[str]:
+    """List what gains leave out of films whose charges are not predicted, one line or none."""
+    film = scene.probe.film
+    if models_charges(scene) or film is None:
+        return []
+    key = "psi1 and psi2" if film.uses_psi else "[reading] observable"
+    return [
+        f"a film's charge is taken as a multiple of its force, by {key} of the scene: of a bonded film it is none, and gains "
+        "from pins or blocks leave an error of up to 20 % of the ratio; give the bonds in [probe.film], and read charges"
+    ]
 
 
 def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:

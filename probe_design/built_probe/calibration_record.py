@@ -25,13 +25,16 @@ from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from geometry.scenes.validation_messages import convert_error
 from probe_design.built_probe.bench import Bench, bench_from_dict
 from probe_design.built_probe.calibration import Calibration
-from probe_design.built_probe.gains import ENTRY_NAMES, Finite, ForceScale, Gains
+from probe_design.built_probe.gains import ENTRY_NAMES, BondFactor, Finite, ForceScale, Gains
 from probe_design.built_probe.probe_identity import MAX_SERIAL_LENGTH
+from probe_design.built_probe.reference_charges import compute_charge_unit
 
 RECORD_FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
-RECORD_VERSION: Literal[1] = 1
+RECORD_VERSION: Literal[2] = 2
 RECORD_HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md explains each number.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
+# Where readings are charges: = matrix @ predicted charges, with one scale of d per film on its diagonal; the fifth entry is
+# ln of the factor on the moduli of the films' bonds, and a reading times charge_unit is the charge in C that was measured.
 """
 GAIN_FIELDS = tuple(field.name for field in fields(Gains))
 GAIN_ARRAYS = ("matrix", "covariance", "slopes", "workshop")
@@ -71,7 +74,7 @@ class CalibrationRecord(Frozen):
     """The tables of the file; ``build_gains``, ``build_scene`` and ``build_bench`` convert them to objects."""
 
     format: Literal["probe-design calibration"]
-    version: Literal[1]
+    version: Literal[2]
     software: str
     date: str
     device: str
@@ -80,18 +83,20 @@ class CalibrationRecord(Frozen):
     absolute: bool
     entries: Listed[tuple[str, ...]]
     matrix: Listed[tuple[Row, Row]]
-    covariance: Listed[tuple[Row, Row, Row, Row]]
+    covariance: Listed[tuple[Row, ...]]
     cross_talk_resolved: Listed[tuple[bool, bool]]
     offsets: Row
     offsets_sd: Row
     chi_square: Finite
     degrees_of_freedom: int = Field(ge=0)
     variables: Listed[tuple[str, ...]]
-    slopes: Listed[tuple[Row, Row, Row, Row]]
+    slopes: Listed[tuple[Row, ...]]
     workshop: Row
     warnings: Listed[tuple[str, ...]]
     reading: Listed[tuple[ReadingRecord, ...]]
     force_scale: ForceScale = ForceScale()
+    charge_unit: Finite
+    bonds: BondFactor | None = None
     scene: JsonObject
     bench: JsonObject
 
@@ -100,8 +105,12 @@ class CalibrationRecord(Frozen):
         """Refuse arrays whose shapes do not fit each other, a singular matrix, and a covariance with a negative eigenvalue."""
         gains = self.build_gains()
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
-        v = len(self.variables)  # number of the design's variables
-        if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
+        n, v = 4 + (self.bonds is not None), len(self.variables)  # fitted entries, and variables of the design
+        if (
+            shapes != ((2, 2), (n, n), (n, v), (v,))
+            or len(self.force_scale.entries) not in (4, n)
+            or abs(np.linalg.det(gains.matrix)) < 1e-6
+        ):
             entry = Words("of a shape that its covariance or slopes do not fit")
             raise InputError("calibration.matrix", entry, "what calibrate has written")
         # rounding may leave an eigenvalue slightly below 0; 1e-12 allows it for a covariance of zeros, too
@@ -152,7 +161,8 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
         | {
             "format": RECORD_FORMAT, "version": RECORD_VERSION, "software": f"probe-design {version('probe-design')}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "serial": serial or "",
-            "frequency": calibration.frequency, "entries": ENTRY_NAMES, "variables": calibration.variables,
+            "frequency": calibration.frequency, "entries": ENTRY_NAMES[: len(calibration.gains.covariance)],
+            "charge_unit": compute_charge_unit(calibration.scene), "variables": calibration.variables,
             "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
             "warnings": calibration.warnings, "reading": readings, "scene": scene_to_dict(calibration.scene),
             "bench": calibration.bench.model_dump(mode="json", exclude_none=True),

@@ -36,6 +36,7 @@ from solver.results.result import Result
 MAX_NUMBER = 1e150  # so that its square does not overflow
 MAX_PLACEMENT_M = 10.0
 MAX_RELATIVE_SD = 1e3
+MAX_LOG_BONDS = 10.0  # of ln of a factor on the bonds' modulus: 14 standard deviations of a tape's
 MAX_FILE_BYTES = 1_000_000  # of what `read --json` prints
 READING_ORIGIN = "what `probe-design read --json` has printed"
 NO_SAMPLES = Fingerprint((), ())
@@ -62,6 +63,8 @@ class FieldReading:
         x and y of the probe's axis, m, or None if not recorded.
     fingerprint
         Of its samples.
+    log_bonds
+        ln of the factor on the moduli of the films' bonds by the calibration; 0 where none was fitted.
     """
 
     ratio: float
@@ -71,6 +74,7 @@ class FieldReading:
     force: float
     placement: tuple[float, float] | None
     fingerprint: Fingerprint = NO_SAMPLES
+    log_bonds: float = 0.0
 
 
 def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
@@ -87,7 +91,8 @@ def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, ga
     gains
         Of a calibration, here taken as exact; None: nominal.
     """
-    exact_gains = replace(Gains.from_bench(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
+    used_gains = Gains.from_bench(bench) if gains is None else gains
+    exact_gains = replace(used_gains, covariance=np.zeros_like(used_gains.covariance))
     films, noise = compute_film_forces(measurement, scene)
     log_ratio_derivatives = np.array([1.0, -1.0]) / exact_gains.compute_forces(films)  # of ln(F_inner / F_outer)
     return float(np.sqrt(log_ratio_derivatives @ exact_gains.compute_forces_covariance(films, noise) @ log_ratio_derivatives))
@@ -189,6 +194,7 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
         force=force if contents.get("reference_force") is None else _get_number(contents, "reference_force", name),
         placement=None if place is None else _get_placement(place, name),
         fingerprint=fingerprint,
+        log_bonds=0.0 if contents.get("log_bonds") is None else _get_number(contents, "log_bonds", name),
     )
 
 
@@ -249,6 +255,23 @@ def _check_probe(contents: JsonObject, name: str, scene: Scene) -> None:
     difference = describe_probe_difference({key: float(value) for key, value in numbers.items() if _is_number(value)}, scene)
     if difference is not None:
         raise InputError("reading", name, f"one of the scene's probe: {difference}")
+
+
+def find_common_bonds(readings: Sequence[FieldReading]) -> float:
+    """Return ln of the factor on the moduli of the films' bonds, with which all readings are to be predicted.
+
+    Raises
+    ------
+    InputError
+        The readings have calibrations with different factors, or one that predictions cannot have.
+    """
+    factors = sorted({reading.log_bonds for reading in readings}) or [0.0]
+    if len(factors) > 1:
+        moduli = Words(f"with bonds of {math.exp(factors[0]):.3g} and {math.exp(factors[-1]):.3g} times the drawing's modulus")
+        raise InputError("reading", moduli, "readings of one calibration, which states the modulus of the films' bonds")
+    if abs(factors[0]) > MAX_LOG_BONDS:
+        raise InputError("log_bonds", factors[0], f"a number from -{MAX_LOG_BONDS:g} to {MAX_LOG_BONDS:g}, {READING_ORIGIN}")
+    return factors[0]
 
 
 def compute_spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:

@@ -15,8 +15,8 @@ from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.gains import Observation
 from probe_design.built_probe.load_plausibility import check_pressed
+from probe_design.built_probe.reference_charges import compute_charge_unit
 from probe_design.built_probe.timing_errors import count_force_lag, count_rate_error
-from probe_design.built_probe.virtual_probe import compute_charge_per_force
 
 PYROELECTRIC_COEFFICIENT = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
 
@@ -108,7 +108,7 @@ def compute_film_forces(measurement: Measurement, scene: Scene, tolerance: bool 
     tolerance
         Whether the covariance includes the tolerances of the amplifiers' parts.
     """
-    per_newton = abs(compute_charge_per_force(scene))
+    per_newton = abs(compute_charge_unit(scene))
     if per_newton == 0:
         raise InputError("probe.film.d33", Words("no charge per force"), "psi1 d31 + psi2 d32 + d33 other than 0")
     covariance = measurement.in_phase_covariance + (measurement.in_phase_tolerance if tolerance else 0.0)
@@ -132,4 +132,4 @@ def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Float
 def compute_newtons_per_kelvin(scene: Scene) -> Floats:
     """Return for each film the force that gives the same charge as warming by 1 K, N/K, shape (2,)."""
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    return np.asarray(PYROELECTRIC_COEFFICIENT * areas / abs(compute_charge_per_force(scene)))
+    return np.asarray(PYROELECTRIC_COEFFICIENT * areas / abs(compute_charge_unit(scene)))

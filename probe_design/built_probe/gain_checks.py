@@ -165,6 +165,7 @@ def _undo_swap(observations: Sequence[Observation], swap: Swap) -> list[Observat
         replace(
             reading_by_reference[k],
             reference=observation.reference,
+            load_factor=observation.load_factor,
             films=swap.restore_channels(reading_by_reference[k].films),
             covariance=swap.restore_channels(reading_by_reference[k].covariance),
         )

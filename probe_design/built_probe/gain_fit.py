@@ -13,6 +13,9 @@ follows from the films' nominal gains, of standard deviation sigma each:
     F_read = k F,    (g_inner + g_outer) / 2 = 1 +- sigma / sqrt(2)                                        (BP.9)
 
 F is the true force, F_read the channel's reading, g_inner and g_outer the films' gains. A reference of known load determines k.
+
+Where readings are charges, F_k is sigma_k times the load, eq. BP.11, and all lambda_k and ln sigma_k depend on the bonds'
+modulus. Its logarithm is one more unknown, with the catalogue's spread as its prior; M's diagonal has one scale of d per film.
 """
 
 from __future__ import annotations
@@ -28,7 +31,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_fractions
-from probe_design.built_probe.gains import ForceScale, Gains, Observation
+from probe_design.built_probe.gains import BondFactor, ForceScale, Gains, Observation
+from probe_design.built_probe.reference_charges import BondModulus, LoadFactor
 from probe_design.inference.linear_gaussian import LinearGaussian
 
 MAX_RESOLVED_GAIN_SD = 0.2  # relative standard deviation of a gain above which the readings do not determine it
@@ -71,25 +75,26 @@ def estimate_gains(observations: Sequence[Observation], predictions: BlockPredic
     unknowns_covariance = fit.compute_posterior_covariance()
     if not np.isfinite(unknowns_covariance).all():
         raise _build_unresolved_error(np.inf)
-    matrix, derivatives = problem.compute_matrix(solved.x), problem.compute_matrix_derivatives(solved.x)
+    matrix, derivatives = problem.compute_matrix(solved.x), problem.compute_entry_derivatives(solved.x)
     covariance = derivatives @ unknowns_covariance @ derivatives.T
     entry_sds = np.sqrt(np.diag(covariance))
     if max(entry_sds[[0, 3]] / np.abs(np.diag(matrix))) > MAX_RESOLVED_GAIN_SD:
         raise _build_unresolved_error(max(entry_sds[[0, 3]]))
     if not problem.is_absolute:  # the readings do not improve the common factor
-        covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
+        covariance[:4, :4] += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
     inner_resolved, outer_resolved = (bool(entry_sds[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
     prior_misfit = float((problem.compute_mean_gain_residual(solved.x) ** 2).sum())  # no reading: not part of the chi-square
     return Gains(
         matrix=matrix,
         covariance=covariance,
-        slopes=derivatives @ fit.compute_posterior_mean(problem.shift_residuals(predictions.derivatives).T).T,
+        slopes=derivatives @ fit.compute_posterior_mean(problem.shift_residuals().T).T,
         workshop=predictions.compute_tolerances(bench.workshop),
         absolute=problem.is_absolute,
         cross_talk_resolved=(inner_resolved, outer_resolved),
         chi_square=float(2 * solved.cost - prior_misfit),
         degrees_of_freedom=data_count - len(start),
         force_scale=problem.build_force_scale(solved.x, derivatives, unknowns_covariance),
+        bonds=problem.build_bond_factor(solved.x),
     )
 
 
@@ -113,6 +118,8 @@ class _Unknowns(NamedTuple):
     loads: Floats  # k F_k, N
     log_ratios: Floats  # lambda_k of the blocks
     leaks: Floats  # over their standard deviations
+    load_factors: Floats  # ln sigma_k of the readings; none where readings are forces
+    bonds: float  # ln of the factor on the bonds' modulus; 0 where it is not fitted
     log_scale: float  # ln k; 0 without force channel
 
 
@@ -163,43 +170,64 @@ class _GainProblem:
         return 4 if self.is_absolute else 3
 
     def build_start(self) -> Floats:
-        """Build the vector of unknowns at nominal gains: entries, ln loads, ln ratios, leaks and ln k over its prior sd."""
+        """Build the vector of unknowns at nominal gains.
+
+        In this order: entries, ln loads, ln ratios, leaks, ln sigma, ln of the bonds' modulus and ln k over their prior sd.
+        """
         entries = np.eye(2).ravel()[: self.entry_count]
         log_loads = np.log([observation.load for observation in self.observations])
-        others = np.zeros(self._leak_effects.shape[1] + self.has_force)
-        return np.concatenate([entries, log_loads, self.predictions.log_ratios, others])
+        leaks, scale = np.zeros(self._leak_effects.shape[1]), np.zeros(int(self.has_force))
+        bonds = [] if self.bonds is None else [self.bonds.log_factor / self.bonds.log_sd]
+        load_factors = [factor.log for factor in self._load_factors]
+        return np.concatenate([entries, log_loads, self.predictions.log_ratios, leaks, load_factors, bonds, scale])
 
     def _split(self, unknowns: Floats) -> _Unknowns:
         """Split the vector of unknowns, in the order of ``build_start``."""
-        sizes = (self.entry_count, len(self.observations), len(self.predictions.blocks), self._leak_effects.shape[1])
-        entries, log_loads, log_ratios, leaks, scale = np.split(unknowns, np.cumsum(sizes))
+        sizes = (
+            self.entry_count,
+            len(self.observations),
+            len(self.predictions.blocks),
+            self._leak_effects.shape[1],
+            len(self._load_factors),
+            int(self.bonds is not None),
+        )
+        entries, log_loads, log_ratios, leaks, load_factors, bonds, scale = np.split(unknowns, np.cumsum(sizes))
         matrix = np.append(entries, np.ones(4 - len(entries))).reshape(2, 2)
-        return _Unknowns(matrix, np.exp(log_loads), log_ratios, leaks, self.scale_sd * float(scale.sum()))
+        log_bonds = 0.0 if self.bonds is None else self.bonds.log_sd * float(bonds[0])
+        log_scale = self.scale_sd * float(scale.sum())
+        return _Unknowns(matrix, np.exp(log_loads), log_ratios, leaks, load_factors, log_bonds, log_scale)
 
     def compute_matrix(self, unknowns: Floats) -> Floats:
         """Return M, shape (2, 2)."""
         parts = self._split(unknowns)
         return np.asarray(np.exp(parts.log_scale) * parts.scaled_matrix)
 
-    def compute_matrix_derivatives(self, unknowns: Floats) -> Floats:
-        """Return the derivatives of M's entries with respect to the unknowns, shape (4, unknowns)."""
-        derivatives = np.zeros((4, len(unknowns)))
+    def compute_entry_derivatives(self, unknowns: Floats) -> Floats:
+        """Return the derivatives of M's entries and of ln of the bonds' modulus with respect to the unknowns, (n, unknowns)."""
+        derivatives = np.zeros((4 + (self.bonds is not None), len(unknowns)))
         derivatives[: self.entry_count, : self.entry_count] = np.exp(self._split(unknowns).log_scale) * np.eye(self.entry_count)
         if self.has_force:
-            derivatives[:, -1] = self.scale_sd * self.compute_matrix(unknowns).ravel()
+            derivatives[:4, -1] = self.scale_sd * self.compute_matrix(unknowns).ravel()
+        if self.bonds is not None:
+            derivatives[4, len(unknowns) - 1 - self.has_force] = self.bonds.log_sd
         return derivatives
 
     def compute_residuals(self, unknowns: Floats) -> Floats:
         """Return the residuals, each over its standard deviation.
 
-        In this order: readings, predictions, leaks, cross-talk, mean gain, known loads, force channel, its scale.
+        In this order: readings, predictions, bonds, leaks, cross-talk, mean gain, known loads, force channel, its scale.
         """
-        matrix, loads, log_ratios, leaks, log_scale = self._split(unknowns)
+        matrix, loads, log_ratios, leaks, load_factors, log_bonds, log_scale = self._split(unknowns)
         fractions = compute_inner_fractions(log_ratios, self.references) + self._leak_effects @ leaks
-        films = np.stack([fractions, 1 - fractions], axis=1) * loads[:, None] @ matrix.T
+        sums = loads * np.exp(load_factors) if len(load_factors) else loads
+        films = np.stack([fractions, 1 - fractions], axis=1) * sums[:, None] @ matrix.T
+        predicted = np.concatenate([log_ratios, load_factors]) - self._predicted_logs
+        if self.bonds is not None:
+            predicted = predicted - self._bond_derivatives * (log_bonds - self.bonds.log_factor)
         parts = [
             (self._whitening @ (self._films - films)[..., None]).ravel(),
-            np.linalg.solve(self._prediction_root, log_ratios - self.predictions.log_ratios),
+            np.linalg.solve(self._prediction_root, predicted),
+            np.array([log_bonds / self.bonds.log_sd]) if self.bonds is not None else np.zeros(0),
             leaks,
             matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9),  # the bench may state a cross-talk of 0
             self.compute_mean_gain_residual(unknowns),
@@ -226,28 +254,63 @@ class _GainProblem:
         unknowns
             Of the fit, the last of them ln k over its prior standard deviation.
         derivatives
-            Of the entries of M with respect to the unknowns, shape (4, unknowns).
+            Of the entries of M and of ln of the bonds' modulus with respect to the unknowns, shape (n, unknowns).
         covariance
             Of the unknowns.
         """
         if not self.has_force:
             return ForceScale()
         sd = float(np.sqrt(covariance[-1, -1]))  # over the prior's
-        first, second, third, fourth = (derivatives @ covariance[:, -1] / sd).tolist()
+        entries = tuple((derivatives @ covariance[:, -1] / sd).tolist())
         factor = float(np.exp(self._split(unknowns).log_scale))
         return ForceScale.model_construct(  # not validated: the fit of readings that contradict each other may give any number
-            factor=factor, sd=self.scale_sd * sd, entries=(first, second, third, fourth), confirmed=self.is_scale_confirmed
+            factor=factor, sd=self.scale_sd * sd, entries=entries, confirmed=self.is_scale_confirmed
         )
 
-    def shift_residuals(self, derivatives: Floats) -> Floats:
-        """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v).
+    def build_bond_factor(self, unknowns: Floats) -> BondFactor | None:
+        """Build the estimated modulus of the bonds; None where it is not fitted."""
+        if self.bonds is None:
+            return None
+        factors = (factor.film_bond_derivatives for factor in self.predictions.load_factors)
+        by_film = [derivatives for derivatives in factors if derivatives is not None]
+        inner, outer = np.mean(by_film, axis=0).tolist() if by_film else (0.0, 0.0)
+        # not validated: the fit of readings that contradict each other may give any number
+        return BondFactor.model_construct(log_factor=self._split(unknowns).bonds, film_derivatives=(inner, outer))
 
-        ``derivatives`` are those of the predictions, shape (blocks, v).
-        """
+    def shift_residuals(self) -> Floats:
+        """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v)."""
         first_row = 2 * len(self.observations)  # the predictions' residuals follow two residuals for each reading
+        derivatives = self._prediction_derivatives
         shifts = np.zeros((len(self.compute_residuals(self.build_start())), derivatives.shape[1]))
         shifts[first_row : first_row + len(derivatives)] = np.linalg.solve(self._prediction_root, derivatives)
         return shifts
+
+    @property
+    def bonds(self) -> BondModulus | None:
+        """The modulus of the bonds at which the predictions hold; None where it is not fitted."""
+        return self.predictions.bonds
+
+    @cached_property
+    def _load_factors(self) -> tuple[LoadFactor, ...]:
+        """The predicted sigma of each reading; none where readings are forces."""
+        return tuple(observation.load_factor for observation in self.observations if observation.load_factor is not None)
+
+    @cached_property
+    def _predicted_logs(self) -> Floats:
+        """The predicted lambda_k of the blocks, then ln sigma_k of the readings."""
+        return np.concatenate([self.predictions.log_ratios, [factor.log for factor in self._load_factors]])
+
+    @cached_property
+    def _prediction_derivatives(self) -> Floats:
+        """Derivatives of ``_predicted_logs`` with respect to the design's variables, shape (predictions, v)."""
+        factors = [factor.derivatives for factor in self._load_factors]
+        return np.concatenate([self.predictions.derivatives, np.reshape(factors, (-1, len(self.predictions.variables)))])
+
+    @cached_property
+    def _bond_derivatives(self) -> Floats:
+        """Derivatives of ``_predicted_logs`` with respect to ln of the bonds' modulus."""
+        blocks = [block.bond_derivative for block in self.predictions.blocks]
+        return np.array([*blocks, *(factor.bond_derivative for factor in self._load_factors)])
 
     @cached_property
     def _leak_effects(self) -> Floats:
@@ -282,11 +345,12 @@ class _GainProblem:
 
     @cached_property
     def _prediction_root(self) -> Floats:
-        """Lower Cholesky factor of the predictions' covariance, shape (blocks, blocks).
+        """Lower Cholesky factor of the covariance of ``_predicted_logs``.
 
-        Each block has its own error; the errors of the workshop are common to all blocks.
+        Each block has its own error; the errors of the workshop are common to all predictions.
         """
         blocks = zip(self.predictions.blocks, (item for item in self.references if item.on == "tissue"), strict=True)
-        block_variances = np.array([prediction.compute_variance(reference) for prediction, reference in blocks])
-        workshop_errors = self.predictions.derivatives * self.predictions.compute_tolerances(self.bench.workshop)
-        return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(workshop_errors, block_variances).covariance))
+        block_variances = [prediction.compute_variance(reference) for prediction, reference in blocks]
+        variances = np.array([*block_variances, *(factor.variance for factor in self._load_factors)])
+        workshop_errors = self._prediction_derivatives * self.predictions.compute_tolerances(self.bench.workshop)
+        return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(workshop_errors, variances).covariance))

@@ -16,8 +16,10 @@ from scipy.special import chdtrc
 from geometry.common.arrays import Floats
 from geometry.scenes.quantities import Frozen
 from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.reference_charges import LoadFactor
 
-ENTRY_NAMES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
+ENTRY_NAMES = ("inner gain", "inner from outer", "outer from inner", "outer gain", "ln bonds")
+BOND_CHANGE_PER_KELVIN = 0.07  # relative change of a tape's modulus (assumed); glue changes less
 GAIN_CHANGE_PER_KELVIN = 0.005  # relative change of a PVDF film's charge per force
 Finite = Annotated[float, Field(ge=-1e30, le=1e30)]  # in records, so that products are finite, too
 
@@ -38,6 +40,8 @@ class Observation:
         By noise, N.
     force_loss
         Fraction of ``force`` that a lag of the force channel may have removed, in all readings alike.
+    load_factor
+        The predicted sum of both films' readings over the load, eq. BP.11; None where it is 1, as readings are forces.
     """
 
     reference: Reference
@@ -46,6 +50,7 @@ class Observation:
     force: float | None = None
     force_sd: float | None = None
     force_loss: float = 0.0
+    load_factor: LoadFactor | None = None
 
     @property
     def load(self) -> float:
@@ -63,34 +68,50 @@ class ForceScale(Frozen):
     sd
         Relative standard deviation of ``factor``.
     entries
-        Change of the entries of M, row by row, for an error of ``factor`` by one ``sd``; readings with the same channel share it.
+        Change of the entries of M, row by row, and of ln of the bonds' modulus, where it is fitted, for an error of ``factor`` by
+        one ``sd``; readings with the same channel share it.
     confirmed
         Whether a known load determines the scale; if not, the films' nominal gains do.
     """
 
     factor: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     sd: Annotated[float, Field(ge=0.0, le=1e3)] = 0.0
-    entries: Annotated[tuple[Finite, Finite, Finite, Finite], Field(strict=False)] = (0.0, 0.0, 0.0, 0.0)
+    entries: Annotated[tuple[Finite, ...], Field(strict=False, min_length=4, max_length=5)] = (0.0, 0.0, 0.0, 0.0)
     confirmed: bool = True
 
     @property
     def covariance(self) -> Floats:
-        """Part of the covariance of the entries of M that is due to the scale, shape (4, 4)."""
+        """Part of ``Gains.covariance`` that is due to the scale, shape (n, n)."""
         return np.outer(self.entries, self.entries)
+
+
+class BondFactor(Frozen):
+    """The modulus of the films' bonds, as a calibration estimates it.
+
+    Attributes
+    ----------
+    log_factor
+        ln of the factor on the drawing's moduli of all bonds.
+    film_derivatives
+        Derivatives of ln of each film's charge under a given load with respect to ``log_factor``, the mean over blocks of tissue.
+    """
+
+    log_factor: Annotated[float, Field(ge=-30.0, le=30.0)]
+    film_derivatives: Annotated[tuple[Finite, Finite], Field(strict=False)]
 
 
 @dataclass(frozen=True)
 class Gains:
-    """The gain matrix with its uncertainty.
+    """The gain matrix with its uncertainty; where readings are charges, the scales of d of both films and the bonds' modulus.
 
     Attributes
     ----------
     matrix
         M of eq. BP.1, shape (2, 2).
     covariance
-        Of its entries row by row, shape (4, 4).
+        Of its entries row by row, and of ln of the bonds' modulus, if that is fitted: n = 4 or 5, shape (n, n).
     slopes
-        Derivatives of the entries with respect to the design's variables, per SI unit, shape (4, v).
+        Derivatives of these with respect to the design's variables, per SI unit, shape (n, v).
     workshop
         Standard deviations of these variables, SI, shape (v,); ``covariance`` includes their effect.
     absolute
@@ -101,6 +122,8 @@ class Gains:
         Of the fit: the misfit, and its degrees of freedom.
     force_scale
         Scale of the force channel; ``covariance`` includes its effect.
+    bonds
+        The bonds' modulus; None where it is not fitted. Predictions of readings are then those with this modulus.
     """
 
     matrix: Floats
@@ -112,6 +135,7 @@ class Gains:
     chi_square: float = 0.0
     degrees_of_freedom: int = 0
     force_scale: ForceScale = field(default_factory=ForceScale)
+    bonds: BondFactor | None = None
 
     @classmethod
     def from_bench(cls, bench: Bench) -> Gains:
@@ -121,14 +145,27 @@ class Gains:
         return cls(np.eye(2), covariance, np.zeros((4, 0)), np.zeros(0), absolute=False, cross_talk_resolved=(False, False))
 
     def add_warming(self, kelvin: float) -> Gains:
-        """Add a change of temperature (1 sd, K) since the calibration: each film's gain, a row of M, drifts independently."""
+        """Add a change of temperature (1 sd, K) since the calibration: each film's gain, a row of M, drifts independently.
+
+        The modulus of the bonds drifts, too.
+        """
         # shape (2, 4): the change of M's entries, row by row, for one sd of the inner and of the outer film's temperature
         drift = GAIN_CHANGE_PER_KELVIN * kelvin * np.kron(np.eye(2), np.ones((2, 1))).T @ np.diag(self.matrix.ravel())
-        return replace(self, covariance=self.covariance + drift.T @ drift)
+        change = self.pad_entries(drift.T @ drift)
+        change[4:, 4:] = (BOND_CHANGE_PER_KELVIN * kelvin) ** 2
+        return replace(self, covariance=self.covariance + change)
+
+    def pad_entries(self, covariance: Floats) -> Floats:
+        """Return a covariance of the entries of M, shape (4, 4), with zeros for the bonds' modulus, if that is fitted; (n, n)."""
+        padded = np.zeros_like(self.covariance)
+        padded[:4, :4] = covariance
+        return padded
 
     def remove_force_scale_error(self) -> Gains:
         """Return the gains without the part of their covariance that readings with the same force channel share."""
-        return replace(self, covariance=self.covariance - self.force_scale.covariance)
+        scale = self.force_scale.covariance
+        shared = scale if scale.shape == self.covariance.shape else self.pad_entries(scale)
+        return replace(self, covariance=self.covariance - shared)
 
     @property
     def p_value(self) -> float:
@@ -137,7 +174,7 @@ class Gains:
 
     @property
     def errors_as_drawn(self) -> Floats:
-        """Independent errors of M's entries for a probe exactly as drawn, shape (4, 4): each column one error of 1 sd.
+        """Independent errors of M's entries and the bonds' modulus for a probe as drawn, (n, n): each column one error of 1 sd.
 
         The effect of the workshop's tolerances is subtracted from the covariance, and its square root taken.
         """
@@ -150,8 +187,16 @@ class Gains:
         return np.asarray(np.linalg.solve(self.matrix, films), dtype=float)
 
     def differentiate_by_entries(self, films: Floats) -> Floats:
-        """Return the derivatives of the forces with respect to the entries of M, shape (2, 4): df = -M^-1 dM f."""
-        return np.asarray(-np.linalg.inv(self.matrix) @ np.kron(np.eye(2), self.compute_forces(films)))
+        """Return the derivatives of the forces with respect to the entries of M, df = -M^-1 dM f, shape (2, n).
+
+        Where the bonds' modulus is fitted, the last column is its effect on forces that are compared with predictions: these
+        change with that modulus, and the difference is as if the forces changed the other way.
+        """
+        forces = self.compute_forces(films)
+        by_matrix = np.asarray(-np.linalg.inv(self.matrix) @ np.kron(np.eye(2), forces))
+        if self.bonds is None:
+            return by_matrix
+        return np.column_stack([by_matrix, -forces * np.array(self.bonds.film_derivatives)])
 
     def compute_forces_covariance(self, films: Floats, covariance: Floats) -> Floats:
         """Return the covariance of the forces due to the readings' and M's covariances, N^2, shape (2, 2)."""

@@ -59,7 +59,7 @@ def compute_ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) ->
     variance = (
         propagate_complex_covariance(lambda values: _compute_phase(values, gains.matrix), charges, charges_covariance)[0, 0]
         + propagate_covariance(
-            lambda entries: _compute_phase(charges, entries.reshape(2, 2)), gains.matrix.ravel(), gains.covariance
+            lambda entries: _compute_phase(charges, entries.reshape(2, 2)), gains.matrix.ravel(), gains.covariance[:4, :4]
         )[0, 0]
         + (angular_frequency * bench.sampling.skew_tolerance) ** 2
     )

@@ -18,6 +18,7 @@ from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gains import ForceScale, Gains
 from probe_design.built_probe.load_plausibility import check_film_sum, check_scene_load
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
+from probe_design.built_probe.reference_charges import compute_charge_unit, models_charges
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.evaluation import evaluate
@@ -38,8 +39,9 @@ class StressReading(Record):
     ----------
     ratio, stress_inner, stress_outer
         As read, stresses in Pa, over the drawing's end areas. The ratio is None if stress_outer is below its own uncertainty.
+        Where readings are charges, the ratio is that of charges per area, and stresses follow by the predicted charges per force.
     ratio_uncertainty
-        Of the ratio, by the delta method, enlarged where stress_outer is uncertain.
+        Of the ratio, by the delta method, enlarged where stress_outer is uncertain; the bonds' calibrated modulus counts.
     force
         Sum of both film forces, N.
     reference_force
@@ -60,6 +62,8 @@ class StressReading(Record):
         Frequency of the mains, Hz, or None if not detected.
     calibrated
         Whether gains come from a calibration.
+    log_bonds
+        ln of the factor on the moduli of the films' bonds by the calibration, with which the ratio is to be predicted, or None.
     samples
         Number of samples used.
     saturated
@@ -93,6 +97,7 @@ class StressReading(Record):
     z_ratio_phase: float | None
     mains: float | None
     calibrated: bool
+    log_bonds: float | None
     samples: int
     saturated: int
     gaps: int
@@ -147,31 +152,34 @@ def compute_reading(
     """
     used_gains = Gains.from_bench(bench) if gains is None else gains
     films, noise = compute_film_forces(measurement, scene, tolerance=True)
-    forces, covariance = used_gains.compute_forces(films), used_gains.compute_forces_covariance(films, noise)
+    areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
+    charges, charge_covariance = used_gains.compute_forces(films), used_gains.compute_forces_covariance(films, noise)
+    ratio, ratio_sd = _compute_ratio(charges, charge_covariance, float(areas[1] / areas[0]))
+    # from charges over their unit to forces, where readings are charges; else both are the same
+    factors, predicted_ratio, predicted_error = _predict_read_ratio(scene, predicted)
+    forces, covariance = factors * charges, np.outer(factors, factors) * charge_covariance
     _check_films(forces, covariance)
     # a calibration shares the error of its force scale with the force channel of this reading
     own_gains = used_gains if measurement.force is None else used_gains.remove_force_scale_error()
-    own_covariance = own_gains.compute_forces_covariance(films, noise)
+    own_covariance = np.outer(factors, factors) * own_gains.compute_forces_covariance(films, noise)
     force, force_sd, own_force_sd = float(forces.sum()), _compute_sum_sd(covariance), _compute_sum_sd(own_covariance)
     scale = used_gains.force_scale
     load_warnings = check_film_sum(force, own_force_sd, measurement, bench, scale)
     load_warnings += check_scene_load(force, force_sd, measurement, scene, predicted, scale=scale)
-    areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stresses, stress_sds, own_stress_sds = forces / areas, _get_sds(covariance) / areas, _get_sds(own_covariance) / areas
-    ratio, ratio_sd = _compute_ratio(forces, covariance, float(areas[1] / areas[0]))
-    relative_sd = None if predicted.error_estimate is None else SD_PER_BOUND * predicted.error_estimate
-    predicted_ratio_sd = None if predicted.ratio is None or relative_sd is None else abs(predicted.ratio) * relative_sd
+    relative_sd = None if predicted_error is None else SD_PER_BOUND * predicted_error
+    predicted_ratio_sd = None if predicted_ratio is None or relative_sd is None else abs(predicted_ratio) * relative_sd
     is_scale_unknown = gains is None and bench.force is not None and not bench.force.verified
     scale_sd = own_force_sd / abs(force) if is_scale_unknown else 0.0
     predictions = _predict_at_load(measurement, scene, bench, predicted, scale=scale, scale_sd=scale_sd)
-    z_ratio = _compute_z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd)
+    z_ratio = _compute_z(ratio, ratio_sd, predicted_ratio, predicted_ratio_sd)
     z_inner, z_outer = (
         _compute_z(stress, sd, *prediction)
         for stress, sd, prediction in zip(stresses.tolist(), own_stress_sds.tolist(), predictions, strict=True)
     )
     phase, phase_sd = compute_ratio_phase(measurement, bench, used_gains)
     z_phase, phase_warnings = compare_ratio_phase(phase, phase_sd, predicted)
-    exchange_warnings = _warn_of_exchange(films, used_gains, predicted.ratio, z_ratio, areas)
+    exchange_warnings = _warn_of_exchange(films, used_gains, predicted_ratio, z_ratio, areas)
     return StressReading(
         ratio=ratio,
         ratio_uncertainty=ratio_sd,
@@ -183,7 +191,7 @@ def compute_reading(
         force_uncertainty=force_sd,
         reference_force=None if measurement.force is None else measurement.force / scale.factor,
         evaluator=predicted.evaluator,
-        predicted_ratio=predicted.ratio,
+        predicted_ratio=predicted_ratio,
         predicted_ratio_uncertainty=predicted_ratio_sd,
         predicted_stress_inner=predictions[0][0],
         predicted_stress_outer=predictions[1][0],
@@ -198,12 +206,27 @@ def compute_reading(
         z_ratio_phase=z_phase,
         mains=measurement.fit.mains,
         calibrated=gains is not None,
+        log_bonds=None if used_gains.bonds is None else used_gains.bonds.log_factor,
         samples=measurement.fit.rows,
         saturated=measurement.losses.saturated,
         gaps=measurement.losses.gaps,
         overruns=measurement.losses.overruns,
         warnings=(*_list_warnings(measurement, bench, gains, ratio), *load_warnings, *exchange_warnings, *phase_warnings),
     )
+
+
+def _predict_read_ratio(scene: Scene, predicted: Result) -> tuple[Floats, float | None, float | None]:
+    """Return the factors from charges over their unit to forces, shape (2,), the ratio to be read, and its relative error.
+
+    Where readings are stresses, the factors are 1. Where they are charges that were not predicted, they are 1, too.
+    """
+    if not models_charges(scene):
+        return np.ones(2), predicted.ratio, predicted.error_estimate
+    per_force = predicted.charge_per_force_inner, predicted.charge_per_force_outer
+    if per_force[0] is None or per_force[1] is None:
+        return np.ones(2), predicted.charge_ratio, predicted.charge_ratio_error
+    factors = compute_charge_unit(scene) / np.array(per_force, dtype=float)
+    return factors, predicted.charge_ratio, predicted.charge_ratio_error
 
 
 def _check_films(forces: Floats, covariance: Floats) -> None:

@@ -79,7 +79,7 @@ def count_rate_error_of_gains(gains: Gains, measurements: Sequence[Measurement],
     rate_sd = max(_estimate_rate_sd(measurement, bench) for measurement in measurements)
     frequency = float(np.mean([measurement.fit.frequency for measurement in measurements]))
     shift = (_differentiate_responses(bench, frequency).real[:, None] * gains.matrix).ravel() * rate_sd
-    return replace(gains, covariance=gains.covariance + np.outer(shift, shift))
+    return replace(gains, covariance=gains.covariance + gains.pad_entries(np.outer(shift, shift)))
 
 
 def _estimate_rate_sd(measurement: Measurement, bench: Bench) -> float:

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_log_ratios
+from probe_design.built_probe.block_predictions import (
+    build_block_scene,
+    compute_inner_fractions,
+    express_by_outer_radius,
+    predict_force_ratios,
+    solve_block,
+)
+from probe_design.built_probe.reference_charges import (
+    compute_charge_unit,
+    compute_pin_charge,
+    find_bond_log_sd,
+    models_charges,
+    scale_bonds,
+)
 from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
+BOND_STREAM = 1_000_003  # of random numbers: that of the bonds' modulus, apart from those of noise and blocks
 SAMPLE_RATE_HZ = 1000.0  # Hz
 VOLTS_PER_COUNT = 2e-6  # V per count of the converter
 
@@ -71,7 +85,13 @@ class BuiltProperties:
 
 
 def build_signals(
-    built: BuiltProperties, bench: Bench, scene: Scene, forces: Floats | Complexes, seed: int | list[int]
+    built: BuiltProperties,
+    bench: Bench,
+    scene: Scene,
+    forces: Floats | Complexes,
+    seed: int | list[int],
+    *,
+    load: float | complex | None = None,
 ) -> Callable[[Floats], Floats]:
     """Build the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
 
@@ -84,19 +104,22 @@ def build_signals(
     bench
         Nominal properties.
     scene
-        For its film.
+        For its film, as drawn.
     forces
-        Amplitudes of both films' forces, N, perhaps complex, shape (2,).
+        Amplitudes of both films' forces, N, perhaps complex, shape (2,); where readings are charges, these over
+        ``reference_charges.compute_charge_unit`` of the scene.
     seed
         Of the noise.
+    load
+        Amplitude of the load, N; None for the sum of ``forces``.
     """
     frequency = built.frequency * bench.load.frequency
-    charges = compute_charge_per_force(scene) * np.array(built.gains) @ forces
+    charges = compute_charge_unit(scene) * np.array(built.gains) @ forces
     amplifiers = built.build_amplifiers(bench.amplifier.build_films())
     sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
+    total = forces.sum() if load is None else load
     fundamental, second_harmonic = (
-        np.append(charges * [amplifier.response(k * frequency) for amplifier in amplifiers], sensitivity * forces.sum())
-        for k in (1, 2)
+        np.append(charges * [amplifier.response(k * frequency) for amplifier in amplifiers], sensitivity * total) for k in (1, 2)
     )
     random = np.random.default_rng(seed)
 
@@ -111,11 +134,6 @@ def build_signals(
         return np.asarray(load + hum + drift + noise + np.array(built.offsets))
 
     return compute_volts
-
-
-def compute_charge_per_force(scene: Scene) -> float:
-    """Return the nominal charge per force, C/N, of the scene's film, or of the default film if it has none."""
-    return (scene.probe.film or Film()).charge_per_force
 
 
 def draw_delivered(reference: Reference, random: np.random.Generator) -> Reference:
@@ -135,13 +153,15 @@ class VirtualBench:
     drawn
         The scene with the probe as drawn.
     scene
-        The scene with the probe as built.
+        The scene with the probe as built, but for the modulus of the films' bonds, see ``as_built``.
     bench
         Nominal properties.
     built
         True properties of channels and amplifiers.
     seed
-        Of noise, and of the blocks' true moduli.
+        Of noise, of the blocks' true moduli and of that of the films' bonds.
+    log_bonds
+        ln of the factor on the moduli of the films' bonds; None: it is drawn from their spread.
     """
 
     drawn: Scene
@@ -149,32 +169,69 @@ class VirtualBench:
     bench: Bench
     built: BuiltProperties = BuiltProperties()
     seed: int = 0
+    log_bonds: float | None = None
+
+    @cached_property
+    def as_built(self) -> Scene:
+        """The scene with the probe as built, the modulus of its films' bonds drawn from their spread."""
+        if not models_charges(self.scene):
+            return self.scene
+        draw = float(np.random.default_rng([self.seed, BOND_STREAM]).standard_normal())
+        return scale_bonds(self.scene, find_bond_log_sd(self.drawn) * draw if self.log_bonds is None else self.log_bonds)
 
     def build_scene_signals(self, result: Result) -> Callable[[Floats], Floats]:
-        """Build the signals on the scene's tissue, as a function of time, from the scene's evaluated result."""
+        """Build the signals on the scene's tissue, as a function of time, from the evaluated result of ``as_built``."""
         if result.stress_inner is None or result.stress_outer is None:
             raise Refusal("scene", result.evaluator, "one whose film stresses are computed")
-        probe = self.scene.probe
-        inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
-        forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])
+        probe, phase = self.scene.probe, np.exp(1j * (result.ratio_phase or 0.0))
+        forces = np.array([result.stress_inner * probe.inner_area, result.stress_outer * probe.outer_area])
+        load = complex(forces @ [phase, 1.0])
+        if models_charges(self.scene):
+            if result.charge_inner is None or result.charge_outer is None:
+                raise Refusal("scene", result.evaluator, "one whose films' charges are computed")
+            forces = np.array([result.charge_inner, result.charge_outer]) / compute_charge_unit(self.drawn)
         x, y = self.scene.placement.x, self.scene.placement.y
         # the bits of the position seed the noise
-        return self._build_signals(
-            forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist()
-        )  # other noise elsewhere
+        place = np.array([x, y], dtype=np.float32).view(np.uint32).tolist()  # other noise elsewhere
+        return self._build_signals(forces * [phase, 1.0], load, 0, *place)
 
     def build_reference_signals(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
         """Build the signals on each reference under a load, N, or the reference's known one; each run has other noise."""
         random = np.random.default_rng(self.seed)
         delivered = [draw_delivered(item, random) for item in self.bench.reference]
-        fractions = compute_inner_fractions(predict_log_ratios(self.scene, delivered), delivered)
-        loads = np.array([item.known_force or load for item in delivered])
-        forces = loads[:, None] * np.stack([fractions, 1 - fractions], axis=1)
-        return tuple(self._build_signals(item, 1 + run * len(forces) + k) for k, item in enumerate(forces))
+        loads = [item.known_force or load for item in delivered]
+        films = self.compute_film_readings(delivered)
+        return tuple(
+            self._build_signals(force * reading, force, 1 + run * len(films) + k)
+            for k, (force, reading) in enumerate(zip(loads, films, strict=True))
+        )
 
-    def _build_signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:
-        """Build the signals under both films' forces, N; each tuple of numbers ``run`` has its own noise."""
-        return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run])
+    def compute_film_readings(self, delivered: Sequence[Reference]) -> Floats:
+        """Compute the forces on both films per load on references with their true moduli, shape (references, 2).
+
+        Where readings are charges, these are the charges over the drawing's unit of charge per force.
+        """
+        if not models_charges(self.scene):
+            return self.compute_film_forces(delivered)
+        unit, probe = compute_charge_unit(self.drawn), express_by_outer_radius(self.as_built)
+        return np.array([_compute_charges_per_load(probe, item) for item in delivered]) / unit
+
+    def compute_film_forces(self, delivered: Sequence[Reference]) -> Floats:
+        """Compute the forces on both films per load on references with their true moduli, shape (references, 2)."""
+        fractions = compute_inner_fractions(predict_force_ratios(self.as_built, delivered), delivered)
+        return np.stack([fractions, 1 - fractions], axis=1)
+
+    def _build_signals(self, forces: Floats | Complexes, load: float | complex, *run: int) -> Callable[[Floats], Floats]:
+        """Build the signals under both films' forces and their load, N; each tuple of numbers ``run`` has its own noise."""
+        return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run], load=load)
+
+
+def _compute_charges_per_load(scene: Scene, reference: Reference) -> Floats:
+    """Return both films' charges per load, C/N, on a reference, shape (2,)."""
+    if reference.on == "tissue":
+        solved, read, _ = solve_block(build_block_scene(scene, reference))
+        return np.asarray(read.totals / solved.films[0].totals.sum())
+    return compute_pin_charge(scene, reference) * np.array([float(reference.on == side) for side in ("inner", "outer")])
 
 
 def compute_load(scene: Scene, stiffness: float | None) -> float:

@@ -20,6 +20,7 @@ from probe_design.built_probe.field_readings import (
     build_reading_without_prediction,
     check_different,
     compute_spreads,
+    find_common_bonds,
     parse_field_reading,
     read_placement,
     read_result,
@@ -27,6 +28,7 @@ from probe_design.built_probe.field_readings import (
 from probe_design.built_probe.film_forces import measure_samples
 from probe_design.built_probe.load_plausibility import check_expected, compute_expected_load
 from probe_design.built_probe.probe_identity import check_serials, clean_serial, read_board_serial
+from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.commands.hardware_sources import HardwareSetup, get_reading_limits
 from probe_design.data.noise import MIN_NOISE
 from probe_design.estimation.measurements import Reading, build_single_reading
@@ -86,7 +88,8 @@ def collect_field_readings(
     warnings += check_serials(serials, any_probe)
     pairs = zip(measured, compute_spreads(measured), file_places, strict=True)
     readings = tuple(_build_reading(setup.scene, reading, spread, place) for reading, spread, (_, place) in pairs)
-    return _apply_largest_load(setup.scene, measured, warnings), readings, warnings
+    scene = scale_bonds(setup.scene, find_common_bonds(measured))
+    return _apply_largest_load(scene, measured, warnings), readings, warnings
 
 
 def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:

@@ -63,7 +63,7 @@ class ReadRequest(SourceRequest):
             serial_warnings = check_serials(setup.collect_serials({"the reading": serial}), self.any_probe)
             frequency = setup.bench.load.frequency
             with show_spinner("predicting"):
-                predicted = choose_prediction(length)(setup.scene, self.accuracy, self.linear, frequency)
+                predicted = choose_prediction(length)(setup.calibrated_scene, self.accuracy, self.linear, frequency)
             gains, calibration_frequency = None, None
             if setup.calibration is not None:
                 gains = setup.calibration.build_gains().add_warming(setup.bench.channels.warming)

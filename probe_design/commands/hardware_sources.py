@@ -28,6 +28,7 @@ from probe_design.built_probe.bench import Bench, read_bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
 from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
+from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT, VirtualBench
 from probe_design.commands.hardware_request import ALLOWED_SOURCES, SourceRequest
 from probe_design.data.builtin import builtin_bench_scene
@@ -198,6 +199,12 @@ class HardwareSetup:
         if recorded_bench is not None and recorded_bench.amplifier != setup.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setup
+
+    @property
+    def calibrated_scene(self) -> Scene:
+        """The scene with the modulus of its films' bonds that the calibration has determined, for predictions."""
+        gains = None if self.calibration is None else self.calibration.build_gains()
+        return self.scene if gains is None or gains.bonds is None else scale_bonds(self.scene, gains.bonds.log_factor)
 
     def collect_serials(self, readings: Mapping[str, str | None]) -> dict[str, str | None]:
         """Return the serial numbers of readings, and of the calibration if there is one, by their names."""

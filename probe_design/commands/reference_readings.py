@@ -159,7 +159,7 @@ def _ask_for(reference: Reference, label: str, source: SourceRequest) -> None:
 def simulate_on_scene(setup: HardwareSetup, source: SourceRequest, accuracy: float) -> Any:
     """Return the signals, as a function of time, of a virtual probe on the scene's tissue, predicted to ``accuracy``."""
     bench = setup.build_virtual_bench(source)
-    prediction = choose_prediction(source.duration)(bench.scene, accuracy, True, setup.bench.load.frequency)
+    prediction = choose_prediction(source.duration)(bench.as_built, accuracy, True, setup.bench.load.frequency)
     return bench.build_scene_signals(prediction)
 
 
@@ -184,6 +184,6 @@ def simulate_on_references(setup: HardwareSetup, source: SourceRequest, referenc
     from probe_design.built_probe.virtual_probe import compute_load
 
     bench = setup.build_virtual_bench(source)
-    load = compute_load(bench.scene, predict_scene(bench.scene, 0.01, linear=True).stiffness)
+    load = compute_load(bench.scene, predict_scene(bench.as_built, 0.01, linear=True).stiffness)
     signals = zip(setup.bench.reference, bench.build_reference_signals(load, run), strict=True)
     return tuple(signal for reference, signal in signals if any(reference is pressed for pressed in references))

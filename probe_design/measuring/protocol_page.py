@@ -20,7 +20,7 @@ from geometry.workshop.parts import build_section_outlines
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_blocks
 from probe_design.built_probe.load_plausibility import SAFE_FRACTION
-from probe_design.built_probe.virtual_probe import compute_charge_per_force
+from probe_design.built_probe.reference_charges import compute_charge_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal
     predictions = predict_blocks(scene, bench.reference)
     safe_loads = [SAFE_FRACTION * limit for limit in predictions.list_linear_limits()]
     load = min(safe_loads + ([] if scene.load.force is None else [scene.load.force]), default=DEFAULT_LOAD_N)
-    charge = compute_charge_per_force(scene)
+    charge = compute_charge_unit(scene)
     inner, outer = (abs(charge * amplifier.response(bench.load.frequency)) for amplifier in bench.amplifier.build_films())
     parts = compute_inner_fractions(predictions.log_ratios, bench.reference).tolist()
     loads = [item.known_force or load for item in bench.reference]

@@ -195,21 +195,26 @@ def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
     """Return the variance of ln ratio due to the gains, from the calibration file if there is one, else 2 gain^2.
 
     The calibrated channels read y = M f with the gain matrix M and the film forces f. The variance of ln(y1 / y2) follows from
-    its derivatives with respect to the four entries of M and from their covariance.
+    its derivatives with respect to the four entries of M, and to the modulus of the films' bonds, and from their covariance.
     """
     if noise.calibration is None:
         return 2 * noise.gain**2
-    matrix, entries = _read_calibration(noise.calibration)
+    matrix, entries, by_bonds = _read_calibration(noise.calibration)
     fractions = blank / np.abs(blank).sum()
     first, second = matrix @ fractions
-    gradient = np.concatenate([fractions / first, -fractions / second])
+    gradient = np.concatenate([fractions / first, -fractions / second, by_bonds])
     return float(gradient @ entries @ gradient)
 
 
 @lru_cache(maxsize=4)
-def _read_calibration(path: str) -> tuple[Floats, Floats]:
-    """Read the gain matrix M, shape (2, 2), and the covariance of its entries row by row, (4, 4), from a calibration record."""
+def _read_calibration(path: str) -> tuple[Floats, Floats, Floats]:
+    """Read the gain matrix M, shape (2, 2), and the covariance of its entries row by row, (n, n), from a calibration record.
+
+    Where the modulus of the films' bonds is fitted, n is 5, and the third result holds the derivative of ln(y1 / y2) with respect
+    to its logarithm; else n is 4, and it is empty.
+    """
     from probe_design.built_probe.calibration_record import read_record
 
     gains = read_record(path).build_gains()
-    return gains.matrix, gains.covariance
+    by_bonds = [] if gains.bonds is None else [gains.bonds.film_derivatives[0] - gains.bonds.film_derivatives[1]]
+    return gains.matrix, gains.covariance, np.array(by_bonds)

@@ -18,10 +18,11 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_fractions
+from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_fractions, predict_blocks
 from probe_design.built_probe.calibration import ReferenceReadings
 from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gains import Gains
+from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.built_probe.swapped_connections import Swap, check_films, compute_max_fraction_error, find_swaps
 from probe_design.probe_check.coverage import VariableCoverage, compute_coverage
 from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, CancellingPair, Deviation, find_cancelling_pairs
@@ -147,15 +148,17 @@ def check(
     Refusal
         A load is above the limit of linear elasticity.
     """
+    built = scale_bonds(scene, gains.bonds.log_factor) if gains is not None and gains.bonds is not None else scene
+    predictions = predict_blocks(built, bench.blocks) if predictions is None else predictions
     readings = ReferenceReadings.from_measurements(scene, bench, bench.blocks, measurements, predictions, linear=linear)
     used_gains = Gains.from_bench(bench) if gains is None else gains.add_warming(bench.channels.warming)
     films = [compute_film_forces(item, scene, tolerance=gains is None) for item in measurements]
     comparison = Comparison(bench, used_gains, tuple(variables), readings.predictions)
     deviation, swaps = comparison.compute_deviation(films), comparison.find_swaps(films)
-    tolerances = readings.predictions.compute_tolerances(bench.workshop).tolist()
+    tolerances = readings.predictions.compute_tolerances(bench.workshop, comparison.knows_bonds).tolist()
     coverage = compute_coverage(deviation, dict(zip(readings.predictions.variables, tolerances, strict=True)))
     verdict = decide_verdict(
-        scene, bench, deviation, readings.predictions, [swap.describe(bench.blocks) for swap in swaps],
+        built, bench, deviation, readings.predictions, [swap.describe(bench.blocks) for swap in swaps],
         coverage=coverage, progress=progress,
     )  # fmt: skip
     return Check(
@@ -209,10 +212,12 @@ class Comparison:
         check_films(film_forces, self._expected_fractions, force_sds)
         parts = [_compute_log_ratio(self.gains, *reading) for reading in films]
         logs, noise, entry_derivatives = (np.array(part) for part in zip(*parts, strict=True))
+        if self.gains.bonds is not None:  # the last entry: exactly for each block, in place of the blocks' mean
+            entry_derivatives[:, -1] = [-block.bond_derivative for block in self.predictions.blocks]
         blocks = zip(self.predictions.blocks, self.bench.blocks, strict=True)
         model = np.array([prediction.compute_variance(block) for prediction, block in blocks])
         bias = {name: entry_derivatives @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
-        tolerances = self.predictions.compute_tolerances(self.bench.workshop)
+        tolerances = self.predictions.compute_tolerances(self.bench.workshop, self.knows_bonds)
         workshop = {
             name: (derivatives - bias.get(name, 0.0)) * tolerance
             for name, derivatives, tolerance in zip(
@@ -229,6 +234,11 @@ class Comparison:
         film_forces = np.array([self.gains.compute_forces(reading) for reading, _ in films])
         max_error = compute_max_fraction_error(self.bench)
         return find_swaps(film_forces, self._expected_fractions, max_error, lambda swap: self._agrees(films, swap))
+
+    @property
+    def knows_bonds(self) -> bool:
+        """Whether a calibration has determined the modulus of the films' bonds."""
+        return self.gains.bonds is not None
 
     @property
     def _expected_fractions(self) -> Floats:

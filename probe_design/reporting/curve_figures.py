@@ -47,13 +47,14 @@ def draw_load_curve(curve: LoadCurve) -> Figure:
     """Draw ratio, log-sensitivity and gap width over force, and mark where linear theory ends and where the gap closes."""
     figure = Figure(figsize=(8.0, 9.0), dpi=150, facecolor="white", layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
-    force, ratio = np.array(curve.force), np.array(curve.ratio)
-    band = ratio * np.minimum(curve.error_estimate, 1.0)
+    read, force = curve.reading, np.array(curve.force)
+    ratio, error, sensitivity = (np.array(values, dtype=float) for values in (read.ratio, read.error, read.log_sensitivity))
+    band = ratio * np.minimum(error, 1.0)
     marker = "." if len(force) < 40 else None
     panels[0].plot(force, ratio, color="tab:blue", marker=marker)
     panels[0].fill_between(force, ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
-    panels[0].set_ylabel("ratio of inner to outer film stress")
-    panels[1].plot(force, np.array(curve.log_sensitivity, dtype=float), color="tab:orange", marker=marker)
+    panels[0].set_ylabel(f"ratio of inner to outer film {curve.observable}")
+    panels[1].plot(force, sensitivity, color="tab:orange", marker=marker)
     panels[1].set_ylabel("log-sensitivity  d ln ratio / d ln E")
     panels[2].plot(force, 1e6 * np.array(curve.closest_walls), color="tab:green", marker=marker)
     panels[2].set_ylabel("closest walls of the gap, \u00b5m")

@@ -9,7 +9,6 @@ import numpy as np
 from geometry.common.errors import to_one_line
 from geometry.scenes.catalogue import format_modulus
 from probe_design.built_probe.calibration_record import CalibrationRecord
-from probe_design.built_probe.gains import ENTRY_NAMES
 from probe_design.built_probe.reading import StressReading
 from probe_design.doctor.finding import Finding
 from probe_design.probe_check.check import Check
@@ -45,10 +44,8 @@ def build_calibration_table(record: CalibrationRecord) -> Table:
     fit = f"chi-square {record.chi_square:.3g} for {record.degrees_of_freedom} degrees of freedom"
     title = f"{len(record.reading)} references at {record.frequency:.5g} Hz; gains {scale}; {fit}"
     spread = np.sqrt(np.diag(np.array(record.covariance)))
-    rows = [
-        (name, f"{value:.5g}", f"{sd:.2g}")
-        for name, value, sd in zip(ENTRY_NAMES, np.array(record.matrix).ravel(), spread, strict=True)
-    ]
+    values = [*np.array(record.matrix).ravel(), *([] if record.bonds is None else [record.bonds.log_factor])]
+    rows = [(name, f"{value:.5g}", f"{sd:.2g}") for name, value, sd in zip(record.entries, values, spread, strict=True)]
     rows += [
         (f"offset {name}, mV", f"{1e3 * value:.4g}", f"{1e3 * sd:.2g}")
         for name, value, sd in zip(("inner", "outer"), record.offsets, record.offsets_sd, strict=True)

@@ -137,14 +137,15 @@ def build_threshold_table(maps: Detectability) -> Table:
 def build_load_table(curve: LoadCurve) -> Table:
     """Return a load curve as a table of at most ``CURVE_ROWS`` rows; null values are dashes."""
     title = f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s"
+    read, charge = curve.reading, "charge_" if curve.observable == "charge" else ""
     columns = {
         "force, N": (curve.force, 4),
         "indentation, mm": ([1e3 * metres for metres in curve.indentation], 4),
-        "ratio": (curve.ratio, 6),
-        "log_sensitivity": (curve.log_sensitivity, 4),
+        f"{charge}ratio": (read.ratio, 6),
+        f"{charge}log_sensitivity": (read.log_sensitivity, 4),
         "walls, um": ([1e6 * metres for metres in curve.closest_walls], 4),
         "strain": (curve.largest_strain, 2),
-        "error_estimate": (curve.error_estimate, 2),
+        "charge_ratio_error" if charge else "error_estimate": (read.error, 2),
     }
     return Table.from_columns(title, columns, CURVE_ROWS, keep_last=True)
 

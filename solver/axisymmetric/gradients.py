@@ -66,7 +66,7 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     InputError
         A name is not one of the scene's variables.
     """
-    allowed = _list_differentiable(scene, sample)
+    allowed = list_differentiable(scene, sample.states.model)
     chosen = allowed if names is None else names
     unknown = [name for name in chosen if name not in allowed]
     if unknown:
@@ -98,13 +98,13 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     return Gradients(chosen, outputs, derivatives)
 
 
-def _list_differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
-    """Return the scene's variables that have a derivative.
+def list_differentiable(scene: Scene, model: MeridianModel) -> tuple[str, ...]:
+    """Return the scene's variables that have a derivative on a model's mesh.
 
     Where an elastic base lies flat on both films, the heights of what lies on one block alone have none: a change of one would
     put a step into the base, which the mesh does not have.
     """
-    if sample.states.model.mesh.layout.kind.base != 0:
+    if model.mesh.layout.kind.base != 0:
         return tuple(list_values(scene))
     lengths = compute_length_derivatives(scene)
     return tuple(name for name in list_values(scene) if len(set(lengths.get(name, {})) & UPPER_LENGTHS) != 1)

@@ -4,12 +4,12 @@ The block hangs on a rigid base with its stack: bond, film, bond. A flat punch m
 unit towards the base, or an even pressure loads it. With u the displacement and u* that of ``solver.axisymmetric.film_states``,
 the film's charge is the energy of both under its electrode,
 
-    Q = a_film(u*, u) = -a(s, u) + a(w, u),   s = w - u*        (PB.1)
+    Q = a_film(u*, u) = -a(s, u) + a(w, u),   s = w - u*        (AX.16)
 
 and the error of Q on a mesh is the energy of the errors of s and of u, so that it falls at twice the rate of either. The state w
 has the forces of u*, and no displacement where u is prescribed. A modulus E outside the film changes the charge by
 
-    dQ / d ln E = -a_E(s, u)        (PB.2)
+    dQ / d ln E = -a_E(s, u)        (AX.17)
 
 the energy in the body with that modulus, and the force F of a punch by a_E(u, u) per unit displacement.
 """
@@ -229,7 +229,7 @@ def _solve(block: PressedBlock, order: int) -> PressedCharge:
         force = stiffness = energy
         force_derivative = float(np.sum(u[bonds] * loads[bonds]))
     derivative = charge_derivative / charge - force_derivative / force
-    # the film is compressed by u: its s_z < 0, and Q of eq. PB.1 has the sign of -d33
+    # the film is compressed by u: its s_z < 0, and Q of eq. AX.16 has the sign of -d33
     return PressedCharge(-charge / force, np.inf, stiffness, np.inf, derivative)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum
 from geometry.meridian.mesh import compute_nodes
@@ -98,7 +98,7 @@ class TissueField:
         hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
         strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
         pressed = evaluate_pressures(places, model.shapes.order, legendre)
-        dilation = (pressed[:, None] @ self._dilation_coefficients[element])[:, 0]
+        dilation = (pressed[:, None] @ self._find_dilation_coefficients(element))[:, 0]
         return u + self.states.shift[element][:, None] * [[0.0], [1.0]], strain, dilation
 
     @cached_property
@@ -107,12 +107,25 @@ class TissueField:
         values = self.states.values.reshape(len(self.states.values), 2, -1, self.count)
         return np.ascontiguousarray(values.transpose(0, 2, 1, 3)).reshape(len(values), -1, 2 * self.count)
 
+    def _find_dilation_coefficients(self, element: Ints) -> Floats:
+        """Return the coefficients of the states' projected dilations on the k pressure functions of m elements, (m, k, s).
+
+        Those of an element are computed when first needed: few tumours lie in few elements.
+        """
+        model, (coefficients, is_known) = self.states.model, self._dilation_coefficients
+        new = np.unique(element[~is_known[element]])
+        if len(new):
+            values = self.states.values[new].reshape(len(new), 2, -1, self.count)
+            table = compute_dilations(model.geometry.select(new), model.shapes)[:, :, ::2]
+            coefficients[new] = np.einsum("nkcs,ncsi->nki", table, values, optimize=True)
+            is_known[new] = True
+        return coefficients[element]
+
     @cached_property
-    def _dilation_coefficients(self) -> Floats:
-        """Coefficients of the states' projected dilations on the k pressure functions of each element, shape (n, k, s)."""
-        model, values = self.states.model, self.states.values
-        table = compute_dilations(model.geometry, model.shapes)[:, :, ::2]
-        return np.asarray(np.einsum("nkcs,ncsi->nki", table, values.reshape(len(values), 2, -1, self.count), optimize=True))
+    def _dilation_coefficients(self) -> tuple[Floats, Bools]:
+        """Coefficients of all n elements, shape (n, k, s), and which are computed already, shape (n,)."""
+        n, pressures = len(self.states.values), self.states.model.shapes.pressure.shape[1]
+        return np.zeros((n, pressures, self.count)), np.zeros(n, dtype=bool)
 
     def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Return for each of m points (r, z) its element, the place (u, v) in its unit square and d(r, z) / d(u, v).

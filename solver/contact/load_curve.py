@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +13,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
+from geometry.common.json_types import JsonObject
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
@@ -23,6 +24,7 @@ from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
 from solver.linalg.threads import limit_to_one_thread
 from solver.results.evaluator import ProgressCallback, ignore_progress
+from solver.results.film_charges import compute_charge_ratio_fields, explain_null_charges
 from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_limits import LargestLoad
 from solver.results.result import LoadCurve, LoadRange
@@ -194,7 +196,12 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
     ratio = [float(point.films.totals[0] / point.films.totals[1] * areas[1] / areas[0]) for point in points]
     force = [k * d for k, d in zip(stiffness, depth, strict=True)]
     warnings = [] if scene.target is not None else [explain_null_sensitivity(len(scene.inclusion))]
-    worst = max(point.films.ratio_error for point in points)
+    observable = scene.observable
+    charges, notes = _build_charge_columns(scene, points, depth)
+    warnings += notes
+    error = tuple(point.films.ratio_error for point in points)
+    read, read_errors = (charges["charge_ratio"], charges["charge_ratio_error"]) if observable == "charge" else (ratio, error)
+    worst = max((value for value in read_errors or () if value is not None), default=0.0)
     if worst > accuracy:
         warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
     if stopped is not None:
@@ -218,17 +225,42 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
         closest_walls=collect("walls"),
         contact_radius=collect("contact_radius"),
         largest_strain=collect("strain"),
-        error_estimate=tuple(point.films.ratio_error for point in points),
-        constant_ratio=_find_constant_range(np.array(force), np.array(ratio), accuracy),
+        error_estimate=error,
+        constant_ratio=_find_constant_range(np.array(force), read or (), accuracy),
         accuracy=accuracy,
         stopped=stopped,
+        **charges,
+        observable=observable,
         warnings=tuple(warnings),
     )
 
 
-def _find_constant_range(force: Floats, ratio: Floats, tolerance: float) -> LoadRange | None:
-    """Find the widest range between two of the forces in which the ratio stays within ``tolerance``, relative."""
+def _build_charge_columns(scene: Scene, points: list[LoadedForces], depth: list[float]) -> tuple[JsonObject, list[Note]]:
+    """Return the fields of a ``LoadCurve`` that concern charges, all None without charges, and notes on missing ones.
+
+    ``depth`` holds the indentations of the points, m.
+    """
+    names = ("charge_inner", "charge_outer", "charge_ratio", "charge_ratio_error", "charge_log_sensitivity")
+    notes = dict.fromkeys(note for point in points for note in explain_null_charges("contact", scene, point.films))
+    films_at_loads = [point.films.find_charges(scene) for point in points]
+    charges = [films.totals * d for films, d in zip(films_at_loads, depth, strict=True) if films is not None]
+    if len(charges) < len(points):
+        return dict.fromkeys(names), list(notes)
+    rows = [compute_charge_ratio_fields(scene, point.films) for point in points]
+    columns: JsonObject = {name: tuple(row[name] for row in rows) for name in names[2:]}
+    columns |= {name: tuple(float(charge[k]) for charge in charges) for k, name in enumerate(names[:2])}
+    return columns, list(notes)
+
+
+def _find_constant_range(force: Floats, values: Sequence[float | None], tolerance: float) -> LoadRange | None:
+    """Find the widest range between two of the forces in which a ratio stays within ``tolerance``, relative.
+
+    None also where the ratio is not known at all loads.
+    """
     best: LoadRange | None = None
+    if len(values) < len(force) or any(value is None for value in values):
+        return None
+    ratio = np.array(values, dtype=float)
     for low in range(len(force)):
         ratios = ratio[low:]
         spread = np.maximum.accumulate(ratios) / np.minimum.accumulate(ratios)

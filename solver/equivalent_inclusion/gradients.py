@@ -1,17 +1,20 @@
-"""Differentiate first-order forces, ratio and log-sensitivity exactly by every number of a scene, with tumours anywhere.
+"""Differentiate first-order forces, charges, ratios and log-sensitivities exactly by every number, with tumours anywhere.
 
 With u the base states, K the stiffness matrix and G the matrix of eq. EI.1, F = u^T K u + u^T G u. The states minimise the first
 term but not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
 
     dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (EI.4)
 
-and another one for the log-sensitivity, whose matrix G' = dG / d ln E belongs to the target alone. The mesh moves with the
+and another one for the log-sensitivity, whose matrix G' = dG / d ln E belongs to the target alone. A charge is the same form of a
+film state s and the sum U of both base states. The film's lift, which changes by ds as the film does, adds ds^T K (U - l) to its
+derivative, and -ds^T K l' to that of its derivative by ln E, with K l' = G' U. The mesh moves with the
 design under tumours that stay: dG is a complex step (``gradient_points.py``). Where a point passes from one element to the
 next, strains, and with them the outputs, jump by the mesh's error, about 1e-6.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,16 +26,24 @@ from geometry.meridian.mesh_lines import Kind, MeridianFineness
 from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import list_values
 from solver.axisymmetric.base_states import BaseStates, MeridianModel, build_model, solve_base_states
 from solver.axisymmetric.energy_derivatives import COMPLEX_STEP, differentiate_totals, list_variables
-from solver.axisymmetric.gradients import OUTPUT_NAMES, Gradients, differentiate_areas, differentiate_by_scene
+from solver.axisymmetric.film_states import CHARGE_UNIT, differentiate_film_lift
+from solver.axisymmetric.gradients import (
+    CHARGE_NAMES,
+    OUTPUT_NAMES,
+    Gradients,
+    differentiate_areas,
+    differentiate_by_scene,
+    list_differentiable,
+)
 from solver.axisymmetric.sections import Sections
 from solver.equivalent_inclusion.gradient_points import STRAIN_METRIC, QuadraturePoints
 from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES, get_tied_interface
 from solver.inclusions.eshelby import compute_strengths
 from solver.inclusions.tumours import Strata, Tumours
 
+FORCE_NAMES = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")  # in the order of ``CHARGE_NAMES``
 Strengths = tuple[Any, Any]  # k_v and k_d of every tumour
 
 
@@ -67,17 +78,21 @@ class FirstOrder:
         return 1.0 * (self.strata.find_layer(self.tumours.depth) == number)
 
     def compute_form(self, strengths: Strengths, corners: Any = None, moved: Any = 0.0) -> Any:
-        """Return u^T G u (eq. EI.4), shape (2, 2), with given strengths, perhaps complex corners and moved points."""
+        """Return u^T G u (eq. EI.4) of s states with the base states, shape (s, 2).
+
+        The strengths are given; corners may be complex and points moved.
+        """
         strain, dilation = self._evaluate_at_points(
             *self.points.compute_forms(self._corners if corners is None else corners, moved)
         )
         volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
         sums = strain[:, :3].sum(axis=1)
-        form = np.einsum("q,qi,qj->ij", volume, dilation, dilation) - np.einsum("q,qi,qj->ij", shear / 3, sums, sums)
-        return form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain)
+        form = np.einsum("q,qi,qj->ij", volume, dilation, dilation[:, :2])
+        form = form - np.einsum("q,qi,qj->ij", shear / 3, sums, sums[:, :2])
+        return form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain[..., :2])
 
     def solve_adjoint(self, strengths: Strengths) -> Floats:
-        """Solve K l = G u for l of eq. EI.4, with G of given strengths; return its values in n elements, (n, 2 s, 2)."""
+        """Solve K l = G u for l of eq. EI.4, with G of given strengths; return its values in n elements, (n, 2 functions, s)."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.compute_forms(self._corners)
         strain, dilation = self._evaluate_at_points(strain_form, dilation_form)
@@ -95,8 +110,8 @@ class FirstOrder:
         return np.asarray(self.points.compute_corners(self.states.model.section))
 
     def _evaluate_at_points(self, strain: Any, dilation: Any) -> tuple[Any, Any]:
-        """Return strain and dilation of both states at the points, from the forms of ``QuadraturePoints.compute_forms``."""
-        element_values = self.states.values[self.points.element].reshape(len(self.points.r), 2, -1, 2)
+        """Return strain and dilation of the s states at the points, from the forms of ``QuadraturePoints.compute_forms``."""
+        element_values = self.states.values[self.points.element].reshape(len(self.points.r), 2, -1, len(self.states.products))
         return (
             np.einsum("qacs,qcsi->qai", strain, element_values, optimize=True),
             np.einsum("qcs,qcsi->qi", dilation, element_values, optimize=True),
@@ -119,7 +134,7 @@ class FirstOrder:
         return strengths, (volume * is_target, shear * is_target)
 
     def compute_forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
-        """Return u^T G u and u^T G' u (eq. EI.4), shape (2, 2, 2), perhaps with complex corners, points or moduli."""
+        """Return u^T G u and u^T G' u (eq. EI.4), shape (2, s, 2), perhaps with complex corners, points or moduli."""
         return np.array([self.compute_form(k, corners, moved) for k in self.compute_strengths(**changed)])
 
 
@@ -146,7 +161,9 @@ def _solve_loads(model: MeridianModel, elements: Any, loads: Floats) -> Floats:
 def solve_first_order(
     scene: Scene, sections: Sections, fineness: MeridianFineness = FIELD_FINENESSES[0], kind: Kind | None = None
 ) -> FirstOrder:
-    """Solve the base states of sections without tumours and place the scene's spheres in them.
+    """Solve the states of sections without tumours and place the scene's spheres in them.
+
+    Charges need the film states, and so sections with films (``add_details``).
 
     Raises
     ------
@@ -155,7 +172,8 @@ def solve_first_order(
     """
     materials: dict[Body, Material] = {body: material for body, material in sections.materials.items() if body != Body.INCLUSION}
     section = replace(sections.section, sphere_radius=0.0, sphere_depth=0.0)
-    states = solve_base_states(build_model(section, materials, get_tied_interface(scene), fineness, kind=kind))
+    interface = get_tied_interface(scene)
+    states = solve_base_states(build_model(section, materials, interface, fineness, kind=kind, films=sections.films))
     tumours = Tumours.from_scene(scene).flatten()
     return FirstOrder(
         states, QuadraturePoints.from_tumours(states, tumours), tumours, scene.target, Strata.from_tissue(scene.tissue)
@@ -170,12 +188,12 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
     InputError
         A name is none of the scene's variables.
     """
-    allowed = tuple(list_values(scene))
+    allowed = list_differentiable(scene, solution.states.model)
     unknown = [name for name in names if name not in allowed]
     if unknown:
         raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
     values_now = solution.compute_forms()
-    values_now[0] += solution.states.forces
+    values_now[0] += solution.states.products
     model = solution.states.model
     rows = [differentiate_by_scene(scene, model, name) for name in names]
     chain = np.array(rows).reshape(len(names), len(list_variables(model)))
@@ -187,22 +205,53 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
 
 
 def _differentiate_by_section(solution: FirstOrder) -> Floats:
-    """Return derivatives with respect to the section's v variables by eq. EI.4, shape (v, 2, 2).
+    """Return derivatives with respect to the section's v variables by eq. EI.4, shape (v, 2, s).
 
-    The second index is 0 for the films' totals and 1 for their derivatives with respect to ln E of the target, the last the film.
+    The second index is 0 for the films' totals and 1 for their derivatives with respect to ln E of the target, the last is that
+    of the film's force or charge.
     """
-    model, element_values = solution.states.model, solution.states.values
-    basis = np.concatenate([element_values, *(solution.solve_adjoint(k) for k in solution.compute_strengths())], axis=-1)
-    unit_states = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
-    energy = differentiate_totals(model, basis, unit_states[:1], unit_states[1:], Body.INCLUSION)[0]
+    model, s = solution.states.model, len(solution.states.products)
+    adjoints = [solution.solve_adjoint(k) for k in solution.compute_strengths()]
+    basis = np.concatenate([solution.states.values, *adjoints], axis=-1)
+    unit = np.eye(3 * s)
+    both = [unit[k] + unit[k + 1] for k in range(0, 3 * s, s)]  # U, and the sums of both base states' adjoints
+    energies, changes = [], []  # by film, of forces and then of charges
+    for k in (0, *range(2, s)):
+        # a state and its two adjoints, each with what is left of the sum: for the forces the other base state
+        pairs = np.array([[unit[k + low], total - unit[k + low]] for low, total in zip((0, s, 2 * s), both, strict=True)])
+        pairs = pairs.transpose(0, 2, 1)
+        energy = differentiate_totals(model, basis, pairs[:1], pairs[1:], Body.INCLUSION)[0]
+        films = slice(0, 2) if k == 0 else slice(0, 1)
+        energies.append(energy.totals[0][:, films])
+        changes.append(energy.changes[..., films])
     explicit: Floats = np.array([_differentiate_explicit(solution, name) for name in list_variables(model)]).sum(axis=3)
-    derivatives = explicit - energy.changes.transpose(1, 0, 2)
-    derivatives[:, 0] += energy.totals[0]
+    derivatives = explicit - np.concatenate(changes, axis=-1).transpose(1, 0, 2)
+    derivatives[:, 0] += np.concatenate(energies, axis=-1)
+    if s > 2:
+        derivatives[: len(model.section.lengths), :, 2:] += _differentiate_lifts(solution, adjoints)
     return derivatives
 
 
+def _differentiate_lifts(solution: FirstOrder, adjoints: Sequence[Floats]) -> Floats:
+    """Return what the change of the films' lifts adds to derivatives of charges, see eq. EI.4, shape (lengths, 2, 2).
+
+    ``adjoints`` are the values of l and l' in all elements, shape (n, 2 functions, s) each.
+    """
+    model = solution.states.model
+    assert model.films is not None
+    skeleton = model.shapes.skeleton
+    fields = [
+        values[..., :2].sum(axis=-1).reshape(len(values), 2, -1)[..., :skeleton].reshape(len(values), -1)
+        for values in (solution.states.values, *adjoints)
+    ]
+    loaded = np.stack([fields[0] - fields[1], -fields[2]], axis=-1)  # U - l and -l' on corners and edges, (n, 8 p, 2)
+    lifts = differentiate_film_lift(model.section, model.mesh, skeleton, model.films)
+    parts = [np.einsum("vcp,cpk->vk", by_length, model.system.stiffness[chosen] @ loaded[chosen]) for chosen, by_length in lifts]
+    return np.stack(parts, axis=-1)
+
+
 def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
-    """Return the derivatives of u^T G u and u^T G' u with respect to a variable of the section at fixed u, shape (2, 2, 2)."""
+    """Return the derivatives of u^T G u and u^T G' u with respect to a variable of the section at fixed u, shape (2, s, 2)."""
     section, hosts = solution.states.model.section, solution.strata.find_hosts(solution.tumours.depth)
     for body in TISSUES:
         step = 1j * COMPLEX_STEP * solution.compute_share(body)
@@ -211,13 +260,13 @@ def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
         if name == f"{body.name.lower()}_poisson_ratio":
             return _extract_derivative(solution.compute_forms(nu=hosts.poisson_ratio + step))
     if name not in section.lengths:
-        return np.zeros((2, 2, 2))
+        return np.zeros((2, *solution.states.products.shape))
     moved = replace(section, **{name: getattr(section, name) * (1 + 1j * COMPLEX_STEP)})
     return _extract_derivative(solution.compute_forms(solution.points.compute_corners(moved)))
 
 
 def _differentiate_by_tumour(solution: FirstOrder, quantity: str) -> Floats:
-    """Return the derivatives of u^T G u and u^T G' u with respect to a quantity of the only tumour, shape (2, 2, 2)."""
+    """Return the derivatives of u^T G u and u^T G' u with respect to a quantity of the only tumour, shape (2, s, 2)."""
     points, tumours, step = solution.points, solution.tumours, 1j * COMPLEX_STEP
     if quantity == "youngs_modulus":
         by_log_modulus = _extract_derivative(solution.compute_forms(youngs_modulus=tumours.youngs_modulus * (1 + step)))
@@ -249,34 +298,37 @@ def _build_outputs(
     names
         Names of the variables.
     now
-        Film forces, and their derivatives with respect to ln E of the target, shape (2, 2, 2).
+        Film forces and charges, and their derivatives with respect to ln E of the target, shape (2, s, 2).
     changes
-        Derivatives of the totals of ``now`` with respect to the variables, shape (n, 2, 2).
+        Derivatives of the totals of ``now`` with respect to the variables, shape (n, 2, s).
     chain
         Derivatives of the section's variables with respect to these, shape (n, v).
     """
     totals, derivatives = now.sum(axis=2)
     # logarithmic derivatives of the totals and of the stiffness
-    logs, stiffness = changes[:, 0] / totals, changes[:, 0].sum(axis=1) / totals.sum()
-    stress = logs - chain @ differentiate_areas(scene, solution.states.model)
-    if scene.load.indentation is None:  # at a given force a stiffer scene is indented less
-        stress = stress - stiffness[:, None]
+    logs, stiffness = changes[:, 0] / totals, changes[:, 0, :2].sum(axis=1) / totals[:2].sum()
+    log_areas = chain @ differentiate_areas(scene, solution.states.model)
     sensitivity = derivatives / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs
-    ends = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    imposed = scene.load.indentation
-    indentation = (scene.load.force or 0.0) / totals.sum() if imposed is None else imposed
-    stresses = totals * indentation / ends
-    ratio = totals[0] / totals[1] * ends[1] / ends[0]
-    outputs = ratio, *stresses, totals.sum(), sensitivity[0] - sensitivity[1]
-    slopes_of = (
-        ratio * (stress[:, 0] - stress[:, 1]),
-        *(stresses[k] * stress[:, k] for k in (0, 1)),
-        totals.sum() * stiffness,
-        d_sensitivity[:, 0] - d_sensitivity[:, 1],
-    )
+    ends, imposed = np.array([scene.probe.inner_area, scene.probe.outer_area]), scene.load.indentation
+    indentation = (scene.load.force or 0.0) / totals[:2].sum() if imposed is None else imposed
+    # at a given force a stiffer scene is indented less
+    log_indentation = -stiffness[:, None] if imposed is None else np.zeros((len(names), 1))
+    outputs: dict[str, tuple[Any, Any]] = {"stiffness": (totals[:2].sum(), totals[:2].sum() * stiffness)}
+    for low, films, factors, log_factors in (
+        (0, FORCE_NAMES, indentation / ends, log_indentation - log_areas),
+        (2, CHARGE_NAMES, CHARGE_UNIT * indentation * np.ones(2), log_indentation),
+    )[: len(totals) // 2]:
+        pair = slice(low, low + 2)
+        (ratio_name, *film_names, sensitivity_name), values, change = films, totals[pair] * factors, logs[:, pair] + log_factors
+        for k, name in enumerate(film_names):
+            outputs[name] = values[k], values[k] * change[:, k]
+        ratio = totals[low] / totals[low + 1] * ends[1] / ends[0]
+        outputs[ratio_name] = ratio, ratio * ((logs[:, pair] - log_areas) @ [1.0, -1.0])
+        outputs[sensitivity_name] = sensitivity[pair] @ [1.0, -1.0], d_sensitivity[:, pair] @ [1.0, -1.0]
+    ordered = [name for name in (*OUTPUT_NAMES, *CHARGE_NAMES) if name in outputs]
     return Gradients(
         names,
-        {name: np.array([value]) for name, value in zip(OUTPUT_NAMES, outputs, strict=True)},
-        {name: np.asarray(change)[None] for name, change in zip(OUTPUT_NAMES, slopes_of, strict=True)},
+        {name: np.array([outputs[name][0]]) for name in ordered},
+        {name: np.asarray(outputs[name][1])[None] for name in ordered},
     )

@@ -144,8 +144,9 @@ class AzimuthalSystems:
 
     @property
     def bytes_per_order(self) -> float:
-        """Bytes for one order: the cached element matrices of three orders, and those of one more."""
-        return 4.0 * 8 * len(self.model.mesh.body) * (3 * len(self.model.shapes.degrees)) ** 2
+        """Bytes for one more order: its element matrices and, until these are cached, those of the three orders behind all."""
+        orders = 1 if "_samples" in vars(self) else 4
+        return 8.0 * orders * len(self.model.mesh.body) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def assemble_order(self, m: int) -> Harmonic:
         """Assemble the system of one order; order 0 (no torsion) is the base states' system."""

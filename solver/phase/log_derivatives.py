@@ -138,6 +138,6 @@ def _differentiate_by_tumours(solution: FirstOrder, direction: ValueOfMaterial) 
     moved = solution.compute_form(
         solution.compute_strengths(youngs_modulus=solution.tumours.youngs_modulus * (1 + 1j * COMPLEX_STEP * log_change))[0]
     )
-    totals = (solution.states.forces + moved.real).sum(axis=1)
+    totals = (solution.states.products + moved.real).sum(axis=1)
     change = moved.imag.sum(axis=1) / COMPLEX_STEP / totals
     return float(change[0] - change[1])

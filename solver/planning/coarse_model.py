@@ -197,7 +197,8 @@ class GapProfile:
         model, walls = states.model, _walls(states.model.mesh)
         section, sides = model.section, walls.compute_ends(model.section, model.mesh)
         # radial displacement of the sides' functions, summed over both base states: the whole base moves by one unit
-        moved = states.edge[walls.elements].reshape(len(sides), 2, -1, 2)[:, 0].sum(axis=-1)
+        bases = states.edge[walls.elements, :, :2]  # without the film states, if there are any
+        moved = bases.reshape(len(sides), 2, -1, 2)[:, 0].sum(axis=-1)
         moved = np.take_along_axis(moved, walls.list_functions(model.shapes.order), axis=1)
         ends = np.unique(np.minimum(sides, min(section.inner_height, section.outer_height)))
         heights = ends[:-1, None] + np.linspace(0.0, 1.0, places) * np.diff(ends)[:, None]

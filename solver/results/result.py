@@ -313,6 +313,12 @@ class LoadCurve(LoadedRecord):
         Loads up to which linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
     constant_ratio
         The widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
+    charge_inner, charge_outer
+        Charges of the films, C; None without charges, as are the next three.
+    charge_ratio, charge_ratio_error, charge_log_sensitivity
+        See ``Result``, at each load.
+    observable
+        See ``Result``; ``constant_ratio`` is that of what is read.
     accuracy
         The accuracy that was requested, relative.
     stopped
@@ -342,6 +348,20 @@ class LoadCurve(LoadedRecord):
     constant_ratio: LoadRange | None
     accuracy: float
     stopped: str | None
+    charge_inner: tuple[float, ...] | None = None
+    charge_outer: tuple[float, ...] | None = None
+    charge_ratio: Column | None = None
+    charge_ratio_error: Column | None = None
+    charge_log_sensitivity: Column | None = None
+    observable: Observable = "stress"
     load_limits: LoadLimits | None = None
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def reading(self) -> ReadRatio[Column]:
+        """The ratio that readings of the scene are, at each load."""
+        if self.observable == "stress":
+            return ReadRatio(self.ratio, self.error_estimate, self.log_sensitivity)
+        null: Column = (None,) * len(self.force)
+        return ReadRatio(self.charge_ratio or null, self.charge_ratio_error or null, self.charge_log_sensitivity or null)

@@ -213,6 +213,8 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.built_probe": {
+        "geometry.cad.fixture",  # the sizes of pin and ring, which it derives without a solid
+        "geometry.meridian.section",  # the bodies of bonds and tissue, by whose moduli readings are differentiated
         "geometry.workshop.tolerance",  # how exactly each block is made
         "probe_design.inference",
         "solver.axisymmetric",

@@ -10,9 +10,9 @@ import pytest
 
 from geometry import Scene, read_scene
 from geometry.scenes.film import Film
-from probe_design.reporting.curve_figures import draw_curve
-from probe_design.terminal.result_tables import build_curve_table, build_result_table, list_reading_lines
-from solver import curve, evaluate
+from probe_design.reporting.curve_figures import draw_curve, draw_load_curve
+from probe_design.terminal.result_tables import build_curve_table, build_load_table, build_result_table, list_reading_lines
+from solver import curve, evaluate, load
 from tests.support.paths import EXAMPLES
 
 TAPE = {"thickness": 50e-6, "youngs_modulus": 4e5, "poisson_ratio": 0.49}
@@ -105,3 +105,20 @@ def test_the_table_shows_first_what_is_read_in_units_of_people() -> None:
     stress = replace(charge, observable="stress")
     assert build_result_table(stress).rows[0][0] == "stress_inner"
     assert list_reading_lines(stress)[0].startswith(f"A reading is the ratio of film stresses, {charge.ratio:.4g} within")
+
+
+def test_under_load_charges_are_those_of_single_results() -> None:
+    scene = build({"bond_to_base": TAPE, "bond_to_block": TAPE})
+    line = load(scene, force=0.02, points=2)
+    alone = evaluate(scene.replace({"load.force": 0.02}), "contact")
+    assert line.charge_ratio is not None
+    assert line.charge_inner is not None
+    assert line.charge_ratio_error is not None
+    assert alone.charge_ratio_error is not None
+    assert line.charge_ratio[1] == pytest.approx(alone.charge_ratio, rel=line.charge_ratio_error[1] + alone.charge_ratio_error)
+    assert line.charge_inner[1] == pytest.approx(alone.charge_inner, rel=0.01)
+    assert line.charge_inner[0] == pytest.approx(line.charge_inner[1] / 2, rel=0.02)  # nearly proportional to the force
+    assert line.reading.ratio == line.charge_ratio
+    assert draw_load_curve(line).axes[0].get_ylabel() == "ratio of inner to outer film charge"
+    assert build_load_table(line).headings[2] == "charge_ratio"
+    assert line.to_dataset()["charge_ratio"].shape == (2,)

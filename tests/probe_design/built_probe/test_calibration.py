@@ -264,7 +264,7 @@ def test_record_reads_back_and_is_never_overwritten(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("version = 1", "version = 2", "version 2"),
+        ("version = 2", "version = 3", "version 3"),
         ("probe-design calibration", "another thing", "another thing"),
         ("absolute = true", "absolute = 3", "absolute"),
         ("frequency = 5", "frequency = -5", "frequency"),

@@ -7,15 +7,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from geometry import InputError, Scene
+from geometry import InputError, Scene, read_scene
 from geometry.scenes.variables import list_values
-from solver.axisymmetric.gradients import OUTPUT_NAMES
-from solver.axisymmetric.sections import build_sections
+from solver.axisymmetric.gradients import CHARGE_NAMES, OUTPUT_NAMES, Gradients, compute_gradients
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import add_details, build_sections
 from solver.casadi_functions.finite_elements import TumourCallback
 from solver.equivalent_inclusion.gradients import FirstOrder, compute_tumour_gradients, solve_first_order
-from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
+from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES, solve_undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
+from tests.support.paths import SCENE
 from tests.support.references import named
 from tests.support.slow import slow_unless
 
@@ -84,3 +86,47 @@ def test_callback() -> None:
 def test_unknown_variables_are_refused() -> None:
     with pytest.raises(InputError, match=r"probe\.colour"):
         TumourCallback(FLANK, ("probe.colour",))
+
+
+@cache
+def build_taped() -> Scene:
+    """The example scene with films of two thicknesses between tapes, and a tumour off the axis."""
+    data = read_scene(SCENE).model_dump(exclude_unset=True)
+    tape = {"thickness": "50 um", "youngs_modulus": "0.4 MPa", "poisson_ratio": 0.49}
+    data["probe"]["film"] = {
+        "thickness": "110 um", "electrode_inset": "0.3 mm", "bond_to_base": tape, "bond_to_block": tape,
+        "outer": {"thickness": "28 um"},
+    }  # fmt: skip
+    data["inclusion"] = ({**data["inclusion"][0], "x": "5 mm"},)
+    return Scene.model_validate(data)
+
+
+def differentiate_taped(scene: Scene, names: tuple[str, ...]) -> Gradients:
+    return compute_tumour_gradients(scene, solve_first_order(scene, add_details(scene, build_sections(scene))), names)
+
+
+TAPED_NAMES = tuple(list_values(build_taped()))
+QUICK_NAMES = ("probe.film.thickness", "probe.film.bond_to_base.youngs_modulus", "inclusion.depth")
+
+
+@pytest.mark.parametrize("name", slow_unless(QUICK_NAMES.__contains__, TAPED_NAMES))
+def test_derivatives_of_charges_are_the_limit_of_differences(name: str) -> None:
+    scene, step = build_taped(), 2e-4
+    value, computed = list_values(scene)[name], differentiate_taped(scene, (name,))
+    moved = [differentiate_taped(scene.replace({name: value * (1 + change)}), ()) for change in (step, -step)]
+    assert tuple(computed.values) == (*OUTPUT_NAMES, *CHARGE_NAMES)
+    for key, size in computed.values.items():
+        difference = (moved[0].values[key][0] - moved[1].values[key][0]) / (2 * step * value)
+        assert computed.derivatives[key][0, 0] * value == pytest.approx(difference * value, abs=1e-6 * abs(size[0]))
+
+
+def test_charges_and_derivatives_on_the_axis_are_those_of_finite_elements() -> None:
+    """The tumour is weak, so that its reflections do not matter, and the axisymmetric mesh has it inside."""
+    scene = build_taped().replace({"inclusion.x": 0.0, "inclusion.depth": 0.02, "inclusion.youngs_modulus": 6.6e3})
+    names = ("probe.inner_radius", "probe.height", "probe.film.bond_to_base.thickness", "probe.outer.poisson_ratio")
+    computed, sections = differentiate_taped(scene, names), add_details(scene, build_sections(scene))
+    expected = compute_gradients(scene, solve_on_mesh(sections.section, sections, scene, FIELD_FINENESSES[1]), names)
+    for key in ("charge_ratio", "charge_inner", "charge_outer"):
+        assert computed.values[key][0] == pytest.approx(expected.values[key][0], rel=2e-4)
+        sizes = np.abs(expected.derivatives[key][0])
+        assert computed.derivatives[key][0] == pytest.approx(expected.derivatives[key][0], abs=2e-3 * sizes.max(), rel=2e-3)

@@ -1,0 +1,217 @@
+"""Predict the films' charges under pins and rings, and the modulus of the bonds, which decides on all charges.
+
+A film's charge is not d33 times the force on it: it depends on how its block is loaded, and on the bonds' modulus, of which a
+drawing knows little. So every reference's charge is predicted, on a pin or a ring by ``solver.axisymmetric.pressed_block``, and a
+calibration fits the modulus of the bonds besides one scale of d per film (``gain_fit``). With the charges Q over one unit c of
+charge per force, and the load F,
+
+    y_inner + y_outer = sigma F,    y = Q / c        (BP.11)
+
+c cancels in all that a calibration determines; it makes y nearly a force.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from geometry.cad.fixture import find_fixture_sizes
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError
+from geometry.scenes.bonds import find_bond
+from geometry.scenes.film import Bond, Film
+from geometry.scenes.probe import Material, Probe
+from geometry.scenes.scene import Scene
+from geometry.scenes.units import MM_PER_M
+from geometry.scenes.variables import list_values
+from probe_design.built_probe.bench import Reference, Workshop
+from solver.axisymmetric.pressed_block import Load, PressedBlock, PressedCharge, press_block, press_once
+
+FILM_KEYS = "probe.film."  # how the keys of films and bonds begin
+UNNAMED_BOND_LOG_SD = 0.69  # of ln of the modulus of a bond that is given by numbers: that of tapes in the catalogue
+INSET_SD = 1e-4  # m: how far an electrode's edge may be from where it is drawn
+STEP = 0.02  # relative change of a number for a derivative: errors of the solver change it by about 1 %
+UNKNOWN_CONTACT: tuple[Load, Load] = ("frictionless", "stuck")
+
+
+@dataclass(frozen=True)
+class BondModulus:
+    """The modulus of all bonds: ln of its factor on the scene's, and the standard deviation of that before a calibration."""
+
+    log_factor: float
+    log_sd: float
+
+
+@dataclass(frozen=True)
+class LoadFactor:
+    """sigma of eq. BP.11 on a reference.
+
+    Attributes
+    ----------
+    log
+        ln sigma.
+    variance
+        Of it, by the solver, the block's modulus and the contact.
+    derivatives
+        Of it with respect to the design's variables, per SI unit, shape (v,).
+    bond_derivative
+        Of it with respect to ln of the bonds' modulus.
+    film_bond_derivatives
+        Likewise of the logarithm of each film's charge, on a block of tissue; None on a pin or ring.
+    """
+
+    log: float
+    variance: float
+    derivatives: Floats
+    bond_derivative: float
+    film_bond_derivatives: tuple[float, float] | None = None
+
+
+def models_charges(scene: Scene) -> bool:
+    """Return whether readings are charges that follow from the films' stress, not from ``psi1`` and ``psi2``."""
+    film = scene.probe.film
+    return film is not None and scene.observable == "charge" and not film.uses_psi
+
+
+def compute_charge_unit(scene: Scene) -> float:
+    """Return the unit c of charge per force, C/N: where readings are charges, the films' mean under an even pressure.
+
+    Otherwise it is that of the scene's film by eq. (12), or of the default film if it has none.
+    """
+    film = scene.probe.film or Film()
+    if not models_charges(scene):
+        return film.charge_per_force
+    blocks = (build_pressed_block(scene.probe, k, "pressure", None) for k in (0, 1))
+    return float(np.mean([_press_once(block).charge_per_force for block in blocks]))
+
+
+def build_pressed_block(probe: Probe, k: int, load: Load, pressed: tuple[float, float] | None) -> PressedBlock:
+    """Return the inner (k = 0) or outer (1) block with its film, pressed on its lower face."""
+    assert probe.film is not None
+    block = (probe.inner, probe.outer)[k]
+    material = Material(youngs_modulus=block.youngs_modulus, poisson_ratio=block.poisson_ratio)
+    radii = ((0.0, probe.inner_radius), (probe.hole_radius, probe.tube_radius))[k]
+    height = (probe.core_height, probe.tube_height)[k]
+    return PressedBlock(*radii, height, material, probe.film.by_block[k], load, pressed)
+
+
+def predict_pin(
+    scene: Scene, reference: Reference, names: tuple[str, ...], unit: float, derivatives: Floats | None = None
+) -> LoadFactor:
+    """Predict sigma on a pin or a ring.
+
+    Parameters
+    ----------
+    scene
+        For its probe.
+    reference
+        The pin or ring.
+    names
+        Keys of the scene's numbers with respect to which to differentiate; a last variable, which does not matter, is added.
+    unit
+        Magnitude of the unit of charge per force, C/N.
+    derivatives
+        With respect to these, if they are known already.
+    """
+    k, contacts = ("inner", "outer").index(reference.on), UNKNOWN_CONTACT if reference.contact is None else (reference.contact,)
+    pressed = find_pressed(scene.probe, reference)
+    charges = [_press(build_pressed_block(scene.probe, k, contact, pressed)) for contact in contacts]
+    logs = np.log([abs(charge.charge_per_force) / unit for charge in charges])
+    # between no friction and none but sliding any friction is as likely; the solver's error is as likely within its bound
+    variance = (np.ptp(logs) / 2) ** 2 / 3 + max(charge.charge_error for charge in charges) ** 2 / 3
+    if derivatives is None:
+        derivatives = np.array([_differentiate(scene, k, contacts[-1], pressed, name) for name in names])
+    bond_derivative = float(np.mean([charge.bond_derivative for charge in charges]))
+    return LoadFactor(float(logs.mean()), float(variance), np.append(derivatives, 0.0), bond_derivative)
+
+
+def compute_pin_charge(scene: Scene, reference: Reference) -> float:
+    """Return the charge per force, C/N, of the film under a pin or ring; a contact that is not given is stuck."""
+    k, pressed = ("inner", "outer").index(reference.on), find_pressed(scene.probe, reference)
+    return _press(build_pressed_block(scene.probe, k, reference.contact or "stuck", pressed)).charge_per_force
+
+
+def find_pressed(probe: Probe, reference: Reference) -> tuple[float, float]:
+    """Return the radii of a pin's or ring's end, m: as the bench states, else those of the fixture, else of the whole face."""
+    is_pin = reference.on == "inner"
+    inner, outer = (0.0, probe.inner_radius) if is_pin else (probe.hole_radius, probe.tube_radius)
+    try:
+        sizes = find_fixture_sizes(probe)
+        inner, outer = np.array((0.0, sizes.pin) if is_pin else sizes.ring) / MM_PER_M
+    except InputError:  # too narrow for the fixture: the whole face
+        pass
+    given = reference.inner_radius, reference.outer_radius
+    return float(inner if given[0] is None else given[0]), float(outer if given[1] is None else given[1])
+
+
+def _differentiate(scene: Scene, k: int, contact: Load, pressed: tuple[float, float] | None, name: str) -> float:
+    """Return the derivative of ln of the charge per force under a pin or ring with respect to a number of the scene."""
+    value = list_values(scene)[name]
+    step = STEP * (min(value, 0.5 - value) if name.endswith("poisson_ratio") else value)
+    if step == 0:
+        return 0.0
+    below, above = (build_pressed_block(scene.replace({name: value + h}).probe, k, contact, pressed) for h in (-step, step))
+    if below == above:
+        return 0.0
+    low, high = (_press_once(block).charge_per_force for block in (below, above))
+    return math.log(high / low) / (2 * step)
+
+
+@lru_cache(maxsize=256)
+def _press(block: PressedBlock) -> PressedCharge:
+    """Return the charge of a pressed block, cached."""
+    return press_block(block)
+
+
+@lru_cache(maxsize=256)
+def _press_once(block: PressedBlock) -> PressedCharge:
+    """Return the charge of a pressed block by one solution, cached."""
+    return press_once(block)
+
+
+def list_bond_keys(scene: Scene) -> list[str]:
+    """List the keys of the bonds' moduli in a scene."""
+    return [key for key in list_values(scene) if is_bond_modulus(key)]
+
+
+def is_bond_modulus(key: str) -> bool:
+    """Return whether a key of a scene is that of a bond's modulus."""
+    return key.startswith(FILM_KEYS) and ".bond_to_" in key and key.endswith("youngs_modulus")
+
+
+def scale_bonds(scene: Scene, log_factor: float) -> Scene:
+    """Return a scene with the moduli of all bonds times exp(``log_factor``)."""
+    if log_factor == 0:
+        return scene
+    values = list_values(scene)
+    return scene.replace({key: values[key] * math.exp(log_factor) for key in list_bond_keys(scene)})
+
+
+def find_bond_log_sd(scene: Scene) -> float:
+    """Return the standard deviation of ln of the bonds' moduli before a calibration, the largest of all; 0 without bonds."""
+    if scene.probe.film is None:
+        return 0.0
+    bonds = [layer for film in scene.probe.film.by_block for layer in film.stack if isinstance(layer, Bond)]
+    return max((_find_log_sd(bond) for bond in bonds if not bond.is_rigid), default=0.0)
+
+
+def _find_log_sd(bond: Bond) -> float:
+    """Return the standard deviation of ln of one bond's modulus."""
+    return UNNAMED_BOND_LOG_SD if bond.name is None else find_bond(bond.name).log_sd
+
+
+def find_film_tolerance(name: str, value: float, workshop: Workshop) -> float:
+    """Return the standard deviation of a number of a film or bond, SI; 0 for a bond's modulus, which a calibration determines."""
+    is_bond = ".bond_to_" in name
+    if is_bond_modulus(name):
+        return 0.0
+    if name.endswith("thickness"):
+        return value * (workshop.bond_thickness if is_bond else workshop.film_thickness)
+    if name.endswith("youngs_modulus"):
+        return value * workshop.film_modulus
+    if name.endswith("poisson_ratio"):
+        return workshop.poisson_ratio if is_bond else workshop.film_poisson_ratio
+    return INSET_SD  # the electrode's inset, the only other number
