@@ -7,6 +7,7 @@ from typing import Self
 
 from pydantic import ValidationError, model_validator
 
+from geometry.common.errors import InputError
 from geometry.scenes.fit_check import check_bodies_fit
 from geometry.scenes.keys import Value, find_key, replace_values
 from geometry.scenes.scene_tables import Observable, SceneTables
@@ -19,6 +20,14 @@ class Scene(SceneTables):
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
         check_bodies_fit(self)
+        return self
+
+    @model_validator(mode="after")
+    def _check_charges(self) -> Self:
+        """Raise ``InputError`` where charges are read of films that give none."""
+        films = self.probe.film.by_block if self.probe.film is not None and self.observable == "charge" else ()
+        if any(film.d33 == 0 and film.mean_lateral_charge == 0 for film in films):
+            raise InputError("probe.film.d33", "0 pC/N", "other than 0, or d31 + d32 other than 0, as charges are read")
         return self
 
     @classmethod

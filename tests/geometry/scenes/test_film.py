@@ -133,3 +133,10 @@ def test_a_bond_with_a_new_number_loses_its_name_and_one_with_a_new_name_its_num
     assert film.bond_to_base is not None
     assert (film.bond_to_base.name, film.bond_to_base.thickness) == ("epoxy-20um", 20e-6)
     assert film.bond_to_base.youngs_modulus == 1.7e9
+
+
+def test_a_film_without_any_charge_is_refused_where_charges_are_read() -> None:
+    powerless = {"d31": "2 pC/N", "d32": "-2 pC/N", "d33": "0 pC/N"}
+    make_scene(powerless)  # reads stresses
+    with pytest.raises(InputError, match=r"probe\.film\.d33 = '0 pC/N': allowed: other than 0"):
+        make_scene(powerless | {"bond_to_base": TAPE})
