@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from geometry.common.arrays import Bools, Floats, Ints
 from solver.axisymmetric.tissue_field import TissueField
@@ -69,16 +70,21 @@ class Energies:
         return np.array([*dilation, *deviator])
 
     def interpolate(self, r: Floats, z: Floats) -> Floats:
-        """Interpolate the products of ``evaluate`` from the table: within about 1e-3, relative, where ``covers`` is true."""
-        from scipy.ndimage import map_coordinates
+        """Interpolate the products of ``evaluate`` from the table: within about 1e-3, relative, where ``covers`` is true.
 
+        Each value is a sum of 16 of the splines' coefficients: one sparse matrix gives those of all products.
+        """
         scale, _, depth, _ = self._range
-        coordinates = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / TABLE_STEP
-        coordinates[1] += SPARE_TABLE_LINES  # the table begins so many lines above the minimum depth
-        out = np.empty((2 * len(self.pairs), len(r)))
-        for values, row in zip(self._table, out, strict=True):
-            map_coordinates(values, coordinates, output=row, order=SPLINE_ORDER, prefilter=False, mode="mirror")
-        return out
+        table, rows_of_table, columns_of_table = self._table
+        # the table begins ``SPARE_TABLE_LINES`` above the minimum depth
+        rows, row_weights = _compute_spline_weights(np.arcsinh(r / scale) / TABLE_STEP, rows_of_table)
+        columns, column_weights = _compute_spline_weights(
+            (np.arcsinh(-z / scale) - np.arcsinh(depth / scale)) / TABLE_STEP + SPARE_TABLE_LINES, columns_of_table
+        )
+        indices = (rows[:, :, None] * columns_of_table + columns[:, None]).ravel()
+        weights = (row_weights[:, :, None] * column_weights[:, None]).ravel()
+        matrix = csr_array((weights, indices, np.arange(0, len(weights) + 1, 16)), shape=(len(r), len(table)))
+        return np.asarray((matrix @ table).T)
 
     def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
         """Return whether the table covers radii up to ``reach`` and z from ``lowest`` to ``highest``, m.
@@ -98,8 +104,11 @@ class Energies:
         return scale, min(s.tissue_radius, far), MIN_TABLE_DEPTH_OUTER_RADII * s.tube_radius, min(s.tissue_depth, far)
 
     @cached_property
-    def _table(self) -> list[Floats]:
-        """Spline coefficients of the 2 p products on a grid of r (even about the axis) and depth."""
+    def _table(self) -> tuple[Floats, int, int]:
+        """Spline coefficients of the 2 p products on a grid of r (even about the axis) and depth, shape (radii depths, 2 p).
+
+        The numbers of radii and depths follow.
+        """
         scale, widest, low, high = self._range
         s = self.field.states.model.section
         radius_count = int(np.ceil(np.arcsinh(widest / scale) / TABLE_STEP)) + 1
@@ -112,4 +121,18 @@ class Energies:
         values = self.evaluate(r, z).reshape(-1, radius_count, depth_count + SPARE_TABLE_LINES)
         from scipy.ndimage import spline_filter
 
-        return [spline_filter(values_of_product, order=SPLINE_ORDER, mode="mirror") for values_of_product in values]
+        table = np.array([spline_filter(values_of_product, order=SPLINE_ORDER, mode="mirror") for values_of_product in values])
+        return np.ascontiguousarray(table.reshape(len(table), -1).T), *table.shape[1:]
+
+
+def _compute_spline_weights(place: Floats, size: int) -> tuple[Ints, Floats]:
+    """Return the indices and the weights of the four coefficients of a cubic spline at m places, shape (m, 4) both.
+
+    ``place`` counts in lines of a table of ``size`` lines, which is mirrored at its first and last line.
+    """
+    line = np.floor(place)
+    f = place - line  # the place between two lines
+    g = 1 - f
+    weights = np.stack([g**3 / 6, 2 / 3 - f**2 * (2 - f) / 2, 2 / 3 - g**2 * (2 - g) / 2, f**3 / 6], axis=1)
+    index = np.abs(line.astype(int)[:, None] + np.arange(-1, 3))
+    return np.where(index >= size, 2 * (size - 1) - index, index), weights
