@@ -27,7 +27,7 @@ from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERA
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
-from solver.axisymmetric.sections import build_sections
+from solver.axisymmetric.sections import Sections, add_details, build_sections
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.results.film_charges import reads_film_states
@@ -39,15 +39,11 @@ def choose_evaluator(scene: Scene) -> str:
     Raises
     ------
     Refusal
-        Neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene, or the latter has no derivatives of charges.
+        Neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene.
     """
-    reason = Axisymmetric().refusal(scene)
-    if reason is None:
+    if Axisymmetric().refusal(scene) is None:
         return "axisymmetric"
     EquivalentInclusion().check(scene)
-    if reads_film_states(scene):
-        allowed = "'stress', or at most one sphere on the probe's axis: elsewhere charges have no derivatives"
-        raise Refusal("reading.observable", "charge", allowed)
     return "equivalent-inclusion"
 
 
@@ -93,11 +89,17 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
     return np.array([columns[variable.name] for variable in variables]).T
 
 
+def _build_sections(scene: Scene) -> Sections:
+    """Return the sections of a scene, with films and base where charges are read, which follow from the films' stress."""
+    sections = build_sections(scene)
+    return add_details(scene, sections) if reads_film_states(scene) else sections
+
+
 def _compute_gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
     """Compute the evaluator's derivatives with respect to ``names``; refuse if one is missing."""
     with threadpool_limits(1, user_api="blas"):
         if choose_evaluator(scene) == "equivalent-inclusion":
-            return compute_tumour_gradients(scene, solve_first_order(scene, build_sections(scene)), names)
+            return compute_tumour_gradients(scene, solve_first_order(scene, _build_sections(scene)), names)
         gradients = compute_gradients(scene, Axisymmetric().compute_converged(scene, accuracy).sample)
     missing = [name for name in names if name not in gradients.variables]
     if missing:

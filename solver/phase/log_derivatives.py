@@ -62,8 +62,6 @@ def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Diffe
         fineness = MESH_LEVELS[3 if accuracy >= COARSE_ACCURACY else 4 if accuracy >= MEDIUM_ACCURACY else 5]
         return None, lambda variant, directions: differentiate_on_axis(variant, directions, fineness)
     refusal = EquivalentInclusion().refusal(scene)
-    if refusal is None and reads_film_states(scene):
-        refusal = "charges of films over tumours elsewhere"
     if refusal is None and any(body.diameter is None for body in scene.inclusion):
         refusal = "an ellipsoid"
     fineness = FIELD_FINENESSES[0 if accuracy >= COARSE_ACCURACY else 1]
@@ -104,7 +102,7 @@ def differentiate_off_axis(scene: Scene, directions: Sequence[ValueOfMaterial], 
     ratio, derivatives = _convert_to_logarithms(scene, compute_tumour_gradients(scene, solution, tuple(list_values(scene))))
     body_derivatives = {name: derivative for name, derivative in derivatives.items() if not name.startswith("inclusion")}
     directional = [
-        _differentiate_along(body_derivatives, direction) + _differentiate_by_tumours(solution, direction)
+        _differentiate_along(body_derivatives, direction) + _differentiate_by_tumours(scene, solution, direction)
         for direction in directions
     ]
     return LogDerivatives(ratio, derivatives, np.array(directional))
@@ -131,7 +129,7 @@ def _differentiate_along(derivatives: dict[str, float], direction: ValueOfMateri
     return sum(derivatives.get(f"{owner}{MODULUS_SUFFIX}", 0.0) * log_change for owner, log_change in direction.items())
 
 
-def _differentiate_by_tumours(solution: FirstOrder, direction: ValueOfMaterial) -> float:
+def _differentiate_by_tumours(scene: Scene, solution: FirstOrder, direction: ValueOfMaterial) -> float:
     """Return the derivative of ln(ratio) as the logarithms of all tumours' moduli move along a direction, by a complex step."""
     # the components of the tumours, in their order
     log_change = np.array([component for owner, component in direction.items() if owner.startswith("inclusion")])
@@ -140,4 +138,5 @@ def _differentiate_by_tumours(solution: FirstOrder, direction: ValueOfMaterial) 
     )
     totals = (solution.states.products + moved.real).sum(axis=1)
     change = moved.imag.sum(axis=1) / COMPLEX_STEP / totals
-    return float(change[0] - change[1])
+    inner, outer = change[2:] if reads_film_states(scene) else change[:2]  # charges come after forces
+    return float(inner - outer)

@@ -247,3 +247,13 @@ def test_tape_turns_the_ratio_of_charges_by_the_published_phase() -> None:
     # to first order the phase is a sum over both bonds, and d atan t / dt = 1 / (1 + t^2) with t = tan delta
     turned = sum(derivatives[f"probe.film.{side}.loss_factor"] for side in ("bond_to_base", "bond_to_block"))
     assert turned * (1 + 0.5**2) * math.atan(0.5) == pytest.approx(result.ratio_phase, rel=1e-9)
+
+
+def test_off_the_axis_tapes_turn_charges_as_on_it() -> None:
+    scene = taped("charge")
+    scene = scene.replace({"tissue.loss_factor": 0.2, "inclusion.loss_factor": 0.1})
+    phase, exact = (
+        float(level(scene, (compute_loss_angles(scene),), MESH_LEVELS[2]).directional[0])
+        for level in (differentiate_off_axis, differentiate_on_axis)
+    )
+    assert phase == pytest.approx(exact, abs=0.01 * compute_angle_spread(scene))
