@@ -154,6 +154,7 @@ def list_load_lines(curve: LoadCurve) -> list[str]:
     """Return the limits of the load and the range of constant ratio, one line each."""
     lines = [] if curve.load_limits is None else list(curve.load_limits.sentences)
     if curve.constant_ratio is not None:
+        of_charges = " of charges" if curve.observable == "charge" else ""
         force_range = f"{curve.constant_ratio.low:.3g} and {curve.constant_ratio.high:.3g} N"
-        lines.append(f"the ratio is constant within {curve.constant_ratio.share:g} between {force_range}")
+        lines.append(f"the ratio{of_charges} is constant within {curve.constant_ratio.share:g} between {force_range}")
     return lines

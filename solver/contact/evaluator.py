@@ -91,7 +91,7 @@ class ContactEvaluator(FilmEvaluator):
         films = tuple(result.films for result in results)
         worst = max(films, key=lambda result: result.compute_max_error(scene))
         # relative change of the ratio that is read from its linear value
-        ratios = [_compute_log_ratio(_find_read(films, scene)) for films in (worst, loaded.linear.films[0])]
+        ratios = [_compute_log_ratio(films.get_observable(scene)) for films in (worst, loaded.linear.films[0])]
         change = float(np.exp(np.abs(ratios[0] - ratios[1])) - 1)
         decision = Decision(DECISION_FEATURE, True, change, accuracy, "their change of the ratio at this load")
         stopped = (*select_notes(loaded.linear.notes, "limit"), *limits)
@@ -146,13 +146,8 @@ def _find_load_key(scene: Scene) -> tuple[str, object]:
 
 def _is_accurate(films: FilmForces, scene: Scene, accuracy: float) -> bool:
     """Return whether stresses, ratio and log-sensitivity, those of charges included if they are read, are within tolerances."""
-    read = _find_read(films, scene)
+    read = films.get_observable(scene)
     return films.compute_max_error(scene) <= accuracy and films.meets_sensitivity(accuracy) and read.meets_sensitivity(accuracy)
-
-
-def _find_read(films: FilmForces, scene: Scene) -> FilmForces:
-    """Return what the scene's readings are the ratio of: the charges where they are modelled and read, else the film forces."""
-    return films.charges if films.charges is not None and scene.observable == "charge" else films
 
 
 def _compute_log_ratio(films: FilmForces) -> float:
@@ -192,7 +187,7 @@ def press_refined(
         except LimitReached as fault:
             return result, loaded, (Note("limit", str(fault)),)
         loaded = finer
-        errors = [_find_read(forces.films, loaded.scene).bound.log_ratio for forces in (result, better)]
+        errors = [forces.films.get_observable(loaded.scene).bound.log_ratio for forces in (result, better)]
         result = better if errors[1] < errors[0] else result
     return result, loaded, ()
 

@@ -24,12 +24,13 @@ from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
 from solver.linalg.threads import limit_to_one_thread
 from solver.results.evaluator import ProgressCallback, ignore_progress
-from solver.results.film_charges import compute_charge_ratio_fields, explain_null_charges
+from solver.results.film_charges import RATIO_FIELDS, compute_charge_ratio_fields, explain_null_charges
 from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_limits import LargestLoad
 from solver.results.result import LoadCurve, LoadRange
 from solver.results.warnings import Note, explain_null_sensitivity
 
+CHARGE_FIELDS = ("charge_inner", "charge_outer", "charge_inner_error", "charge_outer_error", *RATIO_FIELDS)
 FINER_PATH_FACTOR = (
     1.2  # the finer mesh is pressed this much further than the limit on the coarser one, so that its own limit lies within
 )
@@ -240,15 +241,18 @@ def _build_charge_columns(scene: Scene, points: list[LoadedForces], depth: list[
 
     ``depth`` holds the indentations of the points, m.
     """
-    names = ("charge_inner", "charge_outer", "charge_ratio", "charge_ratio_error", "charge_log_sensitivity")
     notes = dict.fromkeys(note for point in points for note in explain_null_charges("contact", scene, point.films))
     films_at_loads = [point.films.find_charges(scene) for point in points]
-    charges = [films.totals * d for films, d in zip(films_at_loads, depth, strict=True) if films is not None]
+    charges = [
+        (films.totals * d, films.relative_errors) for films, d in zip(films_at_loads, depth, strict=True) if films is not None
+    ]
     if len(charges) < len(points):
-        return dict.fromkeys(names), list(notes)
+        return dict.fromkeys(CHARGE_FIELDS), list(notes)
     rows = [compute_charge_ratio_fields(scene, point.films) for point in points]
-    columns: JsonObject = {name: tuple(row[name] for row in rows) for name in names[2:]}
-    columns |= {name: tuple(float(charge[k]) for charge in charges) for k, name in enumerate(names[:2])}
+    columns: JsonObject = {name: tuple(row[name] for row in rows) for name in RATIO_FIELDS}
+    for k, name in enumerate(("charge_inner", "charge_outer")):
+        columns[name] = tuple(float(values[k]) for values, _ in charges)
+        columns[f"{name}_error"] = tuple(float(errors[k]) for _, errors in charges)
     return columns, list(notes)
 
 

@@ -310,12 +310,15 @@ class LoadCurve(LoadedRecord):
     error_estimate
         Bound on the relative error of each ratio.
     load_limits
-        Loads up to which linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
+        Loads up to which linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``, for the ratio that
+        is read.
     constant_ratio
         The widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
     charge_inner, charge_outer
-        Charges of the films, C; None without charges, as are the next three.
-    charge_ratio, charge_ratio_error, charge_log_sensitivity
+        Charges of the films, C; None without charges, as are the next.
+    charge_inner_error, charge_outer_error
+        Bounds on their relative errors at the given indentation.
+    charge_ratio, charge_ratio_error, charge_log_sensitivity, charge_log_sensitivity_error
         See ``Result``, at each load.
     observable
         See ``Result``; ``constant_ratio`` is that of what is read.
@@ -350,9 +353,12 @@ class LoadCurve(LoadedRecord):
     stopped: str | None
     charge_inner: tuple[float, ...] | None = None
     charge_outer: tuple[float, ...] | None = None
+    charge_inner_error: tuple[float, ...] | None = None
+    charge_outer_error: tuple[float, ...] | None = None
     charge_ratio: Column | None = None
     charge_ratio_error: Column | None = None
     charge_log_sensitivity: Column | None = None
+    charge_log_sensitivity_error: Column | None = None
     observable: Observable = "stress"
     load_limits: LoadLimits | None = None
     warnings: tuple[Note, ...] = ()

@@ -10,9 +10,10 @@ from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Scene
-from solver import evaluate
+from solver import evaluate, load
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.contact.evaluator import ContactEvaluator
+from solver.contact.load_curve import CHARGE_FIELDS
 from solver.contact.loaded_scene import LoadedScene
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
@@ -162,3 +163,27 @@ def test_moduli_of_one_curve_are_those_of_their_points() -> None:
         assert alone.charges is not None
         np.testing.assert_allclose(point.charges.totals, alone.charges.totals, rtol=1e-3)
         assert point.charges.log_sensitivity == pytest.approx(alone.charges.log_sensitivity, rel=0.02)
+
+
+@pytest.mark.parametrize("observable", ["charge", "stress"])
+def test_load_curves_hold_charges_and_limits_of_what_is_read(observable: str) -> None:
+    scene = build(TAPES, 0.01).replace({"reading.observable": observable})
+    curve = load(scene, force=0.04, points=2)
+    result = evaluate(scene.replace({"load.force": 0.04}), evaluator="contact")
+    for name in CHARGE_FIELDS:
+        value, expected = getattr(curve, name)[1], getattr(result, name)
+        if not name.endswith("_error"):
+            assert value == pytest.approx(expected, rel=1e-4)
+        else:
+            assert 0 < value < (1e-3 if "sensitivity" in name else 1e-2)
+    ratios = {"charge": curve.charge_ratio, "stress": curve.ratio}
+    assert curve.reading.ratio == ratios[observable]
+    ends = curve.load_limits
+    assert ends is not None
+    assert ends.ratio is not None
+    # the ratio of charges changes by 1 % at 0.013 N, that of forces at 0.08 N
+    limit = evaluate(scene.replace({"load.force": ends.ratio.force}), evaluator="contact", accuracy=1e-3)
+    rest = evaluate(scene.replace({"load.force": 1e-5}), evaluator="axisymmetric", accuracy=1e-3)
+    assert limit.reading.ratio is not None
+    assert rest.reading.ratio is not None
+    assert abs(limit.reading.ratio / rest.reading.ratio - 1) == pytest.approx(0.01, abs=1e-3)
