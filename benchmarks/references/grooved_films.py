@@ -30,7 +30,6 @@ MATERIALS = {
     "tissue": (0.006, 0.45),
     "tumour": (0.06, 0.45),
     "film": (2500.0, 0.34),
-    "tape": (1.0, 0.45),
 }  # Young's modulus, MPa, and Poisson's ratio
 D31, D32, D33 = 20.0, 2.0, -20.0  # pC/N
 GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 1.0  # mm
@@ -41,12 +40,13 @@ TOLERANCE = 1e-6  # mm
 
 @dataclass(frozen=True)
 class Case:
-    """Layers from block to base, the tumour's distance from the axis, mm, a groove, and whether it cuts the outer film."""
+    """Layers from block to base, the tumour's distance from the axis, mm, a groove, whether it cuts the outer film, the tape."""
 
     layers: tuple[tuple[str, float], ...]
     offset: float = 3.0
     groove: bool = False
     cut: bool = False
+    tape: tuple[float, float] = (1.0, 0.45)
 
 
 CASES = {
@@ -54,6 +54,7 @@ CASES = {
     "tape": Case((FILM, TAPE)),
     "tape, groove, film whole": Case((FILM, TAPE), groove=True),
     "tape, groove, film cut": Case((FILM, TAPE), groove=True, cut=True),
+    "two tapes, groove, film cut": Case((TAPE, FILM, TAPE), groove=True, cut=True, tape=(0.4, 0.49)),
     "rigid, on the axis": Case((FILM,), offset=0.0),
     "rigid, groove, film whole": Case((FILM,), groove=True),
     "rigid, groove, film cut": Case((FILM,), groove=True, cut=True),
@@ -125,7 +126,8 @@ def compute_charges(case: Case) -> dict[str, tuple[float, float]]:
     """Return each film's charge per force, pC/N, with d31 along x and with d31 along y."""
     mesh = make_mesh(case)
     space = ngs.VectorH1(mesh, order=ORDER, dirichlet="top|bottom", dirichlety="top|bottom|mirror")
-    laws = {name: MATERIALS[name.split("_")[0]] for name in mesh.GetMaterials()}
+    materials = MATERIALS | {"tape": case.tape}
+    laws = {name: materials[name.split("_")[0]] for name in mesh.GetMaterials()}
     mu = mesh.MaterialCF({name: e / (2 * (1 + nu)) for name, (e, nu) in laws.items()})
     lam = mesh.MaterialCF({name: e * nu / ((1 + nu) * (1 - 2 * nu)) for name, (e, nu) in laws.items()})
 
