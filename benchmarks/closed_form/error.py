@@ -91,7 +91,7 @@ def build_row(solved: SolvedScene, *, with_stated: bool = True) -> ErrorRow | No
     if ClosedForm().refusal(solved.scene) is not None:
         return None
     scene, (shape, values) = solved.scene, build_parameters(solved.scene)
-    forces, derivative = (part[0] for part in solve_columns(shape, values[:, None])[:2])
+    forces, derivative = (part[0, :2] for part in solve_columns(shape, values[:, None])[:2])
     if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0)):
         return None
     features = compute_features(scene, shape, forces, derivative)
@@ -130,9 +130,9 @@ def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
         true = np.array([row.true[place] for row in rows])
         known = np.isfinite(true)
         features, logs = table[known][:, [names.index(name) for name in used]], np.log(true[known] + FLOORS[quantity])
-        fitted = np.array([float(f"{weight:.3g}") for weight in _regress(features, logs, kinds[known])])
+        fitted = np.array([float(f"{weight:.3g}") for weight in regress(features, logs, kinds[known])])
         weights[quantity] = dict(zip(used, fitted.tolist(), strict=True))
-        shift = _calibrate(features, np.log(true[known]), logs, kinds[known], drawn[known])
+        shift = calibrate(features, np.log(true[known]), logs, kinds[known], drawn[known])
         plain = logs - features @ fitted
         for kind in SCENE_CLASSES:
             inside = drawn[known] & (kinds[known] == kind)
@@ -140,10 +140,10 @@ def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
     return {"weights": weights, "constants": constants}
 
 
-def _regress(features: Floats, logs: Floats, kinds: Floats) -> Floats:
+def regress(features: Floats, logs: Floats, kinds: Floats, classes: Sequence[SceneClass] = SCENE_CLASSES) -> Floats:
     """Return the weights of a quantile regression of logarithms of errors, with a constant for each class."""
     middle, width = features.mean(axis=0), features.std(axis=0)
-    columns = np.column_stack([(features - middle) / width, *(kinds == kind for kind in SCENE_CLASSES)])
+    columns = np.column_stack([(features - middle) / width, *(kinds == kind for kind in classes)])
     penalised = np.arange(columns.shape[1]) < features.shape[1]
 
     def compute_loss(weights: Floats) -> tuple[float, Floats]:
@@ -158,7 +158,14 @@ def _regress(features: Floats, logs: Floats, kinds: Floats) -> Floats:
     return np.asarray(solution[: features.shape[1]] / width)
 
 
-def _calibrate(features: Floats, true: Floats, logs: Floats, kinds: Floats, drawn: Bools) -> dict[str, float]:
+def calibrate(
+    features: Floats,
+    true: Floats,
+    logs: Floats,
+    kinds: Floats,
+    drawn: Bools,
+    classes: Sequence[SceneClass] = SCENE_CLASSES,
+) -> dict[str, float]:
     """Return for each class what its constant needs above the quantile of the regression, so that ``COVERAGE`` is covered.
 
     The logarithms ``true`` of errors of a tenth of the scenes at a time are compared with those stated by the other scenes. The
@@ -167,25 +174,25 @@ def _calibrate(features: Floats, true: Floats, logs: Floats, kinds: Floats, draw
     folds, excess = np.random.default_rng(0).permutation(len(logs)) % FOLDS, np.empty(len(logs))
     for fold in range(FOLDS):
         fitted = folds != fold
-        predicted = features @ _regress(features[fitted], logs[fitted], kinds[fitted])
-        for kind in SCENE_CLASSES:
+        predicted = features @ regress(features[fitted], logs[fitted], kinds[fitted], classes)
+        for kind in classes:
             inside = kinds == kind
             middle = np.quantile((logs - predicted)[fitted & inside & drawn], FIT_QUANTILE)
             excess[~fitted & inside] = (true - predicted)[~fitted & inside] - middle
     shifts: dict[str, float] = {}
-    for kind in SCENE_CLASSES:
+    for kind in classes:
         sorted_excess = np.sort(excess[(kinds == kind) & drawn])
         rank = math.ceil(COVERAGE * (len(sorted_excess) + 1))
         shifts[kind] = float(sorted_excess[min(rank, len(sorted_excess)) - 1])
     return shifts
 
 
-def print_coverage(rows: Sequence[ErrorRow]) -> None:
-    """Print the table of coverage by class and quantity, and that of scenes with small stated errors."""
+def print_rows(rows: Sequence[ErrorRow], kinds: Sequence[SceneClass], quantities: Sequence[str]) -> None:
+    """Print the table of coverage by class and quantity."""
     print("| class | quantity | scenes | covered | interval | median true | median stated | stated/true | largest true/stated |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for kind in SCENE_CLASSES:
-        for place, quantity in enumerate(QUANTITIES):
+    for kind in kinds:
+        for place, quantity in enumerate(quantities):
             true, stated = select_errors(rows, kind, place)
             if len(true):
                 medians, covered = (np.median(true), np.median(stated)), int((true <= stated).sum())
@@ -195,6 +202,11 @@ def print_coverage(rows: Sequence[ErrorRow]) -> None:
                     f"| {interval.low:.1%} to {interval.high:.1%} | {medians[0]:.2g} | {medians[1]:.2g} "
                     f"| {medians[1] / medians[0]:.1f} | {np.max(true / stated):.2g} |"
                 )
+
+
+def print_coverage(rows: Sequence[ErrorRow]) -> None:
+    """Print the table of coverage, and that of scenes with small stated errors."""
+    print_rows(rows, SCENE_CLASSES, QUANTITIES)
     small = [row for row in rows if row.stated is not None and row.stated[:4].max() <= SMALL_ERROR]
     coverages = [f"{quantity} {_count_covered(small, place):.1%}" for place, quantity in enumerate(QUANTITIES)]
     print(f"covered where all stated errors are at most {SMALL_ERROR:.0%}, {len(small)} scenes: {', '.join(coverages)}")

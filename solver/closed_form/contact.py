@@ -24,6 +24,8 @@ from geometry.common.arrays import Ints
 from geometry.common.resources import check_time
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import compute_end_compliance
+from solver.closed_form.film_loads import compute_film_loads
+from solver.closed_form.film_membrane import FilmArray
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.inclusions import build_loaded_spheres
 from solver.closed_form.lateral_boundary import Sides, build_cut_waves, solve_free_sides
@@ -98,24 +100,51 @@ class Tissue:
 
 
 @dataclass(frozen=True)
-class ContactSolution:
-    """Forces and tractions of n designs.
+class Films:
+    """The films of n designs.
 
     Attributes
     ----------
-    forces
-        F_ij, N/m, shape (n, 2, 2).
-    derivative
-        Their derivatives by ln of the target's modulus, zero without one.
-    works, areas, tractions
-        C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, 2) and (n, loads, 2).
+    inner, outer
+        Of either block.
+    insets
+        Whether any electrode ends within its film's edges.
     """
 
-    forces: Array
-    derivative: Array
+    inner: FilmArray
+    outer: FilmArray
+    insets: bool
+
+    def take(self, which: Ints) -> Films:
+        """Return the films of the designs with indices ``which``."""
+        return Films(self.inner.take(which), self.outer.take(which), self.insets)
+
+
+@dataclass(frozen=True)
+class ContactSolution:
+    """Forces, charges and tractions of n designs.
+
+    Attributes
+    ----------
+    products
+        Forces F_ij, N/m, and, with films, below them their charges Q_ij, C/m: shape (n, s, 2), s = 2 or 4.
+    product_derivatives
+        Their derivatives by ln of the target's modulus, zero without one.
+    works, areas, tractions
+        C, A and t of eq. CF.12, shapes (n, loads, loads), (n, loads, s) and (n, loads, s); the films' loads m (eq. CF.28) follow
+        the areas.
+    """
+
+    products: Array
+    product_derivatives: Array
     works: Array
     areas: Array
     tractions: Array
+
+    @property
+    def forces(self) -> Array:
+        """F_ij, N/m, shape (n, 2, 2)."""
+        return self.products[:, :2]
 
     @property
     def residual(self) -> Array:
@@ -135,6 +164,7 @@ def solve_contact(
     side_nodes: int = 0,
     layer_nodes: int = 0,
     shared: Shared | None = None,
+    films: Films | None = None,
 ) -> ContactSolution:
     """Solve the contact equations (eq. CF.12) with the spheres' corrections (eq. CF.14).
 
@@ -157,9 +187,11 @@ def solve_contact(
     layer_nodes
         Number for the integral of its layers.
     shared
-        Which designs have the same blocks and tissue, whose works are then computed once; None to compute all.
+        Which designs have the same blocks, films and tissue, whose works are then computed once; None to compute all.
+    films
+        The films whose charges are wanted; None for forces alone.
     """
-    C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
+    C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared=shared, films=films)
     if tissue.depth is not None or spheres:
         stiffest = find_stiffest(tissue.stack) if tissue.layers else tissue
         k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
@@ -168,7 +200,7 @@ def solve_contact(
     bare_tractions, higher_moment_forces, derivative, softened_works, target_body = (
         np.linalg.solve(C, A),
         0.0,
-        np.zeros_like(A[:, :2]),
+        np.zeros_like(A[:, : A.shape[2]]),
         C,
         None,
     )
@@ -184,14 +216,14 @@ def solve_contact(
         if index == target:
             target_body, derivative = body, by_log
     tractions = np.linalg.solve(softened_works, A) if spheres else bare_tractions
-    forces = A.swapaxes(1, 2) @ tractions + higher_moment_forces
+    products = A.swapaxes(1, 2) @ tractions + higher_moment_forces
     derivative = derivative if target_body is None else derivative + target_body.compute_log_modulus_derivative(tractions)
-    return ContactSolution(forces, derivative, softened_works, A, tractions)
+    return ContactSolution(products[:, :, :2], derivative[:, :, :2], softened_works, A, tractions)
 
 
 @dataclass(frozen=True)
 class Shared:
-    """Designs that have the same blocks and tissue as others.
+    """Designs that have the same blocks, films and tissue as others.
 
     Attributes
     ----------
@@ -206,32 +238,54 @@ class Shared:
 
 
 def _assemble_without_spheres(
-    blocks: BlockPair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
+    blocks: BlockPair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, *, shared: Shared | None, films: Films | None
 ) -> tuple[Array, Array, Sides | None]:
-    """Return C and A of eq. CF.12, and the sides, None where they are far.
+    """Return C and A of eq. CF.12, A with the films' loads, and the sides, None where they are far.
 
     C leaves out the spheres and what ``_compute_floor_works`` adds. ``nodes`` are those for sides and for layers; with
     ``shared``, equal blocks and tissues are computed once.
     """
     if shared is not None:
         inner, outer = (block.take(shared.first) for block in blocks)
-        C, A, sides = _assemble_without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
+        used_films = None if films is None else films.take(shared.first)
+        C, A, sides = _assemble_without_spheres(
+            (inner, outer), tissue.take(shared.first), nodes, bonded, shared=None, films=used_films
+        )
         return C[shared.which], A[shared.which], None if sides is None else sides.take(shared.which)
     works = _compute_works(blocks, tissue, nodes[1], bonded)
     C = join_works(works) if bonded else works[0]
     _add_end_compliances(C, blocks, bonded)
     sides = _compute_sides(blocks, tissue, nodes[0], bonded) if nodes[0] else None
-    return C if sides is None else C + sides.work, compute_load_areas(blocks, C), sides
+    A = compute_load_areas(blocks, C)
+    if films is not None:
+        A = np.concatenate([A, _add_films(C, blocks, films, bonded)], axis=2)
+    return C if sides is None else C + sides.work, A, sides
 
 
-def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
-    """Add the compliance of the blocks' ends to C, in place; pressures of both blocks come before shears of both."""
+def _add_films(C: Array, blocks: BlockPair, films: Films, bonded: bool) -> Array:
+    """Add the compliance of films and bonds to C, in place; return m of eq. CF.28 of each load and film, shape (n, loads, 2)."""
+    parts = [
+        compute_film_loads(block, film, films.insets) for block, film in zip(blocks, (films.inner, films.outer), strict=True)
+    ]
+    loads = np.zeros((*C.shape[:2], 2), dtype=np.result_type(C, *(part.charge for part in parts)))
+    for film, (part, index) in enumerate(zip(parts, _list_block_loads(bonded), strict=True)):
+        C[:, index[:, None], index] += part.compliance[:, : len(index), : len(index)]
+        loads[:, index, film] = part.charge[:, : len(index)]
+    return loads
+
+
+def _list_block_loads(bonded: bool) -> tuple[Any, Any]:
+    """Return the indices of the inner and of the outer block's loads; pressures of both come before shears of both."""
     loads = LOADS.loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
     # even positions belong to the inner block, odd ones to the outer
-    for block, parts in zip(blocks, (places[::2], places[1::2]), strict=True):
-        index = np.concatenate(parts)
+    return np.concatenate(places[::2]), np.concatenate(places[1::2])
+
+
+def _add_end_compliances(C: Array, blocks: BlockPair, bonded: bool) -> None:
+    """Add the compliance of the blocks' ends to C, in place; pressures of both blocks come before shears of both."""
+    for block, index in zip(blocks, _list_block_loads(bonded), strict=True):
         C[:, index[:, None], index] += compute_end_compliance(block, bonded)[:, : len(index), : len(index)]
 
 

@@ -1,7 +1,7 @@
 """Evaluate the closed form on arrays of designs, and differentiate it by complex steps.
 
-``compute_forces`` evaluates ``contact.solve_contact`` on arrays of designs, whose numbers may be complex: with an imaginary part
-of 1e-30 of a parameter, that of the forces is their derivative, exact to rounding. ``evaluator`` does so on scenes.
+``compute_products`` evaluates ``contact.solve_contact`` on arrays of designs, whose numbers may be complex: with an imaginary
+part of 1e-30 of a parameter, that of forces and charges is their derivative, exact to rounding. ``evaluator`` does so on scenes.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from itertools import accumulate
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
 from solver.closed_form.bessel import Array
@@ -24,10 +25,12 @@ from solver.closed_form.contact import (
     MIN_WAVE_NODES,
     NODES_PER_WAVE,
     ContactSolution,
+    Films,
     Shared,
     solve_contact,
 )
 from solver.closed_form.contact import Tissue as TissueArray
+from solver.closed_form.film_membrane import FILM_PARAMETERS, FilmArray
 from solver.closed_form.lateral_boundary import compute_side_radius, count_side_nodes
 from solver.closed_form.layered_works import count_layer_nodes
 from solver.closed_form.sphere_moments import SphereArray
@@ -74,6 +77,10 @@ class Shape:
         How many layers of other materials the tissue has.
     layer_nodes
         Number of nodes of the integral for these.
+    films
+        Whether the films' charges are computed, see ``FILM_PARAMETERS``.
+    insets
+        Whether a film's electrode ends within its edges.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -85,6 +92,8 @@ class Shape:
     sphere_layers: tuple[int, ...] = (0,)
     layers: int = 0
     layer_nodes: int = 0
+    films: bool = False
+    insets: bool = False
 
 
 def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
@@ -93,20 +102,30 @@ def _solve_columns(shape: Shape, p: Array, reuse: bool) -> ContactSolution:
     With ``reuse``, what designs with the same probe and tissue have in common is computed once.
     """
     depth, side, modulus, poisson = p[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
-    bodies, layers = split_parameters(shape, p)
+    bodies, layers, film_rows = split_parameters(shape, p)
+    films = Films(FilmArray(*film_rows[0]), FilmArray(*film_rows[1]), shape.insets) if shape.films else None
     tissue_layers = tuple(TissueLayer(*layer) for layer in layers)
     tissue = TissueArray(depth if shape.bounded else None, modulus, poisson, side, tissue_layers)
     spheres = [
         SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis, layer=place)
         for b, on_axis, place in zip(bodies, shape.on_axis, shape.sphere_layers, strict=True)
     ]
-    nodes = {"nodes": shape.nodes, "side_nodes": shape.side_nodes, "layer_nodes": shape.layer_nodes}
-    shared = (
-        _find_shared(np.concatenate([p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)], layers.reshape(-1, p.shape[1])]))
-        if reuse
-        else None
+    shared = None
+    if reuse:
+        rows = [p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)], layers.reshape(-1, p.shape[1])]
+        shared = _find_shared(np.concatenate([*rows, film_rows.reshape(-1, p.shape[1])]))
+    return solve_contact(
+        build_blocks(p),
+        tissue,
+        spheres,
+        target=shape.target,
+        bonded=shape.bonded,
+        nodes=shape.nodes,
+        side_nodes=shape.side_nodes,
+        layer_nodes=shape.layer_nodes,
+        shared=shared,
+        films=films,
     )
-    return solve_contact(build_blocks(p), tissue, spheres, target=shape.target, bonded=shape.bonded, shared=shared, **nodes)
 
 
 def build_blocks(parameters: Array) -> BlockPair:
@@ -128,36 +147,49 @@ def _find_shared(rows: Array) -> Shared | None:
     return Shared(first, which)
 
 
-def split_parameters(shape: Shape, values: Array) -> tuple[Array, Array]:
-    """Return views of the parameters of inclusions, shape (inclusions, 5, n), and of layers, shape (layers, 3, n)."""
+def split_parameters(shape: Shape, values: Array) -> tuple[Array, Array, Array]:
+    """Return views of the parameters of inclusions, layers and films.
+
+    Their shapes are (inclusions, 5, n), (layers, 3, n) and (films, 12, n); there are two films or none.
+    """
     start = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
-    end = start + len(SPHERE_PARAMETERS) * len(shape.on_axis)
-    bodies, layers = values[start:end], values[end:]
-    return bodies.reshape(-1, len(SPHERE_PARAMETERS), *values.shape[1:]), layers.reshape(
-        -1, len(LAYER_PARAMETERS), *values.shape[1:]
-    )
+    counts = [len(SPHERE_PARAMETERS) * len(shape.on_axis), len(LAYER_PARAMETERS) * shape.layers]
+    bodies, layers, films = np.split(values[start:], np.cumsum(counts))
+    rows = (SPHERE_PARAMETERS, LAYER_PARAMETERS, FILM_PARAMETERS)
+    views = [part.reshape(-1, len(names), *values.shape[1:]) for part, names in zip((bodies, layers, films), rows, strict=True)]
+    return views[0], views[1], views[2]
 
 
-def compute_forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
-    """Evaluate many designs at once, about 25 000 a second on one core with one inclusion on the axis.
+def compute_products(shape: Shape, values: Array) -> tuple[Array, Array]:
+    """Evaluate forces and, of films, charges of many designs at once.
 
     Parameters
     ----------
     shape
         See ``Shape``; ``build_parameters`` makes it from a scene.
     values
-        The parameters PROBE_PARAMETERS, TISSUE_PARAMETERS, then SPHERE_PARAMETERS for each inclusion and LAYER_PARAMETERS for
-        each layer, SI, a column for each design; shape (parameters, n).
+        The parameters PROBE_PARAMETERS, TISSUE_PARAMETERS, then SPHERE_PARAMETERS for each inclusion, LAYER_PARAMETERS for each
+        layer and, where the shape has films, FILM_PARAMETERS for the inner and for the outer film, SI, a column for each design;
+        shape (parameters, n).
 
     Returns
     -------
-    tuple[Floats, Floats]
-        The forces F_ij on film i per unit displacement of base j, N/m, and their derivatives by the logarithm of the target's
-        Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
-        where the equations are singular the values are NaN.
+    tuple[Array, Array]
+        The forces F_ij on film i per unit displacement of base j, N/m, with films below them their charges Q_ij, C/m, and their
+        derivatives by the logarithm of the target's Young's modulus (zero without a target), both of shape (n, 2 or 4, 2).
+        Designs outside the formulas' range are not refused; where the equations are singular the values are NaN.
     """
     parts = list(iterate_solutions(shape, values, reuse=True))
-    return np.concatenate([part.forces for part in parts]), np.concatenate([part.derivative for part in parts])
+    return np.concatenate([part.products for part in parts]), np.concatenate([part.product_derivatives for part in parts])
+
+
+def compute_forces(shape: Shape, values: Array) -> tuple[Array, Array]:
+    """Evaluate the forces alone of many designs, about 25 000 a second on one core with one inclusion on the axis.
+
+    Arguments and results are those of ``compute_products``, the latter of shape (n, 2, 2).
+    """
+    products, derivatives = compute_products(shape, values)
+    return products[:, :2], derivatives[:, :2]
 
 
 def iterate_solutions(shape: Shape, values: Array, *, reuse: bool = False) -> Iterator[ContactSolution]:
@@ -181,8 +213,9 @@ def _solve_alone(shape: Shape, column: Array) -> ContactSolution:
     try:
         return _solve_columns(shape, column[:, None], reuse=False)
     except np.linalg.LinAlgError:
-        nan_forces, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
-        return ContactSolution(nan_forces, nan_forces, np.full((1, 1, 1), np.nan), no_loads, no_loads)
+        states = 4 if shape.films else 2
+        nan, no_loads = np.full((1, states, 2), np.nan, dtype=column.dtype), np.full((1, 1, states), np.nan)
+        return ContactSolution(nan, nan, np.full((1, 1, 1), np.nan), no_loads, no_loads)
 
 
 def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
@@ -205,6 +238,10 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
     layers = list_material_layers(tissue, merged)
     for layer in layers:
         values += layer
+    film = probe.film
+    by_block = film.by_block if film is not None and not film.uses_psi else ()
+    for block_film in by_block:
+        values += _list_film_parameters(block_film)
     faces = list(accumulate(layer[0] for layer in layers))
     shape = Shape(
         on_axis,
@@ -216,8 +253,19 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
         sphere_layers=tuple(bisect(faces, body.depth) for body in scene.inclusion),
         layers=len(layers),
         layer_nodes=count_layer_nodes(probe.tube_radius, layers[0][0]) if layers else 0,
+        films=bool(by_block),
+        insets=any(block_film.electrode_inset > 0 for block_film in by_block),
     )
     return shape, np.array(values)
+
+
+def _list_film_parameters(film: Film) -> list[float]:
+    """Return FILM_PARAMETERS of one film; a rigid bond has no thickness, and the film's constants."""
+    values = [film.thickness, film.youngs_modulus, film.poisson_ratio, film.mean_lateral_charge, film.d33, film.electrode_inset]
+    for bond in (film.bond_to_base or RIGID_BOND, film.bond_to_block or RIGID_BOND):
+        modulus = film.youngs_modulus if bond.youngs_modulus is None else bond.youngs_modulus
+        values += [bond.thickness, modulus, film.poisson_ratio if bond.poisson_ratio is None else bond.poisson_ratio]
+    return values
 
 
 def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:

@@ -24,11 +24,12 @@ from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from solver.closed_form.designs import Shape
 from solver.closed_form.lateral_boundary import compute_side_radius
-from solver.results.detail_compliance import iterate_details
+from solver.results.detail_compliance import FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound
 
 SceneClass = Literal["bare", "layered", "off axis", "near sides"]
 SCENE_CLASSES: tuple[SceneClass, ...] = ("bare", "layered", "off axis", "near sides")
+CHARGE_CLASSES: tuple[SceneClass, ...] = ("bare", "layered", "near sides")  # of which charges are known
 MAX_SOFTNESS = 30.0  # ratio of moduli: plates on softer layers are not further off, and few were drawn
 QUANTITIES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
 
@@ -76,10 +77,15 @@ class StatedErrors:
         sum_error = -math.expm1(-self.log_stiffness) * float(totals.sum())
         return Bound(-np.expm1(-self.log_totals) * totals, self.log_ratio, sum_error)
 
-    def add_details(self, probe: Probe, forces: Floats) -> StatedErrors:
-        """Return the errors, increased by bounds on how much groove, film and base change the forces, N/m, shape (2, 2)."""
+    def add_details(self, probe: Probe, forces: Floats, *, films: bool) -> StatedErrors:
+        """Return the errors, increased by bounds on how much groove, base and films change the forces, N/m, shape (2, 2).
+
+        ``films`` is whether the forces take the films' compliance into account.
+        """
         errors = self
         for detail in iterate_details(probe):
+            if films and detail.name == FILM_DETAIL:
+                continue
             bound = detail.compute_bound(forces)
             errors = StatedErrors(
                 errors.log_ratio + bound.log_ratio,

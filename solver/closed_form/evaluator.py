@@ -21,13 +21,14 @@ from geometry.common.resources import LimitReached, get_limits, start_clock, use
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
+from solver.closed_form.charge_errors import state_charge_errors
 from solver.closed_form.designs import Shape, build_parameters, iterate_solutions
 from solver.closed_form.error_quantile import StatedErrors, state_errors
 from solver.closed_form.lateral_boundary import compute_side_radius
 from solver.layers.scene_layers import compute_squeeze, list_material_layers
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
-from solver.results.film_forces import FilmForces, find_shortfalls
+from solver.results.film_forces import Bound, FilmForces, find_shortfalls
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import ErrorKind
 
@@ -141,22 +142,27 @@ class ClosedForm(FilmEvaluator):
         return [solutions[place] for place in range(len(scenes))]
 
     def _build_forces(
-        self, scene: Scene, shape: Shape, forces: Floats, derivative: Floats, residual: float
+        self, scene: Scene, shape: Shape, products: Floats, derivatives: Floats, residual: float
     ) -> ClosedFormForces | InputError:
         """Return a scene's film forces with their errors, or the refusal where the formulas break down.
 
-        ``forces`` are F_ij, N/m, ``derivative`` their derivatives by ln of the target's modulus, shape (2, 2) both; ``residual``
-        is that of eq. CF.12.
+        ``products`` and ``derivatives`` are a design's of ``solve_columns``, ``residual`` is that of eq. CF.12.
         """
+        forces, derivative = products[:2], derivatives[:2]
         totals = forces.sum(axis=1)
-        if not (np.all(np.isfinite(forces)) and np.all(totals > 0) and residual < MAX_RESIDUAL):
+        if not (np.all(np.isfinite(products)) and np.all(totals > 0) and residual < MAX_RESIDUAL):
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
         errors = state_errors(scene, shape, forces, derivative)
         if errors.largest > MAX_LOG_ERROR:
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
-        errors = errors.add_details(scene.probe, forces)
-        target_derivative = derivative if scene.target is not None else None
-        films = FilmForces(forces, errors.compute_bound(totals), target_derivative, errors.sensitivity)
+        errors = errors.add_details(scene.probe, forces, films=shape.films)
+        has_target = scene.target is not None
+        charges = None
+        if shape.films:
+            stated = state_charge_errors(scene, shape, products, derivatives)
+            bound = Bound(stated.log_totals * np.abs(products[2:].sum(axis=1)), stated.log_ratio)
+            charges = FilmForces(products[2:], bound, derivatives[2:] if has_target else None, stated.sensitivity)
+        films = FilmForces(forces, errors.compute_bound(totals), derivative if has_target else None, errors.sensitivity, charges)
         return ClosedFormForces(films, errors, float(residual))
 
 
@@ -200,7 +206,7 @@ def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
 
 
 def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return forces, derivatives and residuals of n designs of one structure.
+    """Return forces and charges, their derivatives and residuals of n designs of one structure.
 
     Their number is rounded up to a multiple of ``COLUMNS_AT_ONCE`` by repeating the last, see the module's docstring.
 
@@ -214,15 +220,18 @@ def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats
     Returns
     -------
     tuple[Floats, Floats, Floats]
-        Forces F_ij, N/m, and their derivatives by ln of the target's modulus, both of shape (n, 2, 2), not finite or not positive
-        where the formulas break down, and residuals of eq. CF.12, shape (n,).
+        Forces F_ij, N/m, below them the films' charges, if any, and their derivatives by ln of the target's modulus, both of
+        shape (n, 2 or 4, 2), and residuals of eq. CF.12, shape (n,). Forces are not finite or not positive where the formulas
+        break down.
     """
     count = columns.shape[1]
     padded = np.pad(columns, ((0, 0), (0, -count % COLUMNS_AT_ONCE)), mode="edge")
     with np.errstate(all="ignore"):
-        parts = [(solution.forces, solution.derivative, solution.residual) for solution in iterate_solutions(shape, padded)]
-        forces, derivatives, residuals = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
-    return forces, derivatives, residuals
+        parts = [
+            (solution.products, solution.product_derivatives, solution.residual) for solution in iterate_solutions(shape, padded)
+        ]
+        products, derivatives, residuals = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
+    return products, derivatives, residuals
 
 
 def create_evaluator(progress: ProgressCallback | None = None) -> ClosedForm:

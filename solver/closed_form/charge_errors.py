@@ -1,0 +1,121 @@
+"""Errors of the closed form's charges: quantiles, which the true errors are below in 95 % of the scenes of each class.
+
+They are exp(c + sum of w_k x_k) as those of the forces (eq. CF.19), with features of the films and their bonds beside those of
+the scene. Errors of charges are relative to the charges themselves, those of the log-sensitivity absolute.
+``python -m benchmarks.closed_form.charge_error`` fits weights and constants to drawn scenes on the axis whose charges
+``axisymmetric`` computes, and writes them to ``charge_error_quantiles.json``. Off the axis the largest constant of the other
+classes is stated.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.film import Film
+from geometry.scenes.scene import Scene
+from solver.closed_form.designs import Shape
+from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, classify, compute_features
+from solver.results.detail_compliance import FILM_DETAIL, iterate_details
+
+CHARGE_QUANTITIES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")
+MAX_EXPONENT = 20.0  # beyond it a charge is far below its error
+CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a detail changes the shear on a film, too
+
+
+def state_charge_errors(scene: Scene, shape: Shape, products: Floats, derivatives: Floats) -> StatedErrors:
+    """Return the 95 % quantiles of the errors of a scene's charges; ``log_totals`` holds relative errors.
+
+    Parameters
+    ----------
+    scene
+        The scene, with films.
+    shape
+        Its structure.
+    products
+        Forces, N/m, and charges, C/m, shape (4, 2); positive total forces.
+    derivatives
+        Their derivatives by the logarithm of the target's modulus, shape (4, 2).
+    """
+    table, features = _read_table(), compute_charge_features(scene, shape, products, derivatives)
+    kind = classify(shape)
+    kinds = [kind] if kind in CHARGE_CLASSES else CHARGE_CLASSES
+    exponents = [
+        max(table["constants"][name][quantity] for name in kinds)
+        + sum(weight * features[key] for key, weight in table["weights"][quantity].items())
+        for quantity in CHARGE_QUANTITIES
+    ]
+    ratio, inner, outer, sensitivity = (math.exp(min(exponent, MAX_EXPONENT)) for exponent in exponents)
+    totals = np.array([inner, outer])
+    forces = products[:2]
+    for detail in iterate_details(scene.probe):
+        if detail.name != FILM_DETAIL:  # films are modelled
+            bound = detail.compute_bound(forces)
+            totals = totals + CHARGE_CHANGE_FACTOR * bound.totals / forces.sum(axis=1)
+            ratio += CHARGE_CHANGE_FACTOR * bound.log_ratio
+    return StatedErrors(ratio, totals, float(totals.max()), sensitivity)
+
+
+@cache
+def _read_table() -> dict[str, dict[str, dict[str, float]]]:
+    """Read weights by quantity and feature, and constants by class and quantity."""
+    document = json.loads(
+        resources.files("solver.closed_form").joinpath("charge_error_quantiles.json").read_text(encoding="utf-8")
+    )
+    return {key: document[key] for key in ("weights", "constants")}
+
+
+def compute_charge_features(scene: Scene, shape: Shape, products: Floats, derivatives: Floats) -> dict[str, float]:
+    """Return the features of the charges' errors: those of the forces, and some of the inner and of the outer film.
+
+    - thick stack: height of film and bonds over the block's width, which membranes neglect;
+    - held: how little the bond to the base lets the film widen, so that the film's edge counts;
+    - opposed charges: parts of a charge beyond their sum, as where the parts by d31 and by d33 are of opposite sign;
+    - soft bond: how far the block slips on its bond, compared with its width;
+    - stiff block: its stiffness over that of the film in its plane;
+    - target: as of the forces, of charges.
+
+    See ``state_charge_errors`` for the arguments.
+    """
+    probe, film = scene.probe, scene.probe.film
+    assert film is not None
+    features = compute_features(scene, shape, products[:2], derivatives[:2])
+    forces, charges = products[:2].sum(axis=1), products[2:]
+    totals = charges.sum(axis=1)
+    widths = probe.inner_radius, probe.tube_radius - probe.hole_radius
+    blocks = (probe.inner, probe.outer)
+    heights = probe.core_height, probe.tube_height
+    for k, (name, block_film) in enumerate(zip(("inner", "outer"), film.by_block, strict=True)):
+        width, modulus = widths[k], blocks[k].youngs_modulus
+        decay, slip = _compute_slips(block_film)
+        floor = 1e-300 + abs(totals[k])
+        opposed = (np.abs(charges[k]).sum() + abs(block_film.d33) * forces[k]) / floor
+        in_plane = block_film.thickness * block_film.youngs_modulus
+        features |= {
+            f"thick stack {name}": math.log(0.003 + block_film.stack_height / width),
+            f"held {name}": math.log(0.03 + width / (width + decay)),
+            f"opposed charges {name}": math.log(float(opposed)),
+            f"soft bond {name}": math.log(0.01 + slip * modulus / width),
+            f"stiff block {name}": math.log(0.001 + modulus * width / in_plane),
+            f"flat {name}": math.log(0.1 + heights[k] / width),
+        }
+    features["target"] = math.log(1e-7 + float(np.abs(derivatives[2:].sum(axis=1) / np.where(totals == 0, 1e-300, totals)).sum()))
+    return features
+
+
+def _compute_slips(film: Film) -> tuple[float, float]:
+    """Return the decay length l of eq. CF.25, m, and the shear compliance of the bond to the block, m/Pa."""
+    block_bond, _, base_bond = film.stack
+    film_slip = film.thickness * 2 * (1 + film.poisson_ratio) / film.youngs_modulus / 3
+    slips = []
+    for bond in (block_bond, base_bond):
+        has_layer = bond.thickness > 0 and bond.youngs_modulus is not None and bond.poisson_ratio is not None
+        layer = bond.thickness * 2 * (1 + (bond.poisson_ratio or 0.0)) / (bond.youngs_modulus or 1.0) if has_layer else 0.0
+        slips.append(layer + film_slip)
+    stiffness = film.youngs_modulus * film.thickness / (1 - film.poisson_ratio**2)
+    return math.sqrt(stiffness * slips[1]), slips[0]

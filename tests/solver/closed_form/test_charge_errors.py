@@ -1,0 +1,59 @@
+"""The stated errors of charges: 95 % quantiles that cover what they say, on stored and on fresh scenes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from benchmarks.closed_form.charge_error import build_charge_row
+from benchmarks.closed_form.error import ErrorRow, select_errors
+from benchmarks.closed_form.film_scenes import draw_charged, read_charged
+from solver.closed_form.charge_errors import CHARGE_QUANTITIES
+from solver.closed_form.error_quantile import CHARGE_CLASSES, SceneClass
+from tests.support.named import runs
+from tests.support.paths import REFERENCE, ROOT
+
+TABLE = json.loads((ROOT / "solver" / "closed_form" / "charge_error_quantiles.json").read_text(encoding="utf-8"))
+STORED = REFERENCE / "closed-form-errors" / "charges.jsonl"
+STORED_SEED, FRESH_SEED = 38, 2037  # of ``benchmarks.closed_form.film_scenes``
+FRESH_SCENES = 100  # of each class
+PROMISED_COVERAGE = 0.93, 0.97  # of each class and quantity
+RARE = 0.002  # probability on each side that a count fails if the coverage is at a limit of the promised
+
+
+def check_coverage(rows: list[ErrorRow], kind: SceneClass) -> None:
+    """Check by a binomial test that the coverage is 93 to 97 %."""
+    for place, quantity in enumerate(CHARGE_QUANTITIES):
+        true, stated = select_errors(rows, kind, place)
+        covered = int((true <= stated).sum())
+        print(f"{kind}, {quantity}: {covered} of {len(true)}, stated/true {np.median(stated) / np.median(true):.1f}")
+        lowest, highest = binom.ppf(RARE, len(true), PROMISED_COVERAGE[0]), binom.ppf(1 - RARE, len(true), PROMISED_COVERAGE[1])
+        assert lowest <= covered <= highest, (kind, quantity)
+
+
+def test_the_table_has_an_origin_and_other_scenes_than_those_of_the_tests() -> None:
+    origin = TABLE["origin"]
+    assert runs(origin["script"].split()[2])
+    assert not {STORED_SEED, FRESH_SEED} & set(origin["seeds"])
+    assert all(origin["scenes"][kind] >= 290 for kind in CHARGE_CLASSES)
+    assert TABLE["weights"].keys() == set(CHARGE_QUANTITIES)
+    assert TABLE["constants"].keys() == set(CHARGE_CLASSES)
+
+
+@pytest.mark.parametrize("kind", CHARGE_CLASSES)
+def test_stored_scenes_are_covered_as_stated(kind: SceneClass) -> None:
+    rows = [row for solved in read_charged(STORED) if solved.kind == kind and (row := build_charge_row(solved)) is not None]
+    assert len(rows) >= 35
+    check_coverage(rows, kind)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kind", CHARGE_CLASSES)
+def test_fresh_scenes_are_covered_as_stated(kind: SceneClass) -> None:
+    generators = [np.random.default_rng([FRESH_SEED, CHARGE_CLASSES.index(kind), number]) for number in range(FRESH_SCENES)]
+    solved = [draw_charged(rng, kind) for rng in generators]
+    check_coverage([row for item in solved if (row := build_charge_row(item)) is not None], kind)
