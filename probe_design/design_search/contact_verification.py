@@ -32,12 +32,11 @@ from probe_design.design_search.loads import (
     compute_force,
     round_load_down,
 )
+from probe_design.design_search.objective_bounds import bound_objective, compute_objective
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.verification import (
     VERIFICATION_ACCURACY,
     TumourVerification,
-    bound_objective,
-    compute_objective,
 )
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import CLOSED_GAP_RELATIVE, find_gap_closure_load, is_gap_closed

@@ -8,14 +8,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
-import numpy as np
-
 from geometry.common.errors import InputError, Refusal
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE, PressedDesign, Pressing, compute_pressing
-from probe_design.design_search.tumour_objective import Noise, standard_deviation
+from probe_design.design_search.objective_bounds import bound_objective, compute_objective
+from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.variables import is_same_design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import Objective
@@ -23,13 +22,10 @@ from solver import Result, evaluator
 from solver.closed_form.evaluator import ClosedForm
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_limits import build_limits
-from solver.planning.loads import bound_log_sensitivity_change, compute_sensitivity_size
 from solver.results.evaluator import FilmEvaluator, FilmSolution
-from solver.results.film_forces import FilmForces
 
 GAIN_SIGNIFICANCE = 2.0  # times the combined error: a gain beyond it counts
 VERIFICATION_ACCURACY = 0.01  # of the evaluator
-MIN_CHARGE_FRACTION = 1e-6  # of a charge, which is left of it where its error is as large: its noise is then without bound
 FINER_ACCURACY = 0.001  # of the evaluator if its errors at ``VERIFICATION_ACCURACY`` hide a gain
 
 
@@ -312,46 +308,6 @@ def _set_load(scene: Scene, pressed: Pressing) -> Scene:
     return scene.model_copy(update={"load": pressed.load})
 
 
-def compute_objective(scene: Scene, films: FilmForces, noise: Noise, force: float) -> float:
-    """Return the standard deviation of ln E_object under a force, N; inf where a film's stress or charge is below its own error.
-
-    Parameters
-    ----------
-    scene
-        The scene, whose readings are ratios of charges or of stresses.
-    films
-        Forces on both films with the log-sensitivity, and their charges where these are read.
-    noise
-        Noise of a reading.
-    force
-        Force on the probe, N.
-
-    Raises
-    ------
-    Refusal
-        The scene reads charges, and these are not known.
-    """
-    observable = films.get_observable(scene)
-    if not _is_resolved(films, observable) or observable.log_sensitivity is None:
-        return math.inf
-    per_force = _compute_charge_per_force(films, observable)
-    information = noise.compute_information(observable.log_sensitivity, _compute_inner_fraction(films), force, per_force)
-    return standard_deviation(information)
-
-
-def _is_resolved(films: FilmForces, observable: FilmForces) -> bool:
-    """Return whether forces and what is read of them are above their own errors, on both films."""
-    return films.stress_below_error is None and observable.stress_below_error is None
-
-
-def _compute_charge_per_force(films: FilmForces, observable: FilmForces) -> tuple[float, float] | None:
-    """Return the charge per force of both films, C/N, without sign; None where the observable are the forces themselves."""
-    if observable is films:
-        return None
-    inner, outer = np.abs(observable.totals / films.totals).tolist()
-    return inner, outer
-
-
 def merge_designs(verified: Iterable[TumourVerification]) -> tuple[TumourVerification, ...]:
     """Sort designs, best first, and drop those that agree with a better one within ``is_same_design``'s tolerance."""
     distinct: list[TumourVerification] = []
@@ -359,57 +315,3 @@ def merge_designs(verified: Iterable[TumourVerification]) -> tuple[TumourVerific
         if not any(is_same_design(item.scene, better.scene) for better in distinct):
             distinct.append(item)
     return tuple(distinct)
-
-
-def _compute_inner_fraction(films: FilmForces) -> float:
-    """Return the inner film's fraction of the force."""
-    return float(films.totals[0] / films.totals.sum())
-
-
-def bound_objective(scene: Scene, films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
-    """Return lower and upper bounds of the standard deviation of ln E_object under the load of ``pressed``.
-
-    The log-sensitivity errs by the evaluator's error and by finite strain. The ratio does as well, which changes how the force
-    is divided between the films and so the charge noise; charges err by their own errors. The upper bound is inf where the
-    sensitivity may be 0.
-
-    Raises
-    ------
-    Refusal
-        The scene reads charges, and these are not known.
-    """
-    observable = films.get_observable(scene)
-    sensitivities = observable.film_log_sensitivities
-    if not _is_resolved(films, observable) or observable.log_sensitivity is None or sensitivities is None:
-        return 0.0, math.inf
-    sensitivity = abs(observable.log_sensitivity)
-    strain_error = compute_sensitivity_size(sensitivities) * bound_log_sensitivity_change(pressed.x)
-    error = observable.sensitivity_error + strain_error
-    if observable is films:
-        unit_sds = _bound_noise_of_forces(films, noise, pressed)
-    else:
-        unit_sds = _bound_noise_of_charges(films, observable, noise, pressed)
-    return min(unit_sds) / (sensitivity + error), max(unit_sds) / (sensitivity - error) if sensitivity > error else math.inf
-
-
-def _bound_noise_of_forces(films: FilmForces, noise: Noise, pressed: Pressing) -> list[float]:
-    """Return standard deviations for a log-sensitivity of 1 at the lowest, computed and highest ratio of the forces."""
-    inner_fraction, shift = _compute_inner_fraction(films), films.bound.log_ratio + pressed.change
-    force_ratios = inner_fraction / (1 - inner_fraction) * np.exp([-shift, 0.0, shift])  # inner over outer force
-    return [
-        standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in force_ratios.tolist()
-    ]
-
-
-def _bound_noise_of_charges(films: FilmForces, charges: FilmForces, noise: Noise, pressed: Pressing) -> list[float]:
-    """Return standard deviations for a log-sensitivity of 1 with both charges at their lowest, computed and highest values.
-
-    A charge at a given force errs by its own error at a given indentation, by that of the stiffness and by finite strain.
-    """
-    fraction, per_force = _compute_inner_fraction(films), np.abs(charges.totals / films.totals)
-    errors = charges.relative_errors + films.stiffness_error + pressed.change
-    unit_sds = []
-    for sign in (-1.0, 0.0, 1.0):
-        inner, outer = (per_force * np.maximum(1 + sign * errors, MIN_CHARGE_FRACTION)).tolist()
-        unit_sds.append(standard_deviation(noise.compute_information(1.0, fraction, pressed.force, (inner, outer))))
-    return unit_sds
