@@ -293,7 +293,7 @@ def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, den
     """Build the load path, on a mesh of the given fineness, of the section that the linear solution used."""
     rest_model = linear.sample.states.model
     inclusion = {Body.INCLUSION: scene.inclusion[0]} if scene.inclusion else {}
-    section = rest_model.section if scene.tissue.shape != "half-space" else _truncate_section(rest_model.section)
+    section = rest_model.section if scene.tissue.shape != "half-space" else truncate_section(rest_model.section)
     faces, spring = scene.contact, SPRING_SHARES[fineness.order]
     model = ContactModel.from_section(
         section,
@@ -316,7 +316,7 @@ def _tie_faces(scene: Scene) -> Scene:
     return scene.model_copy(update={"contact": faces.model_copy(update={"interface": "frictionless", "friction": 0.0})})
 
 
-def _truncate_section(section: Section) -> Section:
+def truncate_section(section: Section) -> Section:
     """Cut a half-space's section where strains are negligible; the linear correction at rest removes the effect of the cut."""
     scale = HALF_SPACE_EXTENT_RELATIVE / HALF_SPACE_SIZES
     return replace(section, tissue_radius=scale * section.tissue_radius, tissue_depth=scale * section.tissue_depth)

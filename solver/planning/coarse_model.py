@@ -30,6 +30,7 @@ from solver.elements.shape_functions import evaluate_edge_functions, evaluate_le
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.linalg.workspace import keep_result
 from solver.materials.linear import Isotropic
+from solver.planning.charge_changes import add_charges, compute_charge_factor
 from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing
 from solver.planning.tumour_effects import add_tumours, adjust_rule
 from solver.results.film_forces import Bound, FilmForces
@@ -138,6 +139,11 @@ class CoarseModel:
         """Force that closes the gap in linear elasticity, N; finite strain closes it at a fraction of that."""
         return float(self.forces.sum()) * self.scene.probe.gap / self.wall_approach
 
+    @cached_property
+    def charge_factor(self) -> float:
+        """How many times as much a load changes the films' charges as the film forces, at most: eq. PL.13."""
+        return compute_charge_factor(self.scene, LoadRule.from_totals(self.scene, self.forces.sum(axis=1), self.closure_force))
+
     def build_rule(self, scene: Scene) -> LoadRule:
         """Return the rule for loads on a scene with this probe and tissue, whatever tumours it has.
 
@@ -146,7 +152,7 @@ class CoarseModel:
         InputError, Refusal
             See ``compute_tumour_effects``.
         """
-        rule = LoadRule.from_totals(scene, self.forces.sum(axis=1), self.closure_force)
+        rule = add_charges(LoadRule.from_totals(scene, self.forces.sum(axis=1), self.closure_force), self.charge_factor)
         return add_tumours(rule, scene, self.base_states) if scene.inclusion else adjust_rule(rule, 1.0, None)
 
     @cached_property

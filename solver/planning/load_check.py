@@ -12,6 +12,7 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from solver.planning.charge_changes import SOFT_BOND_FACTOR, add_charges, has_soft_bond
 from solver.planning.load_limits import LOAD_SHARE, build_limits, build_load_rule, find_largest_load
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, SENSITIVITY_GROWTH, LoadRule, bound_closure_force
 from solver.planning.strains import RATIO_CHANGE_PER_X
@@ -214,6 +215,7 @@ def build_rule_from_formulas(scene: Scene, result: Result) -> LoadRule:
     inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
     totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
     rule = LoadRule.from_totals(scene, totals, bound_closure_force(scene, totals))
+    rule = add_charges(rule, SOFT_BOND_FACTOR if has_soft_bond(scene) else 1.0)
     films = result.film_log_sensitivities
     return adjust_rule(rule, FORMULAS_MARGIN, None if films is None else np.array(films))
 

@@ -1,0 +1,78 @@
+"""Bound how much more a load changes the films' charges than the forces on them.
+
+A film on a soft bond to the base is stretched by the shear below its block. Finite strain changes this shear, and with it the
+charge, by up to 7.5 times the bound on film forces (122 scenes with films, x up to 0.3). Films on rigid bonds, on glue and with
+tape towards the block alone stay within the bound on film forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.common.errors import SolveError
+from geometry.common.resources import LimitReached
+from geometry.scenes.scene import Scene
+from solver.axisymmetric.omitted_details import models_charges
+from solver.planning.loads import LoadRule
+
+SOFT_BOND_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
+SOFT_BOND_FACTOR = 10.0  # where it cannot be computed: the worst of 122 scenes needs 7.5
+CHANGE_MARGIN_FACTOR = 1.5  # on the change at a light load, which is that of tissue without tumours
+TESTED_X = 0.02  # x of the light load
+
+
+def has_soft_bond(scene: Scene) -> bool:
+    """Return whether charges of a scene are modelled and a film has a soft bond to the base."""
+    if scene.probe.film is None or not models_charges(scene):
+        return False
+    bonds = [film.bond_to_base for film in scene.probe.film.by_block]
+    return any(bond is not None and bond.thickness > 0 and (bond.youngs_modulus or 0.0) < SOFT_BOND_MODULUS for bond in bonds)
+
+
+def add_charges(rule: LoadRule, factor: float) -> LoadRule:
+    """Return a rule whose bound on the changes of ratio and stresses covers those of the charges, ``factor`` times as large."""
+    return replace(rule, covered=factor * rule.covered)
+
+
+def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
+    """Compute the factor for a scene without tumours on a coarse mesh pressed to a light load.
+
+    With c the largest change of a charge per indentation, and of their ratio, under a load for which b bounds those of forces,
+    it is
+
+        max(1, 1.5 c / b)      (PL.13)
+
+    Parameters
+    ----------
+    scene
+        Without tumours, its contact tied.
+    rule
+        The rule for film forces on it.
+    """
+    from geometry.meridian.mesh_lines import MeridianFineness
+    from solver.axisymmetric.sections import add_details, build_sections
+    from solver.contact.loaded_scene import truncate_section
+    from solver.contact.model import ContactModel
+    from solver.contact.path import Path
+
+    if not has_soft_bond(scene):
+        return 1.0
+    sections = add_details(scene, build_sections(scene))
+    section = truncate_section(sections.section) if scene.tissue.shape == "half-space" else sections.section
+    try:
+        fineness = MeridianFineness(1, 0, 2)
+        model = ContactModel.from_section(section, sections.materials, scene.contact.interface, fineness, films=sections.films)
+        path = Path(model, sensitive=False)
+        point = path.press_to_indentation(TESTED_X / rule.strain)
+    except (SolveError, LimitReached):
+        return SOFT_BOND_FACTOR
+    start = path.points[0].charges
+    if start is None or point.charges is None:
+        return 1.0
+    # charges per indentation, relative to those at rest
+    inner, outer = point.charges.values / point.indentation / start.tangent
+    change = max(abs(inner - 1), abs(outer - 1), abs(inner / outer - 1))
+    bound = rule.bound_ratio_change(rule.stiffness * point.indentation)
+    return max(1.0, CHANGE_MARGIN_FACTOR * float(change) / bound) if np.isfinite(bound) else SOFT_BOND_FACTOR
