@@ -1,8 +1,8 @@
 """Bound how much more a load changes the films' charges than the forces on them.
 
 A film on a soft bond to the base is stretched by the shear below its block. Finite strain changes this shear, and with it the
-charge, by up to 7.5 times the bound on film forces (122 scenes with films, x up to 0.3). Films on rigid bonds, on glue and with
-tape towards the block alone stay within the bound on film forces.
+charge, by up to 7.5 times the bound on film forces (122 scenes with films, x up to 0.3). With rigid bonds, glue and with
+tape towards the block alone charges change as forces do. The log-sensitivity of charges has no rule of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solver.planning.loads import LoadRule
 
 SOFT_BOND_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
 SOFT_BOND_FACTOR = 10.0  # where it cannot be computed: the worst of 122 scenes needs 7.5
-CHANGE_MARGIN_FACTOR = 1.5  # on the change at a light load, which is that of tissue without tumours
+CHANGE_MARGIN_FACTOR = 2.0  # on the change at a light load without tumours: the worst of 73 scenes needs 1.73
 TESTED_X = 0.02  # x of the light load
 
 
@@ -42,7 +42,7 @@ def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
     With c the largest change of a charge per indentation, and of their ratio, under a load for which b bounds those of forces,
     it is
 
-        max(1, 1.5 c / b)      (PL.13)
+        max(1, 2 c / b)      (PL.13)
 
     Parameters
     ----------
