@@ -42,7 +42,7 @@ def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
     With c the largest change of a charge per indentation, and of their ratio, under a load for which b bounds those of forces,
     it is
 
-        max(1, 2 c / b)      (PL.13)
+        max(1, 2 c / b)      (PL.14)
 
     Parameters
     ----------

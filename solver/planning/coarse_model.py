@@ -141,7 +141,7 @@ class CoarseModel:
 
     @cached_property
     def charge_factor(self) -> float:
-        """How many times as much a load changes the films' charges as the film forces, at most: eq. PL.13."""
+        """How many times as much a load changes the films' charges as the film forces, at most: eq. PL.14."""
         return compute_charge_factor(self.scene, LoadRule.from_totals(self.scene, self.forces.sum(axis=1), self.closure_force))
 
     def build_rule(self, scene: Scene) -> LoadRule:
