@@ -13,8 +13,10 @@ import numpy as np
 
 from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.omitted_details import models_charges
+from solver.axisymmetric.sections import add_details, build_sections
 from solver.planning.loads import LoadRule
 
 SOFT_BOND_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, count as tape
@@ -51,8 +53,6 @@ def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
     rule
         The rule for film forces on it.
     """
-    from geometry.meridian.mesh_lines import MeridianFineness
-    from solver.axisymmetric.sections import add_details, build_sections
     from solver.contact.loaded_scene import truncate_section
     from solver.contact.model import ContactModel
     from solver.contact.path import Path
