@@ -129,9 +129,9 @@ class Section:
         return inner, outer
 
     @property
-    def has_rigid_base(self) -> bool:
-        """Whether the base is rigid."""
-        return not _is_present(self.flange_thickness)
+    def has_details(self) -> bool:
+        """Whether there are layers on the blocks or an elastic base."""
+        return any(self.stacks) or _is_present(self.flange_thickness)
 
     @cached_property
     def interfaces(self) -> list[Numeric]:

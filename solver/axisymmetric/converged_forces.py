@@ -30,7 +30,7 @@ from solver.results.warnings import Note
 
 NEGLIGIBLE_SHARE = 0.05  # of the accuracy: films and base with a smaller effect are left out
 CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a feature changes the shear on a film, too
-UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: corners of an elastic base, layers' ends
+UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: thin films and bonds, an elastic base, layers' ends
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         accuracy,
         is_good,
         (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if is_graded_everywhere(sections.section) else (),
-        margin=1.0 if sections.section.has_rigid_base and not sections.section.interfaces else UNEVEN_MARGIN_FACTOR,
+        margin=UNEVEN_MARGIN_FACTOR if sections.section.has_details or sections.section.interfaces else 1.0,
         one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
     )
     films = _build_films(scene, mesh_sample, errors, omitted)
