@@ -20,7 +20,7 @@ from probe_design.design_search.pareto import Front
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation
-from probe_design.populations.tables import Observable
+from probe_design.populations.tables import ChannelSet
 from probe_design.reporting.page import Chapter, Code, Text
 from probe_design.reporting.table import Table
 
@@ -34,7 +34,7 @@ LIMITS_NOTE = (
     "the gap stays open, for every tumour and tissue of the population, both with a margin of a tenth. They are lower than those "
     "of the one scene below."
 )
-OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
+CHANNEL_LABELS: dict[ChannelSet, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
 FORCE_LIMIT_LABELS = {
     "scene": "load", "force": "force limit", "largest force": "largest force", "linearity": "linearity",
     "indentation": "indentation", "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
@@ -101,9 +101,9 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
         """Append the row of a quantity, with the text that ``format_cell`` returns for each design."""
         rows.append((name, *(format_cell(verified) for verified in designs.values())))
 
-    for observable, label in OBSERVABLE_LABELS.items():
-        star = " *" if observable == optimum.design.protocol.observable else ""
-        add_row(f"detected of 100, {label}{star}", partial(_format_detected, observable=observable))
+    for channel_set, label in CHANNEL_LABELS.items():
+        star = " *" if channel_set == optimum.design.protocol.channel_set else ""
+        add_row(f"detected of 100, {label}{star}", partial(_format_detected, channel_set=channel_set))
     add_row("* sampling, model error", _format_error_split)
     add_row(
         "* resolved of 100",
@@ -142,7 +142,7 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
         f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
-        f"*: by what the probe is designed for, {OBSERVABLE_LABELS[protocol.observable]} ([protocol] stiffness); ± "
+        f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); ± "
         "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to "
         f"0.5; active limits: {', '.join(active) or 'none'}"
     )
@@ -168,9 +168,9 @@ def write_design_file(design: Design) -> str:
     return tomli_w.dumps(tables | {"scene": scene_to_dict(design.scene)})
 
 
-def _format_detected(verified: PopulationVerification, observable: Observable) -> str:
-    """Return how many of 100 tumours are detected by an observable, with the error; a dash without a result."""
-    performance = verified.performance.by_observable[observable]
+def _format_detected(verified: PopulationVerification, channel_set: ChannelSet) -> str:
+    """Return how many of 100 tumours are detected by a set of channels, with the error; a dash without a result."""
+    performance = verified.performance.by_channels[channel_set]
     return "-" if performance is None else _format_percent(performance.means["detection"], performance.errors["detection"].total)
 
 

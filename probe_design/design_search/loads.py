@@ -16,7 +16,7 @@ worse objective. A design without such a value is not allowed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -28,13 +28,14 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
 from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
-from solver.planning.coarse_model import CoarseModel
+from solver.planning.coarse_model import CoarseModel, compute_charge_per_force
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, compute_law_factor, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
@@ -201,6 +202,11 @@ class PressingRule:
         scene = design.scene
         return cls(design, (scene,), compute_cover_factor(scene.inclusion), _compute_approach_ratio(scene), safety_factor=1.0)
 
+    def set_film(self, choice: FilmChoice) -> PressingRule:
+        """Return the rule for probes with other films and bonds."""
+        design = self.design.model_copy(update={"scene": choice.set_film(self.design.scene)})
+        return replace(self, design=design)
+
     @property
     def charge_per_force(self) -> float:
         """|d33| of the films, C/N."""
@@ -211,6 +217,19 @@ class PressingRule:
         """The design file's variable "force"; a fixed one has the scene's force as its only value."""
         variable, force = self.design.variables.force, self.design.scene.load.force
         return DesignVariable(choices=(force,)) if variable.fixed and force is not None else variable
+
+    def compute_charges(self, totals: Any, force: Any) -> Any:
+        """Return the charges of both films under a force on the probe, C, without sign, shape (..., 2); real or complex.
+
+        Parameters
+        ----------
+        totals
+            Forces on both films and, where they are read, their charges, per unit indentation, shape (..., 2 or 4).
+        force
+            Force, N, shape (...).
+        """
+        charges = totals[..., -2:] / totals[..., :2].sum(axis=-1, keepdims=True) * force[..., None]
+        return charges * self.charge_per_force if totals.shape[-1] == 2 else np.where(np.real(charges) < 0, -charges, charges)
 
     def compute_pressed_design(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.
@@ -225,9 +244,11 @@ class PressingRule:
             coarse = CoarseModel.from_scene(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
             check_films_compressed(totals, tissue)
-            limits.append(self._compute_allowed_forces(scene, sizes, totals, coarse.closure_force, tissue))
+            charges = self._find_charges(tissue.model_copy(update={"probe": scene.probe}), totals)
+            charges_per_force = charges / totals.sum()
+            limits.append(self._compute_allowed_forces(scene, sizes, totals, charges_per_force, coarse.closure_force, tissue))
             strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
-            per_force.append(np.array([1.0, strain, *(totals * self.charge_per_force)]) / totals.sum())
+            per_force.append(np.array([1.0, strain, *charges]) / totals.sum())
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force = self._choose_force(allowed[limited_by])
@@ -236,6 +257,10 @@ class PressingRule:
         return PressedDesign(
             force, float(indentation.max()), float(tissue_strain.max()), (weakest, strongest), limited_by, allowed
         )
+
+    def _find_charges(self, scene: Scene, totals: Floats) -> Floats:
+        """Return the charges of a scene's films per unit indentation, C/m, without sign, given the forces on them, N/m, (2,)."""
+        return totals * (self.charge_per_force if scene.observable == "stress" else np.abs(compute_charge_per_force(scene)))
 
     def apply_force(self, scene: Scene) -> tuple[Scene, PressedDesign]:
         """Return a scene under the force of the rule, with the details of this force."""
@@ -250,7 +275,7 @@ class PressingRule:
         sizes
             Sizes of the probes, floats or complex, shape (n,) each.
         totals
-            Forces on both films per unit indentation without tumours, shape (n, m, 2).
+            Forces on both films, and charges where they are read, per unit indentation without tumours, shape (n, m, 2 or 4).
         which
             Number of each tumour's tissue, shape (m,).
         """
@@ -259,10 +284,11 @@ class PressingRule:
             members = np.flatnonzero(which == number)
             if not len(members):
                 continue
-            film_totals = np.moveaxis(totals[:, members[0]], 1, 0)
+            film_totals = np.moveaxis(totals[:, members[0], :2], 1, 0)
             approach = self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals)
             closure = film_totals.sum(axis=0) * sizes.gap / approach
-            allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue)
+            charges = np.moveaxis(self.compute_charges(totals[:, members[0]], np.ones(1)), 1, 0)
+            allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, charges, closure, tissue)
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
         force = find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
         return np.repeat(force[:, None], totals.shape[1], axis=1)
@@ -276,7 +302,9 @@ class PressingRule:
             raise Refusal("variables.force", stated, "smaller forces, as the limits of the load allow no larger ones")
         return force if variable.choices or variable.step is not None else round_load_down(force)
 
-    def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
+    def _compute_allowed_forces(
+        self, scene: Scene, sizes: ProbeSizes, totals: Any, charges: Any, closure: Any, tissue: Scene
+    ) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name.
 
         Parameters
@@ -287,6 +315,8 @@ class PressingRule:
             Sizes of the probes, floats or arrays.
         totals
             Forces on both films per unit indentation, N/m, first axis 2.
+        charges
+            Charge of each film per force on the probe, C/N, first axis 2.
         closure
             Force that closes the gap in linear elasticity, N.
         tissue
@@ -327,8 +357,7 @@ class PressingRule:
                 CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
             )
         if limits.charge is not None:
-            max_fraction = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
-            allowed["charge"] = limits.charge[1] / (self.charge_per_force * max_fraction)
+            allowed["charge"] = limits.charge[1] / -minimum_by_real_part(-charges[0], -charges[1])
         return allowed
 
 
