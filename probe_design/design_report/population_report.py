@@ -10,11 +10,13 @@ import tomli_w
 
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
+from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, M_PER_MM, PA_PER_KPA, Report, Writer, format_heights
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.verification import PopulationVerification
@@ -41,6 +43,12 @@ FORCE_LIMIT_LABELS = {
 }  # fmt: skip
 
 
+FILM_NOTE = (
+    "Every film with every bond was tried by itself: the search by the closed form chose the other numbers of the probe anew "
+    "for each, and the best designs of the best films were verified."
+)
+
+
 def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> Report:
     """Return the report of an optimisation for a design file's population, with its Pareto fronts."""
     design, designs, error_note = optimum.design, optimum.list_columns(), optimum.best.performance.error_note
@@ -60,6 +68,8 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
     }
     if fronts:
         pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, maximise)
+    choices = optimum.search_space.film_choices
+    films = {"Which film and bond": (Text(FILM_NOTE), build_film_table(optimum))} if choices else {}
     notes = [
         f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of "
         "noise; the model error is a bound on what the evaluator's own errors change. Of the recommended design "
@@ -81,6 +91,7 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
             "Which tumours are detected and resolved": (MAPS_FILE,),
             "What would help most": (IMPROVEMENTS_FILE,),
             "What more would cost": (FRONT_FILE,),
+            **films,
             "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
         },
         limit_notes=(LIMITS_NOTE,),
@@ -129,6 +140,9 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
     add_row("gap, mm", lambda verified: f"{verified.scene.probe.gap / M_PER_MM:.4g}")
     add_row("height, mm", lambda verified: format_heights(verified.scene.probe))
     add_row("moduli, kPa", _format_moduli)
+    if optimum.search_space.film_choices:
+        add_row("film, um", lambda verified: _format_film(verified.scene.probe.film))
+        add_row("bonds to block / base", lambda verified: _format_bonds(verified.scene.probe.film))
     if any(_format_materials(verified) for verified in designs.values()):
         add_row("materials", lambda verified: _format_materials(verified) or "-")
     return Table(("quantity", *designs), rows, optimum.title, describe_conditions(optimum))
@@ -138,11 +152,12 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     """Describe the conditions for which the numbers hold."""
     protocol, performance = optimum.design.protocol, optimum.start.performance
     active = [limit.name for limit in optimum.limits if limit.active]
+    read = "the ratio is that of the films' charges; " if optimum.design.scene.observable == "charge" else ""
     against = "a baseline reading" if protocol.blank else "a prediction"
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
         f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
-        f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); ± "
+        f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); {read}± "
         "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to "
         f"0.5; active limits: {', '.join(active) or 'none'}"
     )
@@ -160,6 +175,22 @@ def build_tolerance_table(optimum: PopulationOptimum) -> Table:
         for name, verified, item in zip(names, designs, optimum.robust, strict=True)
     ]
     return Table(("design", "as drawn", "expected", "5 % below", "95 % below"), rows)
+
+
+def build_film_table(optimum: PopulationOptimum) -> Table:
+    """Return the table of all films and bonds tried, best first: the best searched objective, and verified where it was."""
+    kind, rows = optimum.design.objective.maximise, list[tuple[str, ...]]()
+    tried: dict[str, tuple[FilmChoice, float]] = {}
+    for choice in optimum.search.choices:  # best first
+        if (film := choice.combination.film) is not None:
+            tried.setdefault(film.description, (film, choice.value))
+    for film, best in tried.values():
+        verified = [item for item in optimum.finalists if item.scene.probe.film == film.film]
+        text = "{:.3f} ± {:.2g}".format(*max(item.objective for item in verified)) if verified else "-"
+        recommended = "yes" if any(item is optimum.winner for item in verified) else ""
+        rows.append((*film.values.values(), f"{best:.4g}", text, recommended))
+    names = [name.replace("_", " ") for name in optimum.search_space.film_choices[0].values]
+    return Table((*names, f"{kind}, closed form", f"{kind}, verified", "recommended"), rows)
 
 
 def write_design_file(design: Design) -> str:
@@ -189,6 +220,18 @@ def _format_moduli(verified: PopulationVerification) -> str:
     """Return the moduli of the inner and the outer block, kPa."""
     probe = verified.scene.probe
     return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
+
+
+def _format_film(film: Film | None) -> str:
+    """Return the thickness of the inner and, where it differs, the outer film in um."""
+    thicknesses = [] if film is None else [f"{item.thickness * 1e6:.4g}" for item in film.by_block]
+    return " / ".join(dict.fromkeys(thicknesses)) or "-"
+
+
+def _format_bonds(film: Film | None) -> str:
+    """Return the bonds of the inner film to block and base, by name or by thickness in um."""
+    bonds = [] if film is None else [film.bond_to_block or RIGID_BOND, film.bond_to_base or RIGID_BOND]
+    return " / ".join(bond.name or ("rigid" if bond.is_rigid else f"{bond.thickness * 1e6:.4g} um") for bond in bonds) or "-"
 
 
 def _format_materials(verified: PopulationVerification) -> str:

@@ -252,8 +252,8 @@ class PressingRule:
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force = self._choose_force(allowed[limited_by])
-        indentation, tissue_strain, *charges = np.array(per_force).T * force
-        weakest, strongest = float(np.min(charges)), float(np.max(charges))
+        indentation, tissue_strain, *film_charges = np.array(per_force).T * force
+        weakest, strongest = float(np.min(film_charges)), float(np.max(film_charges))
         return PressedDesign(
             force, float(indentation.max()), float(tissue_strain.max()), (weakest, strongest), limited_by, allowed
         )
