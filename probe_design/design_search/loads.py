@@ -244,11 +244,11 @@ class PressingRule:
             coarse = CoarseModel.from_scene(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
             check_films_compressed(totals, tissue)
-            charges = self._find_charges(tissue.model_copy(update={"probe": scene.probe}), totals)
-            charges_per_force = charges / totals.sum()
+            factor = self._find_charge_per_force(tissue.model_copy(update={"probe": scene.probe}))
+            charges_per_force = factor * (totals / totals.sum())
             limits.append(self._compute_allowed_forces(scene, sizes, totals, charges_per_force, coarse.closure_force, tissue))
             strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
-            per_force.append(np.array([1.0, strain, *charges]) / totals.sum())
+            per_force.append(np.array([1.0, strain, *(totals * factor)]) / totals.sum())
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force = self._choose_force(allowed[limited_by])
@@ -258,9 +258,11 @@ class PressingRule:
             force, float(indentation.max()), float(tissue_strain.max()), (weakest, strongest), limited_by, allowed
         )
 
-    def _find_charges(self, scene: Scene, totals: Floats) -> Floats:
-        """Return the charges of a scene's films per unit indentation, C/m, without sign, given the forces on them, N/m, (2,)."""
-        return totals * (self.charge_per_force if scene.observable == "stress" else np.abs(compute_charge_per_force(scene)))
+    def _find_charge_per_force(self, scene: Scene) -> Floats:
+        """Return the charge of each of a scene's films per force on it, C/N, without sign, shape (2,)."""
+        if scene.observable == "stress":
+            return np.full(2, self.charge_per_force)
+        return np.abs(compute_charge_per_force(scene))
 
     def apply_force(self, scene: Scene) -> tuple[Scene, PressedDesign]:
         """Return a scene under the force of the rule, with the details of this force."""
