@@ -12,8 +12,9 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from probe_design.design_search.closed_search import search
+from probe_design.design_search.combination import Combination
 from probe_design.design_search.objective import SearchEffort, SearchObjective
-from probe_design.design_search.search_space import Combination, SearchSpace
+from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import is_same_design
 
 MAX_ENUMERATED = 200

@@ -29,10 +29,11 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.film_choices import FilmChoice
+from probe_design.design_search.force_variable import find_max_force, find_variable_force
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
-from probe_design.populations.inclusion_scan import check_films_compressed
+from probe_design.populations.film_totals import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel, compute_charge_per_force
@@ -47,7 +48,6 @@ from solver.planning.strains import (
 )
 
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # largest allowed relative change of the ratio by finite strain
-VALUE_TOLERANCE_RELATIVE = 1e-9  # by which a value of the variable "force" may be above an allowed force
 LOAD_DIGITS = 3  # significant digits of a load that a limit determines
 COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as many are 4 % worse on the built-in ranges
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
@@ -361,26 +361,6 @@ class PressingRule:
         if limits.charge is not None:
             allowed["charge"] = limits.charge[1] / -minimum_by_real_part(-charges[0], -charges[1])
         return allowed
-
-
-def find_max_force(variable: DesignVariable) -> float | None:
-    """Return the largest force that a design file's variable permits, N; None without an upper bound."""
-    return variable.choices[-1] if variable.choices else variable.high
-
-
-def find_variable_force(variable: DesignVariable, force: Any) -> Any:
-    """Return the largest values of a design file's variable up to forces, N; NaN where there are none.
-
-    Forces are floats or complex, of any shape; values with steps or choices have no derivative.
-    """
-    size = np.real(force)
-    if variable.choices:
-        values = np.array([np.nan, *variable.choices])
-        return values[np.searchsorted(variable.choices, size * (1 + VALUE_TOLERANCE_RELATIVE), side="right")]
-    if variable.step is not None:
-        force = np.floor(size / variable.step + VALUE_TOLERANCE_RELATIVE) * variable.step
-        force = np.where(force > 0, force, np.nan)
-    return force if variable.low is None else np.where(np.real(force) >= variable.low, force, np.nan)
 
 
 def minimum_by_real_part(a: Any, b: Any) -> Any:

@@ -25,7 +25,7 @@ from probe_design.design_search.closed_search import refine_by_ipopt
 from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import ProbeSizes
-from probe_design.populations.inclusion_scan import stack_totals
+from probe_design.populations.film_totals import stack_totals
 from solver.closed_form.designs import PROBE_PARAMETERS
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed

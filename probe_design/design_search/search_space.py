@@ -21,6 +21,7 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import BLOCK_NAMES
+from probe_design.design_search.combination import Combination
 from probe_design.design_search.film_choices import FilmChoice, list_film_choices
 from probe_design.design_search.variables import (
     MODULUS_NAMES,
@@ -44,39 +45,6 @@ MAX_TISSUE_FRACTION = 0.95  # of the tissue's radius or half breadth that a prob
 MODULUS_DIGITS = 3  # of moduli; lengths are rounded to 0.01 mm
 BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
 MAX_STEPS = 10_000  # values of a variable with a step
-
-
-@dataclass(frozen=True)
-class Combination:
-    """One value for each discrete variable and one material for each block.
-
-    Attributes
-    ----------
-    pinned
-        Values of variables by their names, SI.
-    poisson
-        Poisson's ratios of the inner and the outer block.
-    materials
-        Names of both blocks' materials, empty if none were requested.
-    film
-        The films and bonds; None where the scene's stay.
-    """
-
-    pinned: Mapping[str, float]
-    poisson: tuple[float, float]
-    materials: tuple[str, ...] = ()
-    film: FilmChoice | None = None
-
-    @property
-    def description(self) -> str:
-        """The chosen values and materials in words."""
-        values = [
-            f"{name} {format_variable(name, value)}"
-            for name, value in self.pinned.items()
-            if not (self.materials and name in MODULUS_NAMES)
-        ]
-        values += ["materials " + " / ".join(self.materials)] if self.materials else []
-        return ", ".join([*values, *([self.film.description] if self.film else [])])
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from probe_design.design_search.objective import (
 )
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import VARIABLES, ProbeSizes, read_vector
-from probe_design.populations.scan_readings import append_charges
+from probe_design.populations.film_totals import append_charges
 from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_products

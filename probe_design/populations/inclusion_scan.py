@@ -20,11 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.common.errors import Refusal, Words
+from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.maps.scan_line import ScanLine
+from probe_design.populations.film_totals import check_charge_signs, check_films_compressed, stack_totals
 from probe_design.populations.noise import compute_reading_deviations
 from probe_design.populations.population import ScenePopulation, TumourDraw, get_scene_key, is_of_tumour, name_host_modulus
 from probe_design.populations.scan_errors import ERROR_CAUSES, LOAD_CAUSE, bound_film_errors
@@ -36,7 +37,6 @@ from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.planning.load_check import LoadChanges, check_load
 from solver.planning.load_limits import build_load_rule
-from solver.results.film_forces import FilmForces
 
 Progress = Callable[[int, int], None]
 BASE_ACCURACY = 0.01  # relative, of the probe without tumours: in a signal only this fraction of the signal remains
@@ -315,7 +315,7 @@ def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, n
     }
     for target, readings in ((first, first_and_best[0]), (best, first_and_best[1])):
         check_films_compressed(readings.totals, scene)
-        _check_charge_signs(blank_totals, stack_totals(scene, readings))
+        check_charge_signs(blank_totals, stack_totals(scene, readings))
         _write_signals(target, scan, readings, indices, scene)
         # eq. PO.9: what reflections add to d/d ln E_object, they take from d/d ln E_host
         for name, (derivatives, blank) in tissue_derivatives.items():
@@ -361,42 +361,6 @@ def _write_signals(target: ScanReadings, scan: InclusionScan, readings: Readings
     for name in target.derivatives:
         if is_of_tumour(name):
             target.derivatives[name][rows] = scan.compute_tumour_derivatives(readings, indices, name)
-
-
-def stack_totals(scene: Scene, films: FilmForces | Readings) -> Floats:
-    """Return forces on both films per unit indentation and, where the scene reads them, their charges, shape (..., 2 or 4)."""
-    read = films.get_observable(scene)
-    return films.totals if read is films else np.concatenate([films.totals, read.totals], axis=-1)
-
-
-def _check_charge_signs(blank: Floats, totals: Floats) -> None:
-    """Refuse charges, in totals of shape (..., 2 or 4), that a tumour turns from those without it, ``blank``.
-
-    Raises
-    ------
-    Refusal
-        The ratio passes 0 or infinity and has no logarithm.
-    """
-    if np.all(totals[..., 2:] * blank[2:] > 0):
-        return
-    remedy = "bonds on which both films give charges of one sign over every tumour, such as softer ones"
-    raise Refusal("probe.film", Words("a film's charge changes its sign"), remedy)
-
-
-def check_films_compressed(totals: Floats, scene: Scene) -> None:
-    """Refuse film forces, shape (..., 2), of which one is tension: their ratio is negative and has no logarithm.
-
-    Raises
-    ------
-    Refusal
-        A film is in tension, for instance under a stiff skin that bends next to the block with the larger load.
-    """
-    if np.all(totals > 0):
-        return
-    film = "inner" if np.any(totals[..., 0] <= 0) else "outer"
-    moduli = " and ".join(f"{block.youngs_modulus / 1e3:.4g} kPa" for block in (scene.probe.inner, scene.probe.outer))
-    remedy = f"blocks of other areas, or of moduli, now {moduli}, that lie closer together"
-    raise Refusal("probe", Words(f"the {film} film is pulled on"), remedy)
 
 
 def _bound_load_change(scene: Scene, readings: Readings) -> Floats:

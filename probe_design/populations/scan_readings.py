@@ -26,6 +26,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Placement
+from probe_design.populations.film_totals import append_charges
 from probe_design.populations.population import TumourDraw, is_of_tumour
 from probe_design.populations.tables import Protocol
 from solver.closed_form.designs import (
@@ -141,24 +142,6 @@ def compute_logarithms(totals: Any, stiffness: bool) -> Any:
     read = np.where(np.real(read) < 0, -read, read) if totals.shape[-1] == 4 else read
     ratio = np.log(read[..., 0]) - np.log(read[..., 1])
     return np.concatenate([ratio, np.log(totals[..., :2].sum(axis=-1))], axis=-1) if stiffness else ratio
-
-
-def append_charges(scene: Scene, products: Any) -> Any:
-    """Return the totals of a scene's films from the closed form's products; charges only where the scene reads them.
-
-    Parameters
-    ----------
-    scene
-        The scene with the films.
-    products
-        Forces on both films and, where the closed form has them, charges, per unit indentation, shape (..., 2 or 4).
-    """
-    film = scene.probe.film
-    if scene.observable == "stress" or film is None:
-        return products[..., :2]
-    if film.uses_psi:
-        return np.concatenate([products[..., :2], products[..., :2] * [item.charge_per_force for item in film.by_block]], axis=-1)
-    return products
 
 
 @dataclass(frozen=True)
