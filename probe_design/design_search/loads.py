@@ -246,7 +246,11 @@ class PressingRule:
             check_films_compressed(totals, tissue)
             factor = self._find_charge_per_force(tissue.model_copy(update={"probe": scene.probe}))
             charges_per_force = factor * (totals / totals.sum())
-            limits.append(self._compute_allowed_forces(scene, sizes, totals, charges_per_force, coarse.closure_force, tissue))
+            limits.append(
+                self._compute_allowed_forces(
+                    scene, sizes, totals, tissue, charges=charges_per_force, closure=coarse.closure_force
+                )
+            )
             strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
             per_force.append(np.array([1.0, strain, *(totals * factor)]) / totals.sum())
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
@@ -290,7 +294,9 @@ class PressingRule:
             approach = self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals)
             closure = film_totals.sum(axis=0) * sizes.gap / approach
             charges = np.moveaxis(self.compute_charges(totals[:, members[0]], np.ones(1)), 1, 0)
-            allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, charges, closure, tissue)
+            allowed = self._compute_allowed_forces(
+                self.design.scene, sizes, film_totals, tissue, charges=charges, closure=closure
+            )
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
         force = find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
         return np.repeat(force[:, None], totals.shape[1], axis=1)
@@ -305,7 +311,7 @@ class PressingRule:
         return force if variable.choices or variable.step is not None else round_load_down(force)
 
     def _compute_allowed_forces(
-        self, scene: Scene, sizes: ProbeSizes, totals: Any, charges: Any, closure: Any, tissue: Scene
+        self, scene: Scene, sizes: ProbeSizes, totals: Any, tissue: Scene, *, charges: Any, closure: Any
     ) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name.
 
