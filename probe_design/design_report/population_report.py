@@ -10,17 +10,19 @@ import tomli_w
 
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
+from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, M_PER_MM, PA_PER_KPA, Report, Writer, format_heights
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation
-from probe_design.populations.tables import Observable
+from probe_design.populations.tables import ChannelSet
 from probe_design.reporting.page import Chapter, Code, Text
 from probe_design.reporting.table import Table
 
@@ -34,11 +36,17 @@ LIMITS_NOTE = (
     "the gap stays open, for every tumour and tissue of the population, both with a margin of a tenth. They are lower than those "
     "of the one scene below."
 )
-OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
+CHANNEL_LABELS: dict[ChannelSet, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
 FORCE_LIMIT_LABELS = {
     "scene": "load", "force": "force limit", "largest force": "largest force", "linearity": "linearity",
     "indentation": "indentation", "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
 }  # fmt: skip
+
+
+FILM_NOTE = (
+    "Every film with every bond was tried by itself: the search by the closed form chose the other numbers of the probe anew "
+    "for each, and the best designs of the best films were verified."
+)
 
 
 def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> Report:
@@ -60,6 +68,8 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
     }
     if fronts:
         pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, maximise)
+    choices = optimum.search_space.film_choices
+    films = {"Which film and bond": (Text(FILM_NOTE), build_film_table(optimum))} if choices else {}
     notes = [
         f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of "
         "noise; the model error is a bound on what the evaluator's own errors change. Of the recommended design "
@@ -81,6 +91,7 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
             "Which tumours are detected and resolved": (MAPS_FILE,),
             "What would help most": (IMPROVEMENTS_FILE,),
             "What more would cost": (FRONT_FILE,),
+            **films,
             "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
         },
         limit_notes=(LIMITS_NOTE,),
@@ -101,9 +112,9 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
         """Append the row of a quantity, with the text that ``format_cell`` returns for each design."""
         rows.append((name, *(format_cell(verified) for verified in designs.values())))
 
-    for observable, label in OBSERVABLE_LABELS.items():
-        star = " *" if observable == optimum.design.protocol.observable else ""
-        add_row(f"detected of 100, {label}{star}", partial(_format_detected, observable=observable))
+    for channel_set, label in CHANNEL_LABELS.items():
+        star = " *" if channel_set == optimum.design.protocol.channel_set else ""
+        add_row(f"detected of 100, {label}{star}", partial(_format_detected, channel_set=channel_set))
     add_row("* sampling, model error", _format_error_split)
     add_row(
         "* resolved of 100",
@@ -129,6 +140,9 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
     add_row("gap, mm", lambda verified: f"{verified.scene.probe.gap / M_PER_MM:.4g}")
     add_row("height, mm", lambda verified: format_heights(verified.scene.probe))
     add_row("moduli, kPa", _format_moduli)
+    if optimum.search_space.film_choices:
+        add_row("film, um", lambda verified: _format_film(verified.scene.probe.film))
+        add_row("bonds to block / base", lambda verified: _format_bonds(verified.scene.probe.film))
     if any(_format_materials(verified) for verified in designs.values()):
         add_row("materials", lambda verified: _format_materials(verified) or "-")
     return Table(("quantity", *designs), rows, optimum.title, describe_conditions(optimum))
@@ -138,11 +152,12 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     """Describe the conditions for which the numbers hold."""
     protocol, performance = optimum.design.protocol, optimum.start.performance
     active = [limit.name for limit in optimum.limits if limit.active]
+    read = "the ratio is that of the films' charges; " if optimum.design.scene.observable == "charge" else ""
     against = "a baseline reading" if protocol.blank else "a prediction"
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
         f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
-        f"*: by what the probe is designed for, {OBSERVABLE_LABELS[protocol.observable]} ([protocol] stiffness); ± "
+        f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); {read}± "
         "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to "
         f"0.5; active limits: {', '.join(active) or 'none'}"
     )
@@ -162,15 +177,31 @@ def build_tolerance_table(optimum: PopulationOptimum) -> Table:
     return Table(("design", "as drawn", "expected", "5 % below", "95 % below"), rows)
 
 
+def build_film_table(optimum: PopulationOptimum) -> Table:
+    """Return the table of all films and bonds tried, best first: the best searched objective, and verified where it was."""
+    kind, rows = optimum.design.objective.maximise, list[tuple[str, ...]]()
+    tried: dict[str, tuple[FilmChoice, float]] = {}
+    for choice in optimum.search.choices:  # best first
+        if (film := choice.combination.film) is not None:
+            tried.setdefault(film.description, (film, choice.value))
+    for film, best in tried.values():
+        verified = [item for item in optimum.finalists if item.scene.probe.film == film.film]
+        text = "{:.3f} ± {:.2g}".format(*max(item.objective for item in verified)) if verified else "-"
+        recommended = "yes" if any(item is optimum.winner for item in verified) else ""
+        rows.append((*film.values.values(), f"{best:.4g}", text, recommended))
+    names = [name.replace("_", " ") for name in optimum.search_space.film_choices[0].values]
+    return Table((*names, f"{kind}, closed form", f"{kind}, verified", "recommended"), rows)
+
+
 def write_design_file(design: Design) -> str:
     """Return the design file with all defaults written out; reading it yields the same design."""
     tables = design.model_dump(mode="json", exclude_none=True, exclude={"scene"})
     return tomli_w.dumps(tables | {"scene": scene_to_dict(design.scene)})
 
 
-def _format_detected(verified: PopulationVerification, observable: Observable) -> str:
-    """Return how many of 100 tumours are detected by an observable, with the error; a dash without a result."""
-    performance = verified.performance.by_observable[observable]
+def _format_detected(verified: PopulationVerification, channel_set: ChannelSet) -> str:
+    """Return how many of 100 tumours are detected by a set of channels, with the error; a dash without a result."""
+    performance = verified.performance.by_channels[channel_set]
     return "-" if performance is None else _format_percent(performance.means["detection"], performance.errors["detection"].total)
 
 
@@ -189,6 +220,18 @@ def _format_moduli(verified: PopulationVerification) -> str:
     """Return the moduli of the inner and the outer block, kPa."""
     probe = verified.scene.probe
     return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
+
+
+def _format_film(film: Film | None) -> str:
+    """Return the thickness of the inner and, where it differs, the outer film in um."""
+    thicknesses = [] if film is None else [f"{item.thickness * 1e6:.4g}" for item in film.by_block]
+    return " / ".join(dict.fromkeys(thicknesses)) or "-"
+
+
+def _format_bonds(film: Film | None) -> str:
+    """Return the bonds of the inner film to block and base, by name or by thickness in um."""
+    bonds = [] if film is None else [film.bond_to_block or RIGID_BOND, film.bond_to_base or RIGID_BOND]
+    return " / ".join(bond.name or ("rigid" if bond.is_rigid else f"{bond.thickness * 1e6:.4g} um") for bond in bonds) or "-"
 
 
 def _format_materials(verified: PopulationVerification) -> str:

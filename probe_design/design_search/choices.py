@@ -12,8 +12,9 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from probe_design.design_search.closed_search import search
+from probe_design.design_search.combination import Combination
 from probe_design.design_search.objective import SearchEffort, SearchObjective
-from probe_design.design_search.search_space import Combination, SearchSpace
+from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import is_same_design
 
 MAX_ENUMERATED = 200
@@ -110,6 +111,8 @@ def search_combination(
 ) -> list[Choice]:
     """Return the designs of one combination, best first; with little effort (``QUICK_EFFORT``) unless ``thorough``."""
     space = search_space.pin(combination.pinned)
+    if combination.film is not None:
+        objective = objective.set_film(combination.film)
     designs, values = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
     pairs = zip(designs.T, values.tolist(), strict=True)
     return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:MAX_CHOICES]
@@ -181,6 +184,7 @@ def _list_neighbours(search_space: SearchSpace, best: Choice) -> Iterator[Combin
         for neighbour in values[max(0, position - 1) : position + 2]:
             if neighbour != pinned[name]:
                 yield replace(best.combination, pinned={**best.combination.pinned, name: neighbour})
+    yield from (replace(best.combination, film=film) for film in search_space.film_choices)
     if search_space.shelf:
         for combination in search_space.iterate_materials(pinned):
             pairs = zip(combination.materials, best.combination.materials, strict=True)

@@ -16,7 +16,7 @@ worse objective. A design without such a value is not allowed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -28,13 +28,15 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
+from probe_design.design_search.film_choices import FilmChoice
+from probe_design.design_search.force_variable import find_max_force, find_variable_force
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
-from probe_design.populations.inclusion_scan import check_films_compressed
+from probe_design.populations.film_totals import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
-from solver.planning.coarse_model import CoarseModel
+from solver.planning.coarse_model import CoarseModel, compute_charge_per_force
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, compute_law_factor, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
@@ -46,7 +48,6 @@ from solver.planning.strains import (
 )
 
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # largest allowed relative change of the ratio by finite strain
-VALUE_TOLERANCE_RELATIVE = 1e-9  # by which a value of the variable "force" may be above an allowed force
 LOAD_DIGITS = 3  # significant digits of a load that a limit determines
 COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as many are 4 % worse on the built-in ranges
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
@@ -201,6 +202,11 @@ class PressingRule:
         scene = design.scene
         return cls(design, (scene,), compute_cover_factor(scene.inclusion), _compute_approach_ratio(scene), safety_factor=1.0)
 
+    def set_film(self, choice: FilmChoice) -> PressingRule:
+        """Return the rule for probes with other films and bonds."""
+        design = self.design.model_copy(update={"scene": choice.set_film(self.design.scene)})
+        return replace(self, design=design)
+
     @property
     def charge_per_force(self) -> float:
         """|d33| of the films, C/N."""
@@ -211,6 +217,19 @@ class PressingRule:
         """The design file's variable "force"; a fixed one has the scene's force as its only value."""
         variable, force = self.design.variables.force, self.design.scene.load.force
         return DesignVariable(choices=(force,)) if variable.fixed and force is not None else variable
+
+    def compute_charges(self, totals: Any, force: Any) -> Any:
+        """Return the charges of both films under a force on the probe, C, without sign, shape (..., 2); real or complex.
+
+        Parameters
+        ----------
+        totals
+            Forces on both films and, where they are read, their charges, per unit indentation, shape (..., 2 or 4).
+        force
+            Force, N, shape (...).
+        """
+        charges = totals[..., -2:] / totals[..., :2].sum(axis=-1, keepdims=True) * force[..., None]
+        return charges * self.charge_per_force if totals.shape[-1] == 2 else np.where(np.real(charges) < 0, -charges, charges)
 
     def compute_pressed_design(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.
@@ -225,17 +244,29 @@ class PressingRule:
             coarse = CoarseModel.from_scene(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
             check_films_compressed(totals, tissue)
-            limits.append(self._compute_allowed_forces(scene, sizes, totals, coarse.closure_force, tissue))
+            factor = self._find_charge_per_force(tissue.model_copy(update={"probe": scene.probe}))
+            charges_per_force = factor * (totals / totals.sum())
+            limits.append(
+                self._compute_allowed_forces(
+                    scene, sizes, totals, tissue, charges=charges_per_force, closure=coarse.closure_force
+                )
+            )
             strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
-            per_force.append(np.array([1.0, strain, *(totals * self.charge_per_force)]) / totals.sum())
+            per_force.append(np.array([1.0, strain, *(totals * factor)]) / totals.sum())
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force = self._choose_force(allowed[limited_by])
-        indentation, tissue_strain, *charges = np.array(per_force).T * force
-        weakest, strongest = float(np.min(charges)), float(np.max(charges))
+        indentation, tissue_strain, *film_charges = np.array(per_force).T * force
+        weakest, strongest = float(np.min(film_charges)), float(np.max(film_charges))
         return PressedDesign(
             force, float(indentation.max()), float(tissue_strain.max()), (weakest, strongest), limited_by, allowed
         )
+
+    def _find_charge_per_force(self, scene: Scene) -> Floats:
+        """Return the charge of each of a scene's films per force on it, C/N, without sign, shape (2,)."""
+        if scene.observable == "stress":
+            return np.full(2, self.charge_per_force)
+        return np.abs(compute_charge_per_force(scene))
 
     def apply_force(self, scene: Scene) -> tuple[Scene, PressedDesign]:
         """Return a scene under the force of the rule, with the details of this force."""
@@ -250,7 +281,7 @@ class PressingRule:
         sizes
             Sizes of the probes, floats or complex, shape (n,) each.
         totals
-            Forces on both films per unit indentation without tumours, shape (n, m, 2).
+            Forces on both films, and charges where they are read, per unit indentation without tumours, shape (n, m, 2 or 4).
         which
             Number of each tumour's tissue, shape (m,).
         """
@@ -259,10 +290,13 @@ class PressingRule:
             members = np.flatnonzero(which == number)
             if not len(members):
                 continue
-            film_totals = np.moveaxis(totals[:, members[0]], 1, 0)
+            film_totals = np.moveaxis(totals[:, members[0], :2], 1, 0)
             approach = self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals)
             closure = film_totals.sum(axis=0) * sizes.gap / approach
-            allowed = self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue)
+            charges = np.moveaxis(self.compute_charges(totals[:, members[0]], np.ones(1)), 1, 0)
+            allowed = self._compute_allowed_forces(
+                self.design.scene, sizes, film_totals, tissue, charges=charges, closure=closure
+            )
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
         force = find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
         return np.repeat(force[:, None], totals.shape[1], axis=1)
@@ -276,7 +310,9 @@ class PressingRule:
             raise Refusal("variables.force", stated, "smaller forces, as the limits of the load allow no larger ones")
         return force if variable.choices or variable.step is not None else round_load_down(force)
 
-    def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
+    def _compute_allowed_forces(
+        self, scene: Scene, sizes: ProbeSizes, totals: Any, tissue: Scene, *, charges: Any, closure: Any
+    ) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name.
 
         Parameters
@@ -287,6 +323,8 @@ class PressingRule:
             Sizes of the probes, floats or arrays.
         totals
             Forces on both films per unit indentation, N/m, first axis 2.
+        charges
+            Charge of each film per force on the probe, C/N, first axis 2.
         closure
             Force that closes the gap in linear elasticity, N.
         tissue
@@ -327,29 +365,8 @@ class PressingRule:
                 CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
             )
         if limits.charge is not None:
-            max_fraction = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
-            allowed["charge"] = limits.charge[1] / (self.charge_per_force * max_fraction)
+            allowed["charge"] = limits.charge[1] / -minimum_by_real_part(-charges[0], -charges[1])
         return allowed
-
-
-def find_max_force(variable: DesignVariable) -> float | None:
-    """Return the largest force that a design file's variable permits, N; None without an upper bound."""
-    return variable.choices[-1] if variable.choices else variable.high
-
-
-def find_variable_force(variable: DesignVariable, force: Any) -> Any:
-    """Return the largest values of a design file's variable up to forces, N; NaN where there are none.
-
-    Forces are floats or complex, of any shape; values with steps or choices have no derivative.
-    """
-    size = np.real(force)
-    if variable.choices:
-        values = np.array([np.nan, *variable.choices])
-        return values[np.searchsorted(variable.choices, size * (1 + VALUE_TOLERANCE_RELATIVE), side="right")]
-    if variable.step is not None:
-        force = np.floor(size / variable.step + VALUE_TOLERANCE_RELATIVE) * variable.step
-        force = np.where(force > 0, force, np.nan)
-    return force if variable.low is None else np.where(np.real(force) >= variable.low, force, np.nan)
 
 
 def minimum_by_real_part(a: Any, b: Any) -> Any:

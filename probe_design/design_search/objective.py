@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from geometry.common.arrays import Floats
+from probe_design.design_search.film_choices import FilmChoice
 from solver.closed_form.bessel import Array
 
 COMPLEX_STEP_RELATIVE = 1e-30
@@ -72,6 +73,10 @@ class SearchObjective(ABC):
         poisson
             Poisson's ratios of both blocks, floats or shape (2, n).
         """
+
+    @abstractmethod
+    def set_film(self, choice: FilmChoice) -> SearchObjective:
+        """Return the same objective of probes with other films and bonds."""
 
     def evaluate_designs(self, x: Floats, poisson: Any) -> Floats:
         """Return the objective of designs, ``-inf`` where it is not finite or a channel's charge is too small."""

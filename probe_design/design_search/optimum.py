@@ -291,7 +291,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
 
     def _warn_missing_channels(self) -> Iterator[str]:
         """Yield a warning that names the channels without results because their noise is too small."""
-        missing = [name for name, performance in self.best.performance.by_observable.items() if performance is None]
+        missing = [name for name, performance in self.best.performance.by_channels.items() if performance is None]
         if missing:
             named = " and ".join(missing)
             yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"

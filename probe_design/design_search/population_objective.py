@@ -29,7 +29,9 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import ndtr
 
+from geometry.scenes.scene import Scene
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.loads import PressingRule, minimum_by_real_part
 from probe_design.design_search.objective import SearchEffort, SearchObjective
 from probe_design.design_search.variables import ProbeSizes
@@ -39,7 +41,9 @@ from probe_design.populations.detection import compute_known_probabilities
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from solver.closed_form.bessel import Array
-from solver.closed_form.designs import build_parameters
+from solver.closed_form.contact import Films as FilmStacks
+from solver.closed_form.designs import build_parameters, split_parameters
+from solver.closed_form.film_membrane import FilmArray
 from solver.tumour_waves.moments import TumourDraws
 from solver.tumour_waves.population_films import Films, ManyTumours
 
@@ -49,7 +53,7 @@ LOG_DIFFERENCE_STEP = 0.02  # of ln diameter, depth and modulus: a smaller one w
 RESOLVED_STEP_LOG_SD = 0.25  # width in ln sd of the step from not resolved to resolved
 MIN_VARIANCE = 1e-12  # of ln stiffness, and of a squared deflection, so that its root has a derivative at 0
 FLAT_PRIOR_SD = 1e6  # of ln contrast without prior knowledge: finite, so that a tumour without effect has a derivative
-ForceRule = Callable[[Array], Array]  # forces, N, shape (n, m), from the films' forces without tumours, shape (n, m, 2)
+ForceRule = Callable[[Array], Array]  # forces, N, (n, m), from the films' forces and charges without tumours, (n, m, 2 or 4)
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,8 @@ class PopulationObjective(SearchObjective):
         being ``LOG_DIFFERENCE_STEP``; without a baseline reading also for the modulus of the tissue, "tissue".
     priors
         Standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
+    stacks
+        Films and bonds of both blocks, where the scene reads their charges and eq. (12) does not stand for them; else None.
     effort
         Effort of a search.
     """
@@ -81,6 +87,7 @@ class PopulationObjective(SearchObjective):
     tumours: ManyTumours
     moved: dict[str, tuple[ManyTumours, ManyTumours]]
     priors: dict[str, float]
+    stacks: FilmStacks | None = None
     effort: SearchEffort = SEARCH_EFFORT
 
     VARIED_PARAMETERS: ClassVar[tuple[str, ...]] = ("diameter", "depth")
@@ -114,7 +121,7 @@ class PopulationObjective(SearchObjective):
         priors = {name: population.ranges[name].deviation for name in ("diameter", "depth", "tissue")}
         priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
         rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
-        return cls(design, rule, draw, _prepare_tumours(design, draw, draws, widest), moved, priors)
+        return cls(design, rule, draw, _prepare_tumours(design, draw, draws, widest), moved, priors, _build_stacks(design.scene))
 
     @abstractmethod
     def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
@@ -125,6 +132,12 @@ class PopulationObjective(SearchObjective):
         tumour_values, statistic = self.compute_tumour_values(probes, compute_force), self.design.objective.statistic
         return tumour_values.mean(axis=1) if statistic == "mean" else _compute_quantile(tumour_values, float(statistic))
 
+    def set_film(self, choice: FilmChoice) -> PopulationObjective:
+        """See ``SearchObjective.set_film``."""
+        rule = self.rule.set_film(choice)
+        draw = replace(self.draw, scene=choice.set_film(self.draw.scene), tissues=tuple(map(choice.set_film, self.draw.tissues)))
+        return replace(self, design=rule.design, rule=rule, draw=draw, stacks=_build_stacks(rule.design.scene))
+
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
         """See ``SearchObjective.values``."""
         sizes = ProbeSizes.from_vector(x)
@@ -133,9 +146,9 @@ class PopulationObjective(SearchObjective):
         def compute_force(totals: Array) -> Array:
             """Return the forces, N, and keep the smallest charge of a channel over all tumours in ``charges``."""
             forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
-            fractions = totals / totals.sum(axis=2, keepdims=True)
             # charge of the weaker channel; argmin takes the tumour whose tissue gives least
-            weaker = minimum_by_real_part(fractions[..., 0], fractions[..., 1]) * forces * self.rule.charge_per_force
+            channels = self.rule.compute_charges(totals, forces)
+            weaker = minimum_by_real_part(channels[..., 0], channels[..., 1])
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
 
@@ -158,10 +171,24 @@ class PopulationObjective(SearchObjective):
 
     def _compute_noise(self, probes: Array, compute_force: ForceRule) -> tuple[Films, LinearGaussian]:
         """Return the film forces and the noise of the readings; NaN where a film is in tension and has no logarithm."""
-        films = self.tumours.compute_films(probes)
-        films = replace(films, without=_mask_non_positive(films.without))
+        films = self._compute_films(self.tumours, probes)
         variance = self._compute_variance(films, compute_force(films.without))
         return films, LinearGaussian.from_shared_errors(self._build_shared_errors(probes, films, variance), variance)
+
+    def _compute_films(self, tumours: ManyTumours, probes: Array) -> Films:
+        """Return film forces and, where the scene reads them, charges without sign; NaN where a film is in tension."""
+        films = tumours.compute_films(probes, self.stacks)
+        film = self.design.scene.probe.film
+        if self.design.scene.observable == "charge" and film is not None and film.uses_psi:
+            factors = np.array([item.charge_per_force for item in film.by_block])
+            films = Films(
+                *(np.concatenate([part, part * factors], axis=-1) for part in (films.without, films.change, films.by_log))
+            )
+        sign = np.where(films.without.real < 0, -1.0, 1.0)
+        sign[..., :2] = 1.0
+        forces, charges = np.split(sign * films.without, [2], axis=-1)
+        without = np.concatenate([_mask_non_positive(forces), charges], axis=-1)
+        return Films(without, sign[:, :, None] * films.change, sign[:, :, None] * films.by_log)
 
     def _stack_channels(self, ratio: Array, stiffness: Array) -> Array:
         """Join the readings of a scan along one axis: ratios, then stiffnesses if they are read."""
@@ -171,13 +198,12 @@ class PopulationObjective(SearchObjective):
         """Return the signals s: the change of ln ratio and ln stiffness by each tumour, shape (n, m, readings)."""
         without = films.without[:, :, None]
         totals = without + films.change
-        inner, outer = (np.log(_mask_non_positive(totals[..., film] / without[..., film])) for film in (0, 1))
-        return self._stack_channels(inner - outer, np.log(totals.sum(axis=3) / without.sum(axis=3)))
+        inner, outer = (np.log(_mask_non_positive(totals[..., film] / without[..., film])) for film in (-2, -1))
+        return self._stack_channels(inner - outer, np.log(totals[..., :2].sum(axis=3) / without[..., :2].sum(axis=3)))
 
     def _compute_variance(self, films: Films, force: Array) -> Array:
         """Return the variance V of each reading's own error, for forces (n, m), N; shape (n, m, readings)."""
-        noise, fractions = self.design.noise, films.without / films.without.sum(axis=2, keepdims=True)
-        charges = fractions * force[..., None] * self.rule.charge_per_force
+        noise, charges = self.design.noise, self.rule.compute_charges(films.without, force)
         ones = np.ones((1, 1, films.change.shape[2]))
         ratio = (noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=2))[..., None] * ones
         return self._stack_channels(ratio, noise.stiffness_white**2 + MIN_VARIANCE + 0 * ratio)
@@ -207,14 +233,15 @@ class PopulationObjective(SearchObjective):
     def _compute_derivatives(self, probes: Array, films: Films) -> Array:
         """Return the signature's derivatives by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
         totals = films.without[:, :, None] + films.change
-        inner, outer = np.moveaxis(films.by_log / totals, 3, 0)
-        derivatives = [self._stack_channels(inner - outer, films.by_log.sum(axis=3) / totals.sum(axis=3))]
+        inner, outer = np.moveaxis((films.by_log / totals)[..., -2:], 3, 0)
+        stiffness = films.by_log[..., :2].sum(axis=3) / totals[..., :2].sum(axis=3)
+        derivatives = [self._stack_channels(inner - outer, stiffness)]
         derivatives += [self._difference(name, probes, self._compute_signature) for name in ("diameter", "depth")]
         return np.stack(derivatives, axis=3)
 
     def _difference(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
         """Return the derivative of ``evaluate``, readings, by the logarithm of a parameter in ``moved``, a central difference."""
-        lower, upper = (evaluate(tumours.compute_films(probes)) for tumours in self.moved[name])
+        lower, upper = (evaluate(self._compute_films(tumours, probes)) for tumours in self.moved[name])
         return (upper - lower) / (2 * LOG_DIFFERENCE_STEP)
 
 
@@ -251,6 +278,15 @@ OBJECTIVES: dict[str, type[PopulationObjective]] = {
     "information": Information,
 }
 """The objectives by their names in design files."""
+
+
+def _build_stacks(scene: Scene) -> FilmStacks | None:
+    """Return the films and bonds of a scene's blocks, for one probe, where the scene reads charges that need them."""
+    shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}))
+    if scene.observable == "stress" or not shape.films:
+        return None
+    inner, outer = (FilmArray(*row[:, None]) for row in split_parameters(shape, values)[2])
+    return FilmStacks(inner, outer, shape.insets)
 
 
 def _build_draws(draw: TumourDraw) -> TumourDraws:
@@ -316,8 +352,8 @@ def _mask_non_positive(values: Array) -> Array:
 
 def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
     """Return ln ratio and ln stiffness without the tumour at each position, shapes (n, m, P)."""
-    ratio = np.log(films.without[..., 0] / films.without[..., 1])
-    stiffness = np.log(films.without.sum(axis=2))
+    ratio = np.log(films.without[..., -2] / films.without[..., -1])
+    stiffness = np.log(films.without[..., :2].sum(axis=2))
     ones = np.ones(films.change.shape[2])
     return ratio[..., None] * ones, stiffness[..., None] * ones
 

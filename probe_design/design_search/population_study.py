@@ -12,6 +12,7 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.loads import PressingRule, check_load
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.population_objective import MAX_SEARCH_TUMOURS, PopulationObjective
@@ -136,10 +137,15 @@ class PopulationStudy:
         better = refine_design(self.objective, self.search_space, search.choices[0], advance)
         order = [*([] if better is None else [better]), *search.choices][:MAX_TRIED]
         finalists: list[tuple[Choice, Scene]] = []
+        films = list[FilmChoice | None]()
         for choice, scene in iterate_distinct(order, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
+            film = choice.combination.film
+            if film is not None and films.count(film) == 1:
+                continue  # of several films and bonds, the best design of each
             with suppress(Refusal):  # by finite elements a film is in tension, or the solution fails
                 self.objective.rule.compute_pressed_design(scene)
                 finalists.append((choice, scene))
+                films.append(film)
             if len(finalists) == MAX_VERIFIED:
                 break
         return finalists
@@ -148,7 +154,9 @@ class PopulationStudy:
         self, choice: Choice, scene: Scene, advance: Callable[[int, int], None]
     ) -> tuple[PopulationVerification, Robustness]:
         """Return the verification of a design, and the effect of workshop tolerances on it."""
-        return self.verify(scene, advance, choice), compute_robustness(self.objective, scene, choice.combination.materials)
+        film = choice.combination.film
+        objective = self.objective if film is None else self.objective.set_film(film)
+        return self.verify(scene, advance, choice), compute_robustness(objective, scene, choice.combination.materials)
 
     def _design_for_one_tumour(self, progress: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
         """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.

@@ -25,7 +25,9 @@ from probe_design.design_search.closed_search import refine_by_ipopt
 from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import ProbeSizes
+from probe_design.populations.film_totals import stack_totals
 from solver.closed_form.designs import PROBE_PARAMETERS
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
@@ -35,6 +37,7 @@ from solver.tumour_waves.population_films import Films, ManyTumours
 
 LOG_DIFFERENCE_STEP, MAX_LOG_CHANGE = 0.03, 0.25  # of the logarithms
 MAX_IPOPT_STEPS = 20
+CHARGE_ACCURACY = 0.05  # of the films' charges without tumours
 
 
 @dataclass(frozen=True)
@@ -92,23 +95,28 @@ class InclusionTumours:
     places: Floats
     y: float
 
-    def compute_films(self, probes: Any) -> Films:
-        """Return the film forces of the one probe without tumours and their changes by each tumour; ``probes`` is ignored.
+    def compute_films(self, probes: Any, stacks: Any = None) -> Films:
+        """Return the film forces of the one probe without tumours and their changes by each tumour; arguments are ignored.
+
+        Where its scene reads charges, they follow the forces.
 
         The arrays of ``Films`` have a first axis of length 1, as there is one probe.
         """
         m, count = len(self.tissue), len(self.places)
-        baseline, change, by_log = np.zeros((1, m, 2)), np.zeros((1, m, count, 2)), np.zeros((1, m, count, 2))
+        size = 4 if self.bases[0].scene.observable == "charge" else 2
+        baseline, change, by_log = np.zeros((1, m, size)), np.zeros((1, m, count, size)), np.zeros((1, m, count, size))
         # baseline, change and by_log: ``Films.without``, its change by the tumour, and the derivative by ln E_object
         for number, base in enumerate(self.bases):
             which = np.flatnonzero(self.tissue == number)
             if not len(which):
                 continue
             readings = compute_readings(base, self._list_relative_tumours(which), 0, reflect=False)
-            totals = base.films.forces.sum(axis=1)
+            totals = stack_totals(base.scene, base.films)
             baseline[0, which] = totals
-            change[0, which] = readings.totals.reshape(len(which), count, 2) - totals
-            by_log[0, which] = readings.derivatives["youngs_modulus"].sum(axis=2).reshape(len(which), count, 2)
+            change[0, which] = stack_totals(base.scene, readings).reshape(len(which), count, size) - totals
+            parts = [readings] if size == 2 else [readings, readings.get_observable(base.scene)]
+            derivatives = [part.derivatives["youngs_modulus"].sum(axis=2) for part in parts]
+            by_log[0, which] = np.concatenate(derivatives, axis=-1).reshape(len(which), count, size)
         return Films(baseline, change, by_log)
 
     def _list_relative_tumours(self, which: Ints) -> Tumours:
@@ -129,7 +137,7 @@ def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) ->
         The evaluator does not support the scene.
     """
     draw, sizes = objective.draw, ProbeSizes.from_scene(scene)
-    bases = tuple(CoarseModel.from_scene(tissue, details=False).base_states for tissue in draw.replace_probe(scene).tissues)
+    bases = tuple(map(_solve_tissue, draw.replace_probe(scene).tissues))
 
     def replace_tumours(tumours: ManyTumours) -> Any:
         """Return the same draws of tumours, whose readings follow from ``bases``, the base states on each tissue."""
@@ -146,6 +154,13 @@ def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) ->
     return float(values[0]) if np.isfinite(values[0]) else -np.inf
 
 
+def _solve_tissue(scene: Scene) -> Undisturbed:
+    """Return a probe on tissue without tumours, on the coarsest mesh, or on a finer one where charges are read."""
+    if scene.observable == "stress":
+        return CoarseModel.from_scene(scene, details=False).base_states
+    return EquivalentInclusion().prepare(scene.model_copy(update={"inclusion": ()}), CHARGE_ACCURACY)
+
+
 def refine_design(objective: PopulationObjective, search_space: SearchSpace, start: Choice, progress: Progress) -> Choice | None:
     """Return a nearby design with a better objective by the equivalent-inclusion evaluator; None if there is none.
 
@@ -160,6 +175,8 @@ def refine_design(objective: PopulationObjective, search_space: SearchSpace, sta
     progress
         Called with the number of evaluations done and their total.
     """
+    if start.combination.film is not None:
+        objective = objective.set_film(start.combination.film)
 
     def evaluate(vector: Floats) -> float:
         """Return g of a design; -inf where it cannot be built or evaluated."""

@@ -21,6 +21,8 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import BLOCK_NAMES
+from probe_design.design_search.combination import Combination
+from probe_design.design_search.film_choices import FilmChoice, list_film_choices
 from probe_design.design_search.variables import (
     MODULUS_NAMES,
     SAME_DESIGN_TOLERANCE_RELATIVE,
@@ -46,35 +48,6 @@ MAX_STEPS = 10_000  # values of a variable with a step
 
 
 @dataclass(frozen=True)
-class Combination:
-    """One value for each discrete variable and one material for each block.
-
-    Attributes
-    ----------
-    pinned
-        Values of variables by their names, SI.
-    poisson
-        Poisson's ratios of the inner and the outer block.
-    materials
-        Names of both blocks' materials, empty if none were requested.
-    """
-
-    pinned: Mapping[str, float]
-    poisson: tuple[float, float]
-    materials: tuple[str, ...] = ()
-
-    @property
-    def description(self) -> str:
-        """The chosen values and materials in words."""
-        values = [
-            f"{name} {format_variable(name, value)}"
-            for name, value in self.pinned.items()
-            if not (self.materials and name in MODULUS_NAMES)
-        ]
-        return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
-
-
-@dataclass(frozen=True)
 class SearchSpace:
     """The designs of a design file: the limits of the variables, SI, the constraints between them, and discrete values.
 
@@ -94,6 +67,8 @@ class SearchSpace:
         The allowed values of variables with steps or choices, increasing, by the variable's name.
     shelf
         The materials allowed for a block; empty if the moduli are variables themselves.
+    film_choices
+        The films and bonds allowed; empty if the scene's stay.
     """
 
     scene: Scene
@@ -104,6 +79,7 @@ class SearchSpace:
     wall: float
     grids: Mapping[str, tuple[float, ...]]
     shelf: tuple[CatalogueMaterial, ...]
+    film_choices: tuple[FilmChoice, ...] = ()
 
     @property
     def start_poisson(self) -> tuple[float, float]:
@@ -179,6 +155,8 @@ class SearchSpace:
                 set_number(probe[block], "poisson_ratio", combination.poisson[k])
             if combination is not None and combination.materials:
                 probe[block]["material"] = combination.materials[k]
+        if combination is not None and combination.film is not None:
+            probe["film"] = combination.film.film.model_dump(exclude_unset=True)
         try:
             return Scene.model_validate(self.scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
         except ValueError:
@@ -201,8 +179,9 @@ class SearchSpace:
 
     @property
     def combinations(self) -> int:
-        """The number of combinations of discrete values and, if materials are listed, of pairs of them."""
-        return math.prod(len(values) for values in self.grids.values()) * max(1, len(self.shelf) ** 2)
+        """The number of combinations of discrete values, of pairs of materials if they are listed, and of films and bonds."""
+        values = math.prod(len(values) for values in self.grids.values())
+        return values * max(1, len(self.shelf) ** 2) * max(1, len(self.film_choices))
 
     def iterate_combinations(self) -> Iterator[Combination]:
         """Yield all combinations, in the order of the file."""
@@ -229,14 +208,15 @@ class SearchSpace:
     def _iterate_pairs(
         self, pinned: Mapping[str, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
     ) -> Iterator[Combination]:
-        """Yield the pairs of materials of the inner and the outer block for pinned values, or the pinned values alone."""
-        if not self.shelf:
-            yield Combination(pinned, self.start_poisson)
-            return
-        for pair in product(inner, outer):
-            moduli = {name: material.youngs_modulus for name, material in zip(MODULUS_NAMES, pair, strict=True)}
-            poisson = pair[0].poisson_ratio, pair[1].poisson_ratio
-            yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair))
+        """Yield the pairs of materials of the inner and the outer block for pinned values, or these alone, with each film."""
+        for film in self.film_choices or (None,):
+            if not self.shelf:
+                yield Combination(pinned, self.start_poisson, film=film)
+                continue
+            for pair in product(inner, outer):
+                moduli = {name: material.youngs_modulus for name, material in zip(MODULUS_NAMES, pair, strict=True)}
+                poisson = pair[0].poisson_ratio, pair[1].poisson_ratio
+                yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair), film)
 
     def _find_nearest_materials(self, modulus: float, count: int) -> tuple[CatalogueMaterial, ...]:
         """Return the ``count`` allowed materials whose moduli have the ratio nearest to 1 to a modulus, Pa, the nearest first."""
@@ -289,7 +269,7 @@ def build_search_space(design: Design) -> SearchSpace:
         raise _build_radius_error(Words(f"{format_mm(outer_radius)}{stated}"), min_radius)
     high["inner_radius"] = max(low["inner_radius"], min(high["inner_radius"], outer_radius - low["gap"] - wall))
     lower, upper = (np.array([ends[name] for name in names]) for ends in (low, high))
-    return SearchSpace(scene, names, lower, upper, outer_radius, wall, grids, shelf)
+    return SearchSpace(scene, names, lower, upper, outer_radius, wall, grids, shelf, list_film_choices(design))
 
 
 def _find_max_radius(design: Design) -> float:

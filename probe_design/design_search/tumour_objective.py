@@ -15,7 +15,7 @@ load and reads only noise. A search maximises -ln sd.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from probe_design.data.noise import (
     check_noise,
     find_charge_per_force,
 )
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.loads import PressingRule
 from probe_design.design_search.objective import (
     COMPLEX_STEP_RELATIVE,
@@ -40,9 +41,10 @@ from probe_design.design_search.objective import (
 )
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import VARIABLES, ProbeSizes, read_vector
+from probe_design.populations.film_totals import append_charges
 from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 from solver.closed_form.bessel import Array
-from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_forces
+from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_products
 
 SCREENED_PER_SHELL, MAX_IPOPT_STEPS = 512, 40  # the closed form for one tumour takes a tenth of a population's time
 UNIT_INDENTATION_M = 1e-6  # m
@@ -146,14 +148,24 @@ class TumourObjective(SearchObjective):
             raise Refusal("inclusion", Words("of a kind without sensitivity in the closed form"), "a sphere as the target")
         return cls(rule, noise, *build_parameters(scene), SearchEffort(starts, SCREENED_PER_SHELL, MAX_IPOPT_STEPS))
 
+    def set_film(self, choice: FilmChoice) -> TumourObjective:
+        """See ``SearchObjective.set_film``."""
+        rule = self.rule.set_film(choice)
+        noise = replace(self.noise, charge_per_force=rule.charge_per_force)
+        shape, parameters = build_parameters(rule.design.scene)
+        return replace(self, rule=rule, noise=noise, shape=shape, parameters=parameters)
+
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
         """Return the values of ``SearchObjective.values``; no charge is required, so that the second is 0."""
         sizes = ProbeSizes.from_vector(x)
         # one column of the closed form's parameters for each design, complex if x is; the probe's come first
         columns = np.repeat(self.parameters[:, None], x.shape[1], axis=1).astype(x.dtype)
         columns[: len(PROBE_PARAMETERS)] = sizes.build_parameters(poisson)
-        totals, derivatives = (part.sum(axis=2).T for part in compute_forces(self.shape, columns))
-        values = self.compute_log_precision(sizes, totals, derivatives[0] / totals[0] - derivatives[1] / totals[1])
+        products = (part.sum(axis=2) for part in compute_products(self.shape, columns))
+        totals, derivatives = (append_charges(self.rule.design.scene, part).T for part in products)
+        sensitivity = derivatives[-2] / totals[-2] - derivatives[-1] / totals[-1]
+        per_force = totals[2:] / totals[:2] if len(totals) == 4 else None
+        values = self.compute_log_precision(sizes, totals[:2], sensitivity, per_force)
         return values, 0 * values
 
     def compute_log_precision(

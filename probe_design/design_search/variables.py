@@ -171,9 +171,9 @@ def _compute_distance(first: Scene, second: Scene) -> float:
 
 
 def is_same_design(first: Scene, second: Scene, tolerance: float = SAME_DESIGN_TOLERANCE_RELATIVE) -> bool:
-    """Return whether two scenes' probes agree in every variable within a relative tolerance, and in Poisson's ratios."""
+    """Return whether two scenes' probes agree in every variable within a relative tolerance, and in Poisson's ratios, films."""
     poisson = [(scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio) for scene in (first, second)]
-    return poisson[0] == poisson[1] and _compute_distance(first, second) <= tolerance
+    return poisson[0] == poisson[1] and first.probe.film == second.probe.film and _compute_distance(first, second) <= tolerance
 
 
 def format_variable(name: str, value: float) -> Any:

@@ -15,6 +15,7 @@ from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.quantities import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene, read_scene
+from geometry.scenes.scene_tables import Reading
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import find_model
 from probe_design.populations.tables import DesignLimits, DesignVariables, NoiseModel, Objective, PopulationRanges, Protocol
@@ -129,7 +130,17 @@ def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", uni
         design = Design.model_validate({**sections, "scene": scene}, context={"units_required": units_required})
     except ValidationError as refused:
         raise _convert_first_fault(refused) from None
-    return _resolve_calibration_path(_check_against_scene(design), Path(folder))
+    return _resolve_calibration_path(_check_against_scene(_set_observable(design)), Path(folder))
+
+
+def _set_observable(design: Design) -> Design:
+    """Return the design with a scene that reads what the protocol names; raise ``InputError`` for charges without films."""
+    observable, scene = design.protocol.observable, design.scene
+    if observable is None:
+        return design
+    if observable == "charge" and scene.probe.film is None:
+        raise InputError("protocol.observable", "charge", "'stress', or [probe.film] given in the scene")
+    return design.model_copy(update={"scene": scene.model_copy(update={"reading": Reading(observable=observable)})})
 
 
 def _check_against_scene(design: Design) -> Design:

@@ -35,7 +35,7 @@ from probe_design.populations.resolved import (
     is_undecided,
 )
 from probe_design.populations.scan_readings import ScanReadings, compute_closed_form_readings
-from probe_design.populations.tables import CHANNEL_INDICES, Observable
+from probe_design.populations.tables import CHANNEL_INDICES, ChannelSet
 
 DETECTOR_TUMOURS = 256  # reference tumours of the detector
 
@@ -73,9 +73,9 @@ class Examination:
     first: ScanReadings | None = None
     control: ControlSample | None = None
 
-    def select(self, positions: Ints, observable: Observable) -> Examination:
-        """Return the examination restricted to some positions, by number, and to the channels of an observable."""
-        channels = CHANNEL_INDICES[observable]
+    def select(self, positions: Ints, channel_set: ChannelSet) -> Examination:
+        """Return the examination restricted to some positions, by number, and to the channels of a set of channels."""
+        channels = CHANNEL_INDICES[channel_set]
         columns = self.readings.list_columns(positions, channels)
         return replace(
             self,
@@ -85,14 +85,14 @@ class Examination:
             control=None if self.control is None else self.control.select_readings(columns),
         )
 
-    def evaluate(self, design: Design, observable: Observable | None = None) -> Performance:
+    def evaluate(self, design: Design, channel_set: ChannelSet | None = None) -> Performance:
         """Compute probabilities of detection and resolution under a design file's noise, false alarms and statistic.
 
         Parameters
         ----------
         design
             The design; its positions are those of the readings.
-        observable
+        channel_set
             The channels that are read; default: those of the protocol.
 
         Raises
@@ -100,25 +100,25 @@ class Examination:
         InputError
             The noise of a reading is below ``MIN_NOISE``.
         """
-        channels = observable or design.protocol.observable
-        return self.select(np.arange(len(design.protocol.positions)), channels)._evaluate_observable(design, channels)
+        channels = channel_set or design.protocol.channel_set
+        return self.select(np.arange(len(design.protocol.positions)), channels)._evaluate_channels(design, channels)
 
     def evaluate_all_channels(self, design: Design) -> Performance:
-        """Evaluate the protocol's channels and, in ``by_observable``, the ratio alone, the stiffness alone and both."""
-        by_observable: dict[Observable, Performance | None] = {}
-        for observable in CHANNEL_INDICES:
+        """Evaluate the protocol's channels and, in ``by_channels``, the ratio alone, the stiffness alone and both."""
+        by_channels: dict[ChannelSet, Performance | None] = {}
+        for channel_set in CHANNEL_INDICES:
             try:
-                by_observable[observable] = self.evaluate(design, observable)
+                by_channels[channel_set] = self.evaluate(design, channel_set)
             except InputError:  # the noise of a channel that the protocol does not read may be missing
-                if observable == design.protocol.observable:
+                if channel_set == design.protocol.channel_set:
                     raise
-                by_observable[observable] = None
-        performance = by_observable[design.protocol.observable]
+                by_channels[channel_set] = None
+        performance = by_channels[design.protocol.channel_set]
         assert performance is not None
-        return replace(performance, by_observable=by_observable)
+        return replace(performance, by_channels=by_channels)
 
-    def _evaluate_observable(self, design: Design, observable: Observable) -> Performance:
-        """Evaluate the readings, which ``select`` has restricted to one observable's channels."""
+    def _evaluate_channels(self, design: Design, channel_set: ChannelSet) -> Performance:
+        """Evaluate the readings, which ``select`` has restricted to one set of channels."""
         draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.readings
         unknowns, blank = Unknowns.from_draw(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
         known = design.noise, protocol, draw.scene, blank
@@ -126,9 +126,9 @@ class Examination:
             *known,
             tissue=_average_tissue_derivatives(unknowns, readings),
             tumour_forces=readings.mean_forces,
-            observable=observable,
+            channel_set=channel_set,
         )
-        full_noise = build_full_noise(*known, readings.mean_forces, observable=observable)
+        full_noise = build_full_noise(*known, readings.mean_forces, channel_set=channel_set)
         detector = Detector.train(self.reference, noise.covariance, protocol.false_alarm)
         values, contrast_sd = _evaluate_tumours(detector, unknowns, readings, noise=full_noise, blank=protocol.blank)
         threshold_error, model_error, causes = self._compute_model_error(detector, values["detection"], protocol.blank)
@@ -160,7 +160,7 @@ class Examination:
             for kind, corrected in correction_errors.items()
         }
         return Performance(
-            observable, means, errors, values, contrast_sd, draw, causes, protocol.false_alarm, self.evaluator, control
+            channel_set, means, errors, values, contrast_sd, draw, causes, protocol.false_alarm, self.evaluator, control
         )
 
     def _correct_first_order(

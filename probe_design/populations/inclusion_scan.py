@@ -20,11 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.common.errors import Refusal, Words
+from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.maps.scan_line import ScanLine
+from probe_design.populations.film_totals import check_charge_signs, check_films_compressed, stack_totals
 from probe_design.populations.noise import compute_reading_deviations
 from probe_design.populations.population import ScenePopulation, TumourDraw, get_scene_key, is_of_tumour, name_host_modulus
 from probe_design.populations.scan_errors import ERROR_CAUSES, LOAD_CAUSE, bound_film_errors
@@ -140,10 +141,10 @@ class InclusionScan:
         first = compute_readings(self.base, tumours, 0, True, reflect=False)
         best = deepcopy(first)
         # error bounds of both films' forces due to the tumour alone: those of the probe without it are subtracted
-        change_bounds = np.maximum(best.bound - self.base.films.bound.totals, 0.0)
-        neglected_changes = np.stack(
-            [(change_bounds / np.abs(best.totals)).sum(axis=1), change_bounds.sum(axis=1) / best.stiffness], axis=1
-        )
+        read, films = best.get_observable(self.base.scene), self.base.films.get_observable(self.base.scene)
+        ratio_changes = np.maximum(read.bound - films.bound.totals, 0.0) / np.abs(read.totals)
+        force_changes = np.maximum(best.bound - self.base.films.bound.totals, 0.0)
+        neglected_changes = np.stack([ratio_changes.sum(axis=1), force_changes.sum(axis=1) / best.stiffness], axis=1)
         chosen = np.flatnonzero(allowed & np.any(neglected_changes > tolerance, axis=1))
         if not len(chosen):
             return first, first
@@ -168,9 +169,10 @@ class InclusionScan:
         Floats
             Derivatives of the m signals of k tumours, shape (k, m).
         """
-        film_derivatives = readings.derivatives[TARGET_KEYS[name]].sum(axis=2)
+        read = readings.get_observable(self.base.scene)
+        film_derivatives, read_derivatives = (part.derivatives[TARGET_KEYS[name]].sum(axis=2) for part in (readings, read))
         channel_derivatives = [
-            film_derivatives[:, 0] / readings.totals[:, 0] - film_derivatives[:, 1] / readings.totals[:, 1],
+            read_derivatives[:, 0] / read.totals[:, 0] - read_derivatives[:, 1] / read.totals[:, 1],
             film_derivatives.sum(axis=1) / readings.stiffness,
         ]
         # ln ratio, then ln stiffness; with only one channel read, the slices below keep ln ratio
@@ -203,15 +205,16 @@ class InclusionScan:
             base = solve_other_tissue(
                 self.base, ScenePopulation.replace_tissue_numbers(scene, {name: start_value * math.exp(step)})
             )
-            totals = compute_readings(base, tumours, 0, reflect=False).totals
-            step_results.append((self._take_logarithms(totals[indices]), self._take_logarithms(base.films.totals[None])))
+            totals = stack_totals(scene, compute_readings(base, tumours, 0, reflect=False))
+            blank = stack_totals(scene, base.films)[None]
+            step_results.append((self._take_logarithms(totals[indices]), self._take_logarithms(blank)))
         derivatives, blank_slopes = (
             (upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*step_results, strict=True)
         )
         return derivatives - np.repeat(blank_slopes, len(self.protocol.positions)), blank_slopes
 
     def _take_logarithms(self, totals: Floats) -> Floats:
-        """Return ln ratio and, if it is read, ln stiffness of film forces, shape (..., p, 2): shape (..., m)."""
+        """Return ln ratio and, if it is read, ln stiffness of totals, shape (..., p, 2 or 4): shape (..., m)."""
         return np.asarray(compute_logarithms(totals, self.protocol.stiffness))
 
 
@@ -282,9 +285,10 @@ def compute_inclusion_readings(
 def _create_empty_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...]) -> ScanReadings:
     """Return readings filled with zeros, of n tumours in t tissues from p positions in c channels."""
     n, c, tissue_count, p = len(draw), protocol.channels, len(draw.tissues), len(protocol.positions)
+    totals = 4 if draw.scene.observable == "charge" else 2
     return ScanReadings(
         np.zeros((n, p * c)), {cause: np.zeros((n, p * c)) for cause in ERROR_CAUSES}, draw.tissue,
-        np.zeros((tissue_count, 2)), np.zeros((p, 2)), np.zeros((tissue_count, c)),
+        np.zeros((tissue_count, totals)), np.zeros((p, totals)), np.zeros((tissue_count, c)),
         {name: np.zeros((n, p * c)) for name in names},
         {name: np.zeros((tissue_count, c)) for name in names if not is_of_tumour(name)},
     )  # fmt: skip
@@ -300,7 +304,8 @@ def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, n
     tumours, number = scan.build_tumours(which, offset), scan.number
     films, scene = scan.base.films, scan.draw.tissues[number]
     check_films_compressed(films.totals, scene)
-    tolerance = NEGLECTED_CHANGE_PER_NOISE * compute_reading_deviations(noise, scan.protocol, scene, films.totals)
+    blank_totals = stack_totals(scene, films)
+    tolerance = NEGLECTED_CHANGE_PER_NOISE * compute_reading_deviations(noise, scan.protocol, scene, blank_totals)
     first_and_best = scan.compute_readings(tumours, tolerance, np.isin(which, reflected))
     reflection_change = scan.compute_tumour_derivatives(first_and_best[1], indices, "object") - scan.compute_tumour_derivatives(
         first_and_best[0], indices, "object"
@@ -310,6 +315,7 @@ def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, n
     }
     for target, readings in ((first, first_and_best[0]), (best, first_and_best[1])):
         check_films_compressed(readings.totals, scene)
+        check_charge_signs(blank_totals, stack_totals(scene, readings))
         _write_signals(target, scan, readings, indices, scene)
         # eq. PO.9: what reflections add to d/d ln E_object, they take from d/d ln E_host
         for name, (derivatives, blank) in tissue_derivatives.items():
@@ -337,38 +343,24 @@ def _write_signals(target: ScanReadings, scan: InclusionScan, readings: Readings
         The scene with this tissue, without tumours.
     """
     films, rows, number, channels = scan.base.films, scan.members, scan.number, range(target.channels)
-    blank = scan._take_logarithms(films.totals[None])
-    target.mean_forces[:] += np.log(readings.totals[indices]).sum(
-        axis=0
-    )  # of logarithms; ``compute_inclusion_readings`` takes the mean
-    target.signal[rows] = scan._take_logarithms(readings.totals[indices]) - np.repeat(blank, len(scan.protocol.positions))
-    for cause, errors in bound_film_errors(scan.base, readings).items():
-        # ln ratio errs by at most the sum of both films' errors, ln stiffness by at most the larger
-        stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)
+    blank_totals, totals = stack_totals(scene, films), stack_totals(scene, readings)
+    blank = scan._take_logarithms(blank_totals[None])
+    # of logarithms; ``compute_inclusion_readings`` takes the mean
+    target.mean_forces[:] += np.log(np.abs(totals[indices])).sum(axis=0)
+    target.signal[rows] = scan._take_logarithms(totals[indices]) - np.repeat(blank, len(scan.protocol.positions))
+    read = films.get_observable(scene)
+    ratio_errors = bound_film_errors(scan.base, read, readings.get_observable(scene))
+    for cause, errors in bound_film_errors(scan.base, films, readings).items():
+        # ln ratio errs by at most the sum of both films' errors, ln stiffness by at most the larger of the forces'
+        stated = np.stack([ratio_errors[cause].sum(axis=1), errors.max(axis=1)], axis=1)
         target.errors[cause][rows] = np.concatenate([stated[indices, k] for k in channels], axis=1)
     load_changes = np.tile(_bound_load_change(scene, readings)[indices], (1, target.channels))
     target.errors[LOAD_CAUSE][rows] = load_changes * np.abs(target.signal[rows])
-    target.blank[number] = films.totals
-    target.blank_error[number] = [films.bound.log_ratio, films.relative_errors.max()][: target.channels]
+    target.blank[number] = np.abs(blank_totals)
+    target.blank_error[number] = [read.bound.log_ratio, films.relative_errors.max()][: target.channels]
     for name in target.derivatives:
         if is_of_tumour(name):
             target.derivatives[name][rows] = scan.compute_tumour_derivatives(readings, indices, name)
-
-
-def check_films_compressed(totals: Floats, scene: Scene) -> None:
-    """Refuse film forces, shape (..., 2), of which one is tension: their ratio is negative and has no logarithm.
-
-    Raises
-    ------
-    Refusal
-        A film is in tension, for instance under a stiff skin that bends next to the block with the larger load.
-    """
-    if np.all(totals > 0):
-        return
-    film = "inner" if np.any(totals[..., 0] <= 0) else "outer"
-    moduli = " and ".join(f"{block.youngs_modulus / 1e3:.4g} kPa" for block in (scene.probe.inner, scene.probe.outer))
-    remedy = f"blocks of other areas, or of moduli, now {moduli}, that lie closer together"
-    raise Refusal("probe", Words(f"the {film} film is pulled on"), remedy)
 
 
 def _bound_load_change(scene: Scene, readings: Readings) -> Floats:

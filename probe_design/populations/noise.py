@@ -16,8 +16,9 @@ estimated from all readings as they are, the baseline reading included, over whi
 
     C = w_c^2 + g_c^2 u u^T within a channel                                                        (PO.8)
 
-For the ratio w^2 = white^2 + tilt^2 + sum_j (q0 / Q_j)^2, with white, tilt and q0 (charge noise) from the design file and
-Q_j = |d33| F_j the charge of channel j under the force F_j (PHYSICS section 2). g^2 is that of two channels, 2 gain^2.
+For the ratio w^2 = white^2 + tilt^2 + sum_j (q0 / Q_j)^2, with white, tilt and q0 (charge noise) from the design file and Q_j
+the charge of channel j: that of its film where charges are read, else |d33| F_j under the force F_j (PHYSICS section 2). g^2 is
+that of two channels, 2 gain^2.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import MIN_NOISE, find_charge_per_force
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.tables import CHANNEL_INDICES, NoiseModel, Observable, Protocol
+from probe_design.populations.tables import CHANNEL_INDICES, ChannelSet, NoiseModel, Protocol
 
 WHITE_NOISE_KEYS = ("white", "stiffness_white")  # keys of [noise] for ratio and stiffness
 
@@ -45,7 +46,7 @@ def build_difference_noise(
     *,
     tissue: Floats | None = None,
     tumour_forces: Floats | None = None,
-    observable: Observable | None = None,
+    channel_set: ChannelSet | None = None,
 ) -> LinearGaussian:
     """Return the noise of readings less the baseline reading (eq. PO.2), or less a prediction (eq. PO.3).
 
@@ -58,12 +59,13 @@ def build_difference_noise(
     scene
         Scene with films and load.
     blank
-        Force on each film per unit indentation without tumours, N/m, shape (2,).
+        Force on each film per unit indentation without tumours, N/m, shape (2,); where charges are read with the charge of each
+        film, C/m, shape (4,).
     tumour_forces
-        The same at each position over tumours, shape (p, 2), since charges depend on it; default: ``blank``.
+        The same at each position over tumours, shape (p, 2 or 4), since charges depend on it; default: ``blank``.
     tissue
         s_j t_j of eq. PO.3, shape (m, q); default: the tissue is known. Not used with a baseline reading.
-    observable
+    channel_set
         The channels that are read; default: those of the protocol.
 
     Returns
@@ -79,7 +81,7 @@ def build_difference_noise(
     p = len(protocol.positions)
     # film forces at the place of the baseline reading, then at the p positions
     places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
-    channels = CHANNEL_INDICES[observable or protocol.observable]
+    channels = CHANNEL_INDICES[channel_set or protocol.channel_set]
     white_variances, gain_variances = (
         _compute_channel_variances(noise, channels, scene, places),
         _compute_common_variances(noise, channels, blank),
@@ -98,7 +100,7 @@ def build_full_noise(
     blank: Floats,
     tumour_forces: Floats,
     *,
-    observable: Observable | None = None,
+    channel_set: ChannelSet | None = None,
 ) -> LinearGaussian:
     """Return the noise of all readings, the baseline reading included (eq. PO.8).
 
@@ -109,7 +111,7 @@ def build_full_noise(
     LinearGaussian
         Noise of m readings in the order of ``scan_readings.compute_logarithms``, then of the c channels of a baseline reading.
     """
-    channels = CHANNEL_INDICES[observable or protocol.observable]
+    channels = CHANNEL_INDICES[channel_set or protocol.channel_set]
     white_variances, common = (
         _compute_channel_variances(noise, channels, scene, np.vstack([blank, tumour_forces])),
         _compute_common_variances(noise, channels, blank),
@@ -139,7 +141,7 @@ def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], sce
     scene
         Scene with films and load.
     places
-        Film forces per unit indentation at each place, N/m, shape (k, 2).
+        Film forces, and charges where they are read, per unit indentation at each place, shape (k, 2 or 4).
 
     Raises
     ------
@@ -156,8 +158,8 @@ def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], sce
 
 
 def _compute_both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
-    """Return the variances w_c^2 of ratio and stiffness at k places with film forces (k, 2), shape (2, k)."""
-    charges = compute_film_charges(scene, places) if noise.charge else np.ones(places.shape)
+    """Return the variances w_c^2 of ratio and stiffness at k places with film forces and charges (k, 2 or 4), shape (2, k)."""
+    charges = compute_film_charges(scene, places) if noise.charge else np.ones((len(places), 2))
     ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
     return np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])
 
@@ -175,16 +177,17 @@ def compute_film_charges(scene: Scene, places: Floats) -> Floats:
     scene
         Scene with films and load.
     places
-        Film forces per unit indentation at each place, N/m, shape (k, 2).
+        Film forces, and charges where they are read, per unit indentation at each place, shape (k, 2 or 4).
 
     Raises
     ------
     InputError
         The load is 0.
     """
-    load = scene.load
-    indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
-    charges = find_charge_per_force(scene.probe) * np.abs(places) * indentation[:, None]
+    load, forces = scene.load, places[:, :2]
+    indentation = (load.force or 0.0) / forces.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
+    per_indentation = np.abs(places[:, 2:]) if places.shape[1] == 4 else find_charge_per_force(scene.probe) * np.abs(forces)
+    charges = per_indentation * indentation[:, None]
     if not np.all(charges > 0):
         key = "force" if load.indentation is None else "indentation"
         raise InputError(f"load.{key}", getattr(load, key), f"a {key} above 0: at 0 the films give no charge to read")
@@ -200,7 +203,7 @@ def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
     if noise.calibration is None:
         return 2 * noise.gain**2
     matrix, entries, by_bonds = _read_calibration(noise.calibration)
-    fractions = blank / np.abs(blank).sum()
+    fractions = blank[:2] / np.abs(blank[:2]).sum()
     first, second = matrix @ fractions
     gradient = np.concatenate([fractions / first, -fractions / second, by_bonds])
     return float(gradient @ entries @ gradient)

@@ -29,7 +29,7 @@ from probe_design.populations.detection import Detector
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.scan_errors import ERROR_CAUSES
 from probe_design.populations.scan_readings import compute_closed_form_readings
-from probe_design.populations.tables import Objective, Observable, Protocol
+from probe_design.populations.tables import ChannelSet, Objective, Protocol
 
 Kind = Literal["detection", "resolved", "information"]
 OBJECTIVE_KINDS: tuple[Kind, ...] = ("detection", "resolved", "information")
@@ -144,7 +144,7 @@ class Performance:
 
     Attributes
     ----------
-    observable
+    channel_set
         The channels that are read: the ratio, the stiffness or both.
     means, errors
         By ``OBJECTIVE_KINDS``, with their errors: the statistic of ``[objective]`` over the probabilities of detection, the
@@ -166,11 +166,11 @@ class Performance:
     control
         Probabilities by the closed form for these tumours and more, eq. PO.10; None if the evaluator is the closed
         form.
-    by_observable
+    by_channels
         The same for the ratio alone, the stiffness alone and both; None where the noise of one is not given.
     """
 
-    observable: Observable
+    channel_set: ChannelSet
     means: dict[Kind, float]
     errors: dict[Kind, MeanError]
     values: dict[Kind, Floats]
@@ -180,7 +180,7 @@ class Performance:
     false_alarm: float
     evaluator: str
     control: ControlSample | None = None
-    by_observable: dict[Observable, Performance | None] = field(default_factory=dict)
+    by_channels: dict[ChannelSet, Performance | None] = field(default_factory=dict)
 
     def compute_gain(self, reference: Performance, objective: Objective) -> tuple[float, float]:
         """Return the gain in the objective over another probe for the same tumours, and the error of the gain.
@@ -217,10 +217,10 @@ class Performance:
 
     def as_dict(self) -> JsonObject:
         """Return the performance as a JSON object."""
-        by_observable = {name: item and item._list_numbers() for name, item in self.by_observable.items()}
+        by_channels = {name: item and item._list_numbers() for name, item in self.by_channels.items()}
         return self._list_numbers() | {
-            "false_alarm": self.false_alarm, "tumours": len(self.draw), "observable": self.observable,
-            "model_error_causes": self.causes, "error_note": self.error_note, "by_observable": by_observable,
+            "false_alarm": self.false_alarm, "tumours": len(self.draw), "channels": self.channel_set,
+            "model_error_causes": self.causes, "error_note": self.error_note, "by_channels": by_channels,
         }  # fmt: skip
 
     def _list_numbers(self) -> dict[str, float]:

@@ -21,6 +21,7 @@ from probe_design.maps.sphere_effects import BASE_ERROR_FACTOR
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.results.detail_compliance import iterate_details
+from solver.results.film_forces import FilmForces
 
 TUMOURS_CAUSE, BASE_CAUSE, GROOVE_CAUSE, LOAD_CAUSE = "reflections and meshes", "base states", "groove", "load"
 ERROR_CAUSES = {  # causes of the model's error: description, and how to reduce it
@@ -84,23 +85,28 @@ def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
     )
 
 
-def bound_film_errors(base: Undisturbed, readings: Readings) -> dict[str, Floats]:
+def bound_film_errors(base: Undisturbed, films: FilmForces, readings: Readings) -> dict[str, Floats]:
     """Return the bound of eq. PO.12 for both films at u readings, by cause except the load, shape (u, 2) each.
+
+    The groove changes a film's charge by as much as its force.
 
     Parameters
     ----------
     base
         The probe on the tissue without tumours.
+    films
+        Its film forces or, for errors of charges, its charges.
     readings
-        Readings over the tumours.
+        Readings over the tumours, of forces or of charges likewise.
     """
-    films, totals = base.films, np.abs(readings.totals)
+    forces, totals = base.films, np.abs(readings.totals)
     effect = np.abs(readings.totals - films.totals) / totals
-    base_errors = np.maximum(films.bound.totals - _bound_groove_total(base.scene, films.forces), 0.0) / np.abs(films.totals)
+    groove = _bound_groove_total(base.scene, forces.forces) * np.abs(films.totals / forces.totals)
+    base_errors = np.maximum(films.bound.totals - groove, 0.0) / np.abs(films.totals)
     parts = {
         TUMOURS_CAUSE: np.maximum(readings.bound - films.bound.totals, 0.0) / totals,
         BASE_CAUSE: BASE_ERROR_FACTOR * base_errors * effect,
-        GROOVE_CAUSE: GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, films.forces) * effect,
+        GROOVE_CAUSE: GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, forces.forces) * effect,
     }
     total_error = np.asarray(sum(parts.values()))
     # -ln(1 - sum) over the sum: distributes the logarithm of eq. PO.12 over the causes in proportion

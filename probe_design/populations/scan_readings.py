@@ -5,6 +5,8 @@ per unit indentation, and a constant that contains the films' areas,
 
     ln ratio = ln F_inner - ln F_outer + const,   ln stiffness = ln (F_inner + F_outer)             (PO.1)
 
+Where the scene reads charges, the films' charges Q_j stand in place of F_j in the ratio. What is computed of a film pair is thus
+F_inner, F_outer or, with charges, F_inner, F_outer, Q_inner, Q_outer, and called its totals.
 The signal of a tumour is the difference of the readings from those in the same tissue without it. Load and areas cancel.
 
 The closed form computes them for all tumours at once: each pair of a tumour and a distance from the probe is a column of
@@ -24,6 +26,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Placement
+from probe_design.populations.film_totals import append_charges
 from probe_design.populations.population import TumourDraw, is_of_tumour
 from probe_design.populations.tables import Protocol
 from solver.closed_form.designs import (
@@ -33,7 +36,7 @@ from solver.closed_form.designs import (
     TISSUE_PARAMETERS,
     Shape,
     build_parameters,
-    compute_forces,
+    compute_products,
 )
 from solver.closed_form.evaluator import ClosedForm
 
@@ -57,9 +60,9 @@ class ScanReadings:
     tissue
         Number of each tumour's tissue, shape (n,).
     blank
-        Film forces per unit indentation without tumours, N/m, shape (t, 2).
+        Totals per unit indentation without tumours, N/m and C/m, without sign, shape (t, 2 or 4).
     mean_forces
-        Geometric mean over the tumours of the film forces at each position, shape (p, 2).
+        Geometric mean over the tumours of the totals at each position, without sign, shape (p, 2 or 4).
     blank_error
         Error bound of eq. PO.1 without tumours, shape (t, c).
     derivatives
@@ -126,7 +129,7 @@ def compute_logarithms(totals: Any, stiffness: bool) -> Any:
     Parameters
     ----------
     totals
-        F_inner and F_outer, shape (..., p, 2), real or complex.
+        Totals of the films, shape (..., p, 2 or 4), real or complex; charges may be of either sign.
     stiffness
         Whether the stiffness is read.
 
@@ -135,8 +138,10 @@ def compute_logarithms(totals: Any, stiffness: bool) -> Any:
     Any
         Logarithms, shape (..., m): ln ratio at the p positions, then ln stiffness.
     """
-    ratio = np.log(totals[..., 0]) - np.log(totals[..., 1])
-    return np.concatenate([ratio, np.log(totals.sum(axis=-1))], axis=-1) if stiffness else ratio
+    read = totals[..., -2:]
+    read = np.where(np.real(read) < 0, -read, read) if totals.shape[-1] == 4 else read
+    ratio = np.log(read[..., 0]) - np.log(read[..., 1])
+    return np.concatenate([ratio, np.log(totals[..., :2].sum(axis=-1))], axis=-1) if stiffness else ratio
 
 
 @dataclass(frozen=True)
@@ -145,27 +150,30 @@ class Columns:
 
     Attributes
     ----------
+    scene
+        A scene with the films of all designs.
     groups
         The structure of each group, and its parameters, shape (parameters, k).
     index
         Number of the column of each result, counted over all groups; any shape.
     """
 
+    scene: Scene
     groups: tuple[tuple[Shape, Floats], ...]
     index: Ints
 
     def compute_totals(self, stepped: str = "") -> Any:
-        """Return the forces on both films per unit indentation, N/m, shape (*index.shape, 2).
+        """Return the totals of the films per unit indentation, N/m and C/m, shape (*index.shape, 2 or 4).
 
         With ``stepped``, the name of a range of ``ScenePopulation.ranges``, they are complex: the imaginary part over
         ``COMPLEX_STEP_RELATIVE`` is the derivative by the logarithm of that number, or by x itself. "" takes no step.
         """
         with np.errstate(all="ignore"):  # the caller refuses values that are not finite
             parts = [
-                compute_forces(shape, _add_complex_step(shape, values, stepped) if stepped else values)[0].sum(axis=2)
+                compute_products(shape, _add_complex_step(shape, values, stepped) if stepped else values)[0].sum(axis=2)
                 for shape, values in self.groups
             ]
-        return np.concatenate(parts)[self.index]
+        return append_charges(self.scene, np.concatenate(parts)[self.index])
 
 
 def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...] = ()) -> ScanReadings:
@@ -200,7 +208,7 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
     with np.errstate(all="ignore"):
         signal = compute_logarithms(totals, protocol.stiffness)
         signal = signal - repeat_over_positions(compute_logarithms(blank[:, None], protocol.stiffness))
-    if not (np.all(np.isfinite(signal)) and np.all(blank > 0)):
+    if not (np.all(np.isfinite(signal)) and np.all(blank[:, :2] > 0) and np.all(totals[..., 2:] * blank[0, 2:] > 0)):
         raise Refusal("evaluator", "closed-form", "equivalent-inclusion, as the formulas break down for this probe")
     derivatives, blank_derivatives = {}, {}
     for name in names:
@@ -212,8 +220,8 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
             blank_derivatives[name] = blank_slopes / COMPLEX_STEP_RELATIVE
             reading_derivatives = reading_derivatives - repeat_over_positions(blank_derivatives[name])
         derivatives[name] = reading_derivatives
-    mean_forces, no_error = np.exp(np.log(totals).mean(axis=0)), np.zeros((len(blank), protocol.channels))
-    return ScanReadings(signal, {}, draw.tissue, blank, mean_forces, no_error, derivatives, blank_derivatives)
+    mean_forces, no_error = np.exp(np.log(np.abs(totals)).mean(axis=0)), np.zeros((len(blank), protocol.channels))
+    return ScanReadings(signal, {}, draw.tissue, np.abs(blank), mean_forces, no_error, derivatives, blank_derivatives)
 
 
 def _build_tumour_columns(draw: TumourDraw, offset: Floats) -> Columns:
@@ -235,7 +243,7 @@ def _build_tumour_columns(draw: TumourDraw, offset: Floats) -> Columns:
             columns.append(np.tile(values[:, None], (1, len(distinct))))
             columns[-1][FIRST_SPHERE_ROW + SPHERE_PARAMETERS.index("offset")] = distinct
         groups.append((shape, np.concatenate(columns, axis=1)))
-    return Columns(tuple(groups), index)
+    return Columns(draw.scene, tuple(groups), index)
 
 
 def _build_tumour_scene(draw: TumourDraw, number: int, offset: float) -> Scene:
@@ -256,7 +264,7 @@ def _build_tissue_columns(tissues: tuple[Scene, ...]) -> Columns:
         grouped[shape].append((number, values))
     groups = tuple((shape, np.stack([values for _, values in members], axis=1)) for shape, members in grouped.items())
     # argsort inverts the order in which grouping has put the tissues
-    return Columns(groups, np.argsort([number for members in grouped.values() for number, _ in members]))
+    return Columns(tissues[0], groups, np.argsort([number for members in grouped.values() for number, _ in members]))
 
 
 def _add_complex_step(shape: Shape, values: Floats, name: str) -> Any:

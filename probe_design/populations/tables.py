@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.quantities import LENGTH_QUANTITY, Frozen, Length
-from geometry.scenes.scene_tables import MAX_LAYERS, Force, Indentation
+from geometry.scenes.scene_tables import MAX_LAYERS, Force, Indentation, Observable
 from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
 from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE, MAX_NOISE
 from probe_design.populations.entries import NUMBER_QUANTITY, DesignVariable, Range, Ranged, Varied
@@ -26,8 +26,8 @@ Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
 Moduli = Annotated[Range, Ranged(MODULUS_QUANTITY)]
 Places = Annotated[Range, Ranged(POSITION_QUANTITY, log=False)]
 Charge = Annotated[float, CHARGE_QUANTITY]
-Observable = Literal["ratio", "stiffness", "both"]
-CHANNEL_INDICES: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of a scan's channels
+ChannelSet = Literal["ratio", "stiffness", "both"]
+CHANNEL_INDICES: dict[ChannelSet, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of a scan's channels
 
 
 Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=MAX_NOISE, allow_inf_nan=False)]
@@ -117,6 +117,12 @@ class Protocol(Frozen):
         description="of the probe's axis: [from, to, number], or a list of positions with their units",
         examples=[["-16 mm", "16 mm", 9]],
     )
+    observable: Observable | None = Field(
+        default=None,
+        description="what a reading is: 'charge', the ratio of the films' charges, or 'stress', that of the stresses on them; "
+        "left out: as the scene",
+        examples=["charge"],
+    )
     stiffness: bool = Field(
         default=False,
         description="whether force over indentation is read beside the ratio and the probe designed for both: true or false; "
@@ -143,7 +149,7 @@ class Protocol(Frozen):
         return np.array(self.positions)
 
     @property
-    def observable(self) -> Observable:
+    def channel_set(self) -> ChannelSet:
         """The channels for which the probe is designed."""
         return "both" if self.stiffness else "ratio"
 
@@ -155,7 +161,7 @@ class Protocol(Frozen):
     @property
     def channels(self) -> int:
         """Readings at each position: ln ratio, and ln stiffness where it is read."""
-        return len(CHANNEL_INDICES[self.observable])
+        return len(CHANNEL_INDICES[self.channel_set])
 
 
 class NoiseModel(Frozen):
@@ -251,6 +257,33 @@ class DesignVariables(Frozen):
         default=(),
         description="names of `probe-design material list`: each block is of one of these, modulus and Poisson's ratio together",
         examples=[["dragon-skin-30", "ecoflex-00-30"]],
+    )
+
+    film: Materials = Field(
+        default=(),
+        description="names of `probe-design material list`: each film, on both blocks, is tried one by one",
+        examples=[["pvdf-28um", "pvdf-52um", "pvdf-110um"]],
+    )
+    film_thickness: VariedLength = Field(
+        default=DesignVariable(),
+        description="of both films, in place of film; left out: the scene's; of bounds without a step five thicknesses are tried",
+        examples=[{"choices": ["28 um", "52 um", "110 um"]}],
+    )
+    bond: Materials = Field(
+        default=(),
+        description="names of `probe-design material list`: each bond, on both sides of both films, is tried one by one",
+        examples=[["tape-50um", "tape-25um", "epoxy-20um"]],
+    )
+    bond_to_base: Materials = Field(
+        default=(), description="the same of the bond to the base alone, in place of bond", examples=[["tape-50um", "rigid"]]
+    )
+    bond_to_block: Materials = Field(
+        default=(), description="the same of the bond to the block alone, in place of bond", examples=[["tape-50um", "rigid"]]
+    )
+    bond_thickness: VariedLength = Field(
+        default=DesignVariable(),
+        description="of the scene's bonds, in place of bond; left out: the scene's",
+        examples=[["25 um", "130 um"]],
     )
 
     @property

@@ -18,14 +18,16 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.json_types import JsonObject
 from geometry.meridian.walls import GapWalls
+from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.converged_forces import Converged
+from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.axisymmetric.omitted_details import Change, bound_omitted_changes
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
-from solver.axisymmetric.sections import build_sections
+from solver.axisymmetric.sections import add_details, build_sections
 from solver.elements.shape_functions import evaluate_edge_functions, evaluate_legendre
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.linalg.workspace import keep_result
@@ -171,6 +173,25 @@ class CoarseModel:
         law = Isotropic.from_material(tissue)
         force = -(law.dilation_modulus * strains.dilation + law.two_mu * strains.strain[:, 1]).sum(axis=-1) * ring
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
+
+
+def compute_charge_per_force(scene: Scene) -> Floats:
+    """Return the charge per force of both films without tumours, C/N, with its sign, shape (2,), on the coarsest mesh.
+
+    Raises
+    ------
+    Refusal
+        So extreme that its equations cannot be solved in double precision.
+    """
+    film, bare = scene.probe.film or Film(), remove_tumours(scene)
+    if film.uses_psi:
+        return np.array([block_film.charge_per_force for block_film in film.by_block])
+    layered = add_details(bare, build_sections(bare))
+    try:
+        totals = solve_on_mesh(layered.section, layered, bare, MESH_LEVELS[0]).totals[0]
+    except SolveError as fault:
+        raise Refusal("scene", "too extreme for a plan", f"films and bonds of less extreme sizes and moduli ({fault})") from fault
+    return np.asarray(CHARGE_UNIT * totals[2:] / totals[:2])
 
 
 def remove_tumours(scene: Scene) -> Scene:

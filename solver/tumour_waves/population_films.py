@@ -22,6 +22,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.json_types import JsonObject
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import ContactSolution, Tissue, solve_contact
+from solver.closed_form.contact import Films as FilmStacks
 from solver.closed_form.designs import build_blocks
 from solver.closed_form.tractions import transform_long_waves
 from solver.layers.stack import TissueLayer
@@ -33,16 +34,18 @@ MOST_PAIRS = 4096  # pairs of probe and tissue solved at once
 
 @dataclass(frozen=True)
 class Films:
-    """Forces per unit indentation, N/m, of n probes over m tumours from P positions.
+    """Forces per unit indentation, N/m, and charges, C/m, of n probes over m tumours from P positions.
+
+    The last axis holds the forces on the inner and the outer film and, of films whose charges are computed, their charges.
 
     Attributes
     ----------
     without
-        On both films without tumours, shape (n, m, 2).
+        Without tumours, shape (n, m, 2 or 4).
     change
-        By the tumour, shape (n, m, P, 2).
+        By the tumour, shape (n, m, P, 2 or 4).
     by_log
-        Derivatives by ln of the tumour's modulus, shape (n, m, P, 2).
+        Derivatives by ln of the tumour's modulus, shape (n, m, P, 2 or 4).
     """
 
     without: Array
@@ -93,15 +96,21 @@ class ManyTumours:
         """
         return cls(draws, compute_moments(draws, positions, widest), bonded, side, layer_nodes)
 
-    def compute_films(self, probes: Array) -> Films:
-        """Compute the film forces of n probes, eq. TW.1.
+    def compute_films(self, probes: Array, stacks: FilmStacks | None = None) -> Films:
+        """Compute the film forces of n probes, eq. TW.1, and their charges.
+
+        A charge is linear in the tractions as a force is: it has the film's loads, eq. CF.28, in place of A_i, and the tractions
+        under them in place of t_i.
 
         Parameters
         ----------
         probes
             The parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
+        stacks
+            Films and bonds of all probes, one of each block; None for forces alone.
         """
-        parts = [self._compute_chunk(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
+        chunks = range(0, probes.shape[1], self._chunk)
+        parts = [self._compute_chunk(probes[:, k : k + self._chunk], stacks) for k in chunks]
         return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))
 
     @property
@@ -109,46 +118,47 @@ class ManyTumours:
         """How many probes are solved at once."""
         return max(1, MOST_PAIRS // int(self.draws.tissues[0].shape[2]))
 
-    def _compute_chunk(self, probes: Array) -> Films:
+    def _compute_chunk(self, probes: Array, stacks: FilmStacks | None) -> Films:
         """Compute the film forces of a few probes, shape (9, n), on all tissues, in one evaluation on arrays."""
         tissues, tissue_of_draw = self.draws.tissues
         n, u = probes.shape[1], tissues.shape[2]
-        bare = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n))
+        bare = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n), stacks)
         blocks = build_blocks(probes)
         k = np.repeat(self.moments.k[None], n, axis=0)
         kinds = transform_long_waves(blocks, k, self.bonded)
-        tractions = bare.tractions.reshape(n, u, -1, 2)
+        tractions = bare.tractions.reshape(n, u, *bare.tractions.shape[1:])
         pressures = kinds[0].shape[2]
-        # amplitudes of the waves that the tractions under each block's displacement send into each tissue, (n, u, q, 2)
+        # amplitudes of the waves that the tractions under each block's displacement send into each tissue, (n, u, q, s)
         amplitudes = [wave[:, None] @ part for wave, part in zip(kinds, np.split(tractions, [pressures], axis=2), strict=True)]
-        block_moments = self._compute_moments(*amplitudes)  # (m, P, moments, n, 2)
+        block_moments = self._compute_moments(*amplitudes)  # (m, P, moments, n, s) of the s = 2 blocks, or 4 with films
         # M(t) of both blocks moved together; ``block_moments`` holds the M(t_i)
-        summed_moments = block_moments.sum(axis=-1, keepdims=True)
+        summed_moments = block_moments[..., :2].sum(axis=-1, keepdims=True)
         forms = (self.moments.form, self.moments.form_by_log)
         change, by_log = (np.moveaxis((_apply_forms(form, summed_moments) * block_moments).sum(axis=2), 2, 0) for form in forms)
-        baseline = bare.forces.sum(axis=2).reshape(n, u, 2)[:, tissue_of_draw]
+        baseline = bare.products.sum(axis=2).reshape(n, u, -1)[:, tissue_of_draw]
         return Films(baseline, change, by_log)
 
-    def _solve_without_tumours(self, probes: Array, tissues: Floats) -> ContactSolution:
+    def _solve_without_tumours(self, probes: Array, tissues: Floats, stacks: FilmStacks | None) -> ContactSolution:
         """Solve eq. CF.12 for pairs of probe and tissue without tumours, a pair in each column."""
         *upper, (depth, modulus, poisson) = tissues
         layers = tuple(TissueLayer(*layer) for layer in upper)
         side = np.full(probes.shape[1], self.side[0])
         tissue = Tissue(depth if self.draws.bounded else None, modulus, poisson, side, layers)
         settings: JsonObject = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
-        return solve_contact(build_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
+        films = None if stacks is None else stacks.take(np.zeros(probes.shape[1], dtype=int))
+        return solve_contact(build_blocks(probes), tissue, (), target=None, bonded=self.bonded, films=films, **settings)
 
     def _compute_moments(self, pressed: Array, sheared: Array) -> Array:
-        """Compute moments about each sphere under each block from waves (n, u, q, 2), shape (m, P, moments, n, 2)."""
-        n = len(pressed)
+        """Compute moments about each sphere under each block from waves (n, u, q, s), shape (m, P, moments, n, s)."""
+        n, states = len(pressed), pressed.shape[3]
         m, rows, _ = self.moments.pressed.shape
         moments: Any = 0.0
         for kernel, amplitudes in ((self.moments.pressed, pressed), (self.moments.sheared, sheared)):
             columns = np.ascontiguousarray(np.moveaxis(amplitudes, 0, 2)).reshape(
                 amplitudes.shape[1], amplitudes.shape[2], -1
-            )  # (u, q, 2 n)
+            )  # (u, q, s n)
             moments = moments + _multiply_real(kernel, columns, self.draws.tissues[1])
-        return moments.reshape(m, -1, self.moments.form.shape[1], n, 2) if rows else moments
+        return moments.reshape(m, -1, self.moments.form.shape[1], n, states) if rows else moments
 
 
 def _apply_forms(form: Floats, vectors: Array) -> Array:

@@ -30,8 +30,8 @@ NOWHERE = DepthMap(np.ones(1), np.ones(1), np.zeros((1, 1)), np.ones((1, 1)))
 @pytest.fixture(scope="module")
 def performance() -> Performance:
     verified = examine(DESIGN.scene, DESIGN).evaluate(DESIGN)
-    lines = {name: replace(verified, observable=name) for name in CHANNEL_INDICES}
-    return replace(verified, by_observable=lines)
+    lines = {name: replace(verified, channel_set=name) for name in CHANNEL_INDICES}
+    return replace(verified, by_channels=lines)
 
 
 def design_of(scene: Scene, performance: Performance, probabilities: list[float], model: float) -> PopulationVerification:
@@ -85,5 +85,5 @@ def test_three_lines_and_both_errors_are_in_every_table(performance: Performance
     note = best.best.performance.error_note
     assert "sampling leaves ± 1 of 100 tumours open and the evaluator's model ± 5" in note
     population = best.build_summary([])["population"]["optimum"]
-    assert set(population["by_observable"]) == {"ratio", "stiffness", "both"}
+    assert set(population["by_channels"]) == {"ratio", "stiffness", "both"}
     assert population["detection_error"] == population["detection_sampling_error"] + population["detection_model_error"]

@@ -61,26 +61,26 @@ def test_three_lines_are_those_of_a_known_tumour_in_closed_form() -> None:
     for name, part, white in (("ratio", signal[:p], 0.05), ("stiffness", signal[p:], 0.01)):
         squares[name] = ((part**2).sum() - part.sum() ** 2 / (p + 1)) / white**2
     squares["both"] = sum(squares.values())
-    for name, performance in performances.by_observable.items():
+    for name, performance in performances.by_channels.items():
         assert performance is not None
         assert performance.means["detection"] == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
-    assert performances.means["detection"] == performances.by_observable["ratio"].means["detection"]  # type: ignore[union-attr]
-    assert performances.as_dict()["by_observable"]["both"]["detection"] > performances.means["detection"]
+    assert performances.means["detection"] == performances.by_channels["ratio"].means["detection"]  # type: ignore[union-attr]
+    assert performances.as_dict()["by_channels"]["both"]["detection"] > performances.means["detection"]
 
 
 def test_a_channel_without_noise_that_is_not_read_is_left_out_and_not_refused() -> None:
     design = example_design(protocol={**THREE, "stiffness": False}, noise={"stiffness_white": 0.0})
     performance = verify(design.scene, design)
-    assert performance.by_observable["stiffness"] is performance.by_observable["both"] is None
-    assert performance.as_dict()["by_observable"]["both"] is None
+    assert performance.by_channels["stiffness"] is performance.by_channels["both"] is None
+    assert performance.as_dict()["by_channels"]["both"] is None
 
 
 def test_noise_of_one_channel_is_that_part_of_both() -> None:
     design = example_design(protocol=THREE)
     blank = np.array([3.0, 1.0])
     whole = build_difference_noise(design.noise, design.protocol, design.scene, blank).covariance
-    for observable, part in (("ratio", slice(0, 3)), ("stiffness", slice(3, 6))):
-        noise = build_difference_noise(design.noise, design.protocol, design.scene, blank, observable=observable)  # type: ignore[arg-type]
+    for channel_set, part in (("ratio", slice(0, 3)), ("stiffness", slice(3, 6))):
+        noise = build_difference_noise(design.noise, design.protocol, design.scene, blank, channel_set=channel_set)  # type: ignore[arg-type]
         assert np.array_equal(noise.covariance, whole[part, part])
 
 

@@ -1,0 +1,149 @@
+"""List the films and bonds that a search tries one by one: catalogue names, or thicknesses of the scene's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.bonds import BOND_SIDES, find_bond
+from geometry.scenes.catalogue import find_material
+from geometry.scenes.film import Film
+from geometry.scenes.quantities import LENGTH_QUANTITY
+from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI_CONTEXT
+from probe_design.populations.design_file import Design
+from probe_design.populations.entries import DesignVariable
+
+FILM_KEYS = ("thickness", "youngs_modulus", "d31", "d33")  # of a catalogue film; the scene's other numbers stay
+VALUES_BETWEEN_BOUNDS = 5  # thicknesses between bounds without a step, evenly spaced in their logarithm, the bounds among them
+MAX_THICKNESSES = 50
+EXCLUSIVE_KEYS = (("film", "film_thickness"), ("bond", *BOND_SIDES), ("bond_thickness", "bond", *BOND_SIDES))
+
+
+@dataclass(frozen=True)
+class FilmChoice:
+    """The films of a probe with their bonds.
+
+    Attributes
+    ----------
+    values
+        What was chosen, by the variable of the design file: a name, or a thickness with its unit.
+    film
+        The films.
+    """
+
+    values: Mapping[str, str]
+    film: Film
+
+    @property
+    def description(self) -> str:
+        """The choice in words."""
+        return ", ".join(f"{name} {value}" for name, value in self.values.items())
+
+    def set_film(self, scene: Scene) -> Scene:
+        """Return a scene with these films."""
+        return scene.model_copy(update={"probe": scene.probe.model_copy(update={"film": self.film})})
+
+
+def list_film_choices(design: Design) -> tuple[FilmChoice, ...]:
+    """Return all combinations of the films and bonds that a design file allows; none where it names no such variable.
+
+    Raises
+    ------
+    InputError
+        The catalogue has no such film or bond, two variables exclude each other, or the scene reads stresses.
+    """
+    variables = {
+        name: values
+        for name in ("film", "film_thickness", "bond", *BOND_SIDES, "bond_thickness")
+        if (values := _list_values(name, getattr(design.variables, name)))
+    }
+    if not variables:
+        return ()
+    name = next(iter(variables))
+    if design.scene.observable == "stress":
+        allowed = "a scene that reads charges: [protocol] observable = 'charge'"
+        raise InputError(f"variables.{name}", Words("given for a scene that reads stresses"), allowed)
+    for first, *others in EXCLUSIVE_KEYS:
+        for other in others:
+            if first in variables and other in variables:
+                raise InputError(f"variables.{other}", Words(f"given beside {first}"), "one of both")
+    tables = design.scene.probe.model_dump(exclude_unset=True).get("film") or {}
+    if "bond_thickness" in variables and not any(tables.get(side) for side in BOND_SIDES):
+        raise InputError("variables.bond_thickness", Words("given"), "a scene whose [probe.film] has bonds, or bond in its place")
+    return tuple(_build_choice(tables, dict(zip(variables, values, strict=True))) for values in product(*variables.values()))
+
+
+def _list_values(name: str, variable: DesignVariable | tuple[str, ...]) -> tuple[str | float, ...]:
+    """Return the names or thicknesses, m, that a variable allows; none where the scene's own stays."""
+    if isinstance(variable, tuple):
+        return tuple(dict.fromkeys(variable))
+    if variable.choices:
+        return variable.choices
+    if variable.low is None or variable.high is None:
+        if variable.step is not None:
+            raise InputError(f"variables.{name}", Words("a step without bounds"), "bounds beside step, or choices")
+        return ()
+    if variable.step is None:
+        return tuple(np.geomspace(variable.low, variable.high, VALUES_BETWEEN_BOUNDS).tolist())
+    first, last = math.ceil(variable.low / variable.step - 1e-9), math.floor(variable.high / variable.step + 1e-9)
+    if not 0 <= last - first < MAX_THICKNESSES:
+        allowed = f"a step with 1 to {MAX_THICKNESSES} multiples between the bounds"
+        raise InputError(f"variables.{name}.step", LENGTH_QUANTITY.format_value(variable.step), allowed)
+    # 12 digits: 3 * 0.1 gives 0.3, not 0.30000000000000004
+    return tuple(float(f"{n * variable.step:.12g}") for n in range(first, last + 1))
+
+
+def _build_choice(tables: Mapping[str, Any], values: Mapping[str, Any]) -> FilmChoice:
+    """Return a choice of films.
+
+    Parameters
+    ----------
+    tables
+        The scene's table ``[probe.film]``, SI.
+    values
+        The chosen names and thicknesses, m, by their variables.
+    """
+    changes: dict[str, Any] = {}
+    for name, value in values.items():
+        if name == "film":
+            changes |= _read_film(value)
+        elif name == "film_thickness":
+            changes["thickness"] = value
+        elif name == "bond_thickness":
+            changes |= {side: {**tables[side], "thickness": value} for side in BOND_SIDES if tables.get(side)}
+        else:
+            for side in BOND_SIDES if name == "bond" else (name,):
+                changes[side] = {"name": _find_bond_name(name, value)}
+    film = {**tables, **changes}
+    # what differs on the outer block stays, unless it is chosen for both
+    outer = {key: number for key, number in (tables.get("outer") or {}).items() if key not in changes}
+    film = {key: number for key, number in film.items() if key != "outer"} | ({"outer": outer} if outer else {})
+    texts = {name: value if isinstance(value, str) else LENGTH_QUANTITY.format_value(value) for name, value in values.items()}
+    return FilmChoice(texts, Film.model_validate(film, context=SI_CONTEXT))
+
+
+def _read_film(name: str) -> dict[str, Any]:
+    """Return the numbers of a catalogue film, as a scene file has them; raise ``InputError`` where it is none."""
+    try:
+        material = find_material(name)
+    except InputError as fault:
+        raise InputError("variables.film", name, fault.allowed) from None
+    if material.kind != "film":
+        raise InputError("variables.film", name, f"films; {name} is of kind {material.kind}")
+    numbers = {key: material.numbers[key].value for key in FILM_KEYS if key in material.numbers}
+    return numbers | {"youngs_modulus": material.youngs_modulus}
+
+
+def _find_bond_name(variable: str, name: str) -> str:
+    """Return the name of a bond that the catalogue has; raise ``InputError`` where it has none."""
+    try:
+        return find_bond(name).name
+    except InputError as fault:
+        raise InputError(f"variables.{variable}", name, fault.allowed) from None

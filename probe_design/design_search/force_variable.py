@@ -1,0 +1,31 @@
+"""Find the largest values that a design file's variable "force" permits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from probe_design.populations.entries import DesignVariable
+
+VALUE_TOLERANCE_RELATIVE = 1e-9  # by which a value of the variable "force" may be above an allowed force
+
+
+def find_max_force(variable: DesignVariable) -> float | None:
+    """Return the largest force that a design file's variable permits, N; None without an upper bound."""
+    return variable.choices[-1] if variable.choices else variable.high
+
+
+def find_variable_force(variable: DesignVariable, force: Any) -> Any:
+    """Return the largest values of a design file's variable up to forces, N; NaN where there are none.
+
+    Forces are floats or complex, of any shape; values with steps or choices have no derivative.
+    """
+    size = np.real(force)
+    if variable.choices:
+        values = np.array([np.nan, *variable.choices])
+        return values[np.searchsorted(variable.choices, size * (1 + VALUE_TOLERANCE_RELATIVE), side="right")]
+    if variable.step is not None:
+        force = np.floor(size / variable.step + VALUE_TOLERANCE_RELATIVE) * variable.step
+        force = np.where(force > 0, force, np.nan)
+    return force if variable.low is None else np.where(np.real(force) >= variable.low, force, np.nan)
