@@ -36,7 +36,7 @@ from probe_design.populations.entries import DesignVariable
 from probe_design.populations.film_totals import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
-from solver.planning.coarse_model import CoarseModel, compute_charge_per_force
+from solver.planning.coarse_model import CoarseModel, compute_charge_per_force, find_charge_factor
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, compute_law_factor, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
@@ -165,12 +165,15 @@ class PressingRule:
         Factor on the forces that linear elasticity and an open gap allow.
     approach_ratio
         Approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for all designs.
+    charge_factor
+        eqs. PL.13 and PL.14 at the start, likewise; 1 without soft bonds, or where stresses are read.
     """
 
     design: Design
     tissues: tuple[Scene, ...]
     worst_cover_factor: float
     approach_ratio: float
+    charge_factor: float
     safety_factor: float = COARSE_MODEL_SAFETY_FACTOR
 
     @classmethod
@@ -188,11 +191,11 @@ class PressingRule:
             for d, z in zip(tumours.diameter.tolist(), tumours.depth.tolist(), strict=True)
         ]
         tissues = (*draw.tissues, *(tissue for tissue in unseen.tissues if tissue not in draw.tissues))
-        return cls(design, tissues, compute_cover_factor(bodies), _compute_approach_ratio(draw.tissues[0]))
+        return cls(design, tissues, compute_cover_factor(bodies), *_measure_start(draw.tissues[0]))
 
     @classmethod
     def from_scene(cls, design: Design) -> PressingRule:
-        """Return the rule of a design file for the tumours of its scene; a finer model then verifies each design's load.
+        """Return the rule of a design file for the tumours of its scene.
 
         Raises
         ------
@@ -200,7 +203,7 @@ class PressingRule:
             The scene is so extreme that it cannot be solved.
         """
         scene = design.scene
-        return cls(design, (scene,), compute_cover_factor(scene.inclusion), _compute_approach_ratio(scene), safety_factor=1.0)
+        return cls(design, (scene,), compute_cover_factor(scene.inclusion), *_measure_start(scene), safety_factor=1.0)
 
     def set_film(self, choice: FilmChoice) -> PressingRule:
         """Return the rule for probes with other films and bonds."""
@@ -246,21 +249,17 @@ class PressingRule:
             check_films_compressed(totals, tissue)
             factor = self._find_charge_per_force(tissue.model_copy(update={"probe": scene.probe}))
             charges_per_force = factor * (totals / totals.sum())
-            limits.append(
-                self._compute_allowed_forces(
-                    scene, sizes, totals, tissue, charges=charges_per_force, closure=coarse.closure_force
-                )
-            )
+            given = {"charges": charges_per_force, "closure": coarse.closure_force}
+            rule = replace(self, charge_factor=find_charge_factor(coarse))
+            limits.append(rule._compute_allowed_forces(scene, sizes, totals, tissue, **given))
             strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
             per_force.append(np.array([1.0, strain, *(totals * factor)]) / totals.sum())
         allowed = {key: float(min(limit[key] for limit in limits)) for key in limits[0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force = self._choose_force(allowed[limited_by])
         indentation, tissue_strain, *film_charges = np.array(per_force).T * force
-        weakest, strongest = float(np.min(film_charges)), float(np.max(film_charges))
-        return PressedDesign(
-            force, float(indentation.max()), float(tissue_strain.max()), (weakest, strongest), limited_by, allowed
-        )
+        charge_range = float(np.min(film_charges)), float(np.max(film_charges))
+        return PressedDesign(force, float(indentation.max()), float(tissue_strain.max()), charge_range, limited_by, allowed)
 
     def _find_charge_per_force(self, scene: Scene) -> Floats:
         """Return the charge of each of a scene's films per force on it, C/N, without sign, shape (2,)."""
@@ -353,9 +352,8 @@ class PressingRule:
             allowed["scene"] = compute_force(load, stiffness)
         if max_variable_force is not None:
             allowed["largest force"] = max_variable_force
-        allowed["linearity"] = (
-            self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
-        )
+        max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
+        allowed["linearity"] = max_x / (strain * self.charge_factor) * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
@@ -374,10 +372,11 @@ def minimum_by_real_part(a: Any, b: Any) -> Any:
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
-def _compute_approach_ratio(scene: Scene) -> float:
-    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4."""
+def _measure_start(scene: Scene) -> tuple[float, float]:
+    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4, and eq. PL.14."""
     coarse = CoarseModel.from_scene(scene, details=False)
-    return float(coarse.wall_approach / _compute_wall_approach(scene, ProbeSizes.from_scene(scene), coarse.forces.sum(axis=1)))
+    bound = _compute_wall_approach(scene, ProbeSizes.from_scene(scene), coarse.forces.sum(axis=1))
+    return float(coarse.wall_approach / bound), find_charge_factor(coarse)
 
 
 def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:

@@ -34,6 +34,7 @@ from solver.linalg.workspace import keep_result
 from solver.materials.linear import Isotropic
 from solver.planning.charge_changes import add_charges, compute_charge_factor
 from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing
+from solver.planning.loads import compute_charge_factor as compute_low_block_factor
 from solver.planning.tumour_effects import add_tumours, adjust_rule
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
@@ -173,6 +174,11 @@ class CoarseModel:
         law = Isotropic.from_material(tissue)
         force = -(law.dilation_modulus * strains.dilation + law.two_mu * strains.strain[:, 1]).sum(axis=-1) * ring
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
+
+
+def find_charge_factor(coarse: CoarseModel) -> float:
+    """Return how many times as much a load changes the ratio as finite strain changes that of forces, eqs. PL.13 and PL.14."""
+    return 1.0 if coarse.scene.observable == "stress" else coarse.charge_factor * compute_low_block_factor(coarse.scene)
 
 
 def compute_charge_per_force(scene: Scene) -> Floats:
