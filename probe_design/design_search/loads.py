@@ -36,7 +36,7 @@ from probe_design.populations.entries import DesignVariable
 from probe_design.populations.film_totals import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
-from solver.planning.coarse_model import CoarseModel, compute_charge_per_force, find_charge_factor
+from solver.planning.coarse_model import CoarseModel, compute_charge_per_force, find_charge_factors
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, compute_law_factor, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
@@ -165,7 +165,7 @@ class PressingRule:
         Factor on the forces that linear elasticity and an open gap allow.
     approach_ratio
         Approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for all designs.
-    charge_factor
+    charge_factors
         eqs. PL.13 and PL.14 at the start, likewise; 1 without soft bonds, or where stresses are read.
     """
 
@@ -173,7 +173,7 @@ class PressingRule:
     tissues: tuple[Scene, ...]
     worst_cover_factor: float
     approach_ratio: float
-    charge_factor: float
+    charge_factors: tuple[float, float]
     safety_factor: float = COARSE_MODEL_SAFETY_FACTOR
 
     @classmethod
@@ -250,7 +250,7 @@ class PressingRule:
             factor = self._find_charge_per_force(tissue.model_copy(update={"probe": scene.probe}))
             charges_per_force = factor * (totals / totals.sum())
             given = {"charges": charges_per_force, "closure": coarse.closure_force}
-            rule = replace(self, charge_factor=find_charge_factor(coarse))
+            rule = replace(self, charge_factors=find_charge_factors(coarse))
             limits.append(rule._compute_allowed_forces(scene, sizes, totals, tissue, **given))
             strain = float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue))
             per_force.append(np.array([1.0, strain, *(totals * factor)]) / totals.sum())
@@ -353,7 +353,8 @@ class PressingRule:
         if max_variable_force is not None:
             allowed["largest force"] = max_variable_force
         max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
-        allowed["linearity"] = max_x / (strain * self.charge_factor) * stiffness
+        least, factor = self.charge_factors
+        allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -least * x) * factor) * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
@@ -372,11 +373,11 @@ def minimum_by_real_part(a: Any, b: Any) -> Any:
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
-def _measure_start(scene: Scene) -> tuple[float, float]:
-    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4, and eq. PL.14."""
+def _measure_start(scene: Scene) -> tuple[float, tuple[float, float]]:
+    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4, and eqs. PL.13 and PL.14."""
     coarse = CoarseModel.from_scene(scene, details=False)
     bound = _compute_wall_approach(scene, ProbeSizes.from_scene(scene), coarse.forces.sum(axis=1))
-    return float(coarse.wall_approach / bound), find_charge_factor(coarse)
+    return float(coarse.wall_approach / bound), find_charge_factors(coarse)
 
 
 def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:

@@ -176,9 +176,11 @@ class CoarseModel:
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
 
 
-def find_charge_factor(coarse: CoarseModel) -> float:
-    """Return how many times as much a load changes the ratio as finite strain changes that of forces, eqs. PL.13 and PL.14."""
-    return 1.0 if coarse.scene.observable == "stress" else coarse.charge_factor * compute_low_block_factor(coarse.scene)
+def find_charge_factors(coarse: CoarseModel) -> tuple[float, float]:
+    """Return the factors of eqs. PL.13 and PL.14 on what a load changes of the ratio; 1 for both where stresses are read."""
+    if coarse.scene.observable == "stress":
+        return 1.0, 1.0
+    return compute_low_block_factor(coarse.scene), coarse.charge_factor
 
 
 def compute_charge_per_force(scene: Scene) -> Floats:
