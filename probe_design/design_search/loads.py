@@ -353,8 +353,8 @@ class PressingRule:
         if max_variable_force is not None:
             allowed["largest force"] = max_variable_force
         max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
-        least, factor = self.charge_factors
-        allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -least * x) * factor) * stiffness
+        min_ratio, factor = self.charge_factors
+        allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -min_ratio * x) * factor) * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
