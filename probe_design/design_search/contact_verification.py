@@ -21,6 +21,7 @@ from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Load
+from probe_design.design_search.force_variable import round_load_down
 from probe_design.design_search.loads import (
     BEST_LOAD,
     GAP_CLOSURE,
@@ -30,7 +31,6 @@ from probe_design.design_search.loads import (
     TIME_LIMIT,
     Pressing,
     compute_force,
-    round_load_down,
 )
 from probe_design.design_search.objective_bounds import bound_objective, compute_objective
 from probe_design.design_search.tumour_objective import Noise

@@ -1,7 +1,8 @@
-"""Find the largest values that a design file's variable "force" permits."""
+"""Find the largest values that a design file's variable "force" permits, and round loads down."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from probe_design.populations.entries import DesignVariable
 
 VALUE_TOLERANCE_RELATIVE = 1e-9  # by which a value of the variable "force" may be above an allowed force
+LOAD_DIGITS = 3  # significant digits of a load that a limit determines
 
 
 def find_max_force(variable: DesignVariable) -> float | None:
@@ -29,3 +31,13 @@ def find_variable_force(variable: DesignVariable, force: Any) -> Any:
         force = np.floor(size / variable.step + VALUE_TOLERANCE_RELATIVE) * variable.step
         force = np.where(force > 0, force, np.nan)
     return force if variable.low is None else np.where(np.real(force) >= variable.low, force, np.nan)
+
+
+def round_load_down(load: float) -> float:
+    """Return the largest load of ``LOAD_DIGITS`` significant digits that is not above a load, N or m."""
+    # if rounding to the nearest went up, one unit of the last digit is taken off
+    nearest = float(f"{load:.{LOAD_DIGITS}g}")
+    if nearest <= load:
+        return nearest
+    step = 10.0 ** (math.floor(math.log10(load)) + 1 - LOAD_DIGITS)
+    return float(f"{nearest - step:.{LOAD_DIGITS}g}")

@@ -29,7 +29,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.film_choices import FilmChoice
-from probe_design.design_search.force_variable import find_max_force, find_variable_force
+from probe_design.design_search.force_variable import find_max_force, find_variable_force, round_load_down
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
@@ -37,7 +37,14 @@ from probe_design.populations.film_totals import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel, compute_charge_per_force, find_charge_factors
-from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, compute_law_factor, find_largest_x
+from solver.planning.loads import (
+    CLOSURE_FORCE_SHARE,
+    MAX_X,
+    LoadRule,
+    compute_flatness_factor,
+    compute_law_factor,
+    find_largest_x,
+)
 from solver.planning.strains import (
     bound_nearing,
     compute_block_strain,
@@ -48,7 +55,6 @@ from solver.planning.strains import (
 )
 
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # largest allowed relative change of the ratio by finite strain
-LOAD_DIGITS = 3  # significant digits of a load that a limit determines
 COVER_SAMPLES = 1024  # tumours whose worst cover limits the force; 16 times as many are 4 % worse on the built-in ranges
 COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
 SCENE_LOAD, STRAIN_LIMIT, GAP_CLOSURE = "scene", "strain", "gap closure"  # limits of a load
@@ -166,14 +172,14 @@ class PressingRule:
     approach_ratio
         Approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for all designs.
     charge_factors
-        eqs. PL.13 and PL.14 at the start, likewise; 1 without soft bonds, or where stresses are read.
+        Whether eq. PL.13 holds, 1 or 0, and eq. PL.14 at the start, likewise; 0 and 1 where stresses are read.
     """
 
     design: Design
     tissues: tuple[Scene, ...]
     worst_cover_factor: float
     approach_ratio: float
-    charge_factors: tuple[float, float]
+    charge_factors: tuple[int, float]
     safety_factor: float = COARSE_MODEL_SAFETY_FACTOR
 
     @classmethod
@@ -353,7 +359,8 @@ class PressingRule:
         if max_variable_force is not None:
             allowed["largest force"] = max_variable_force
         max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
-        min_ratio, factor = self.charge_factors
+        on_tape, factor = self.charge_factors
+        min_ratio = on_tape * compute_flatness_factor(sizes.outer_radius, minimum_by_real_part(*sizes.heights))
         allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -min_ratio * x) * factor) * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
@@ -373,8 +380,8 @@ def minimum_by_real_part(a: Any, b: Any) -> Any:
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
-def _measure_start(scene: Scene) -> tuple[float, tuple[float, float]]:
-    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4, and eqs. PL.13 and PL.14."""
+def _measure_start(scene: Scene) -> tuple[float, tuple[int, float]]:
+    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4, and ``charge_factors``."""
     coarse = CoarseModel.from_scene(scene, details=False)
     bound = _compute_wall_approach(scene, ProbeSizes.from_scene(scene), coarse.forces.sum(axis=1))
     return float(coarse.wall_approach / bound), find_charge_factors(coarse)
@@ -388,13 +395,3 @@ def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
     radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
     return bound_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])
-
-
-def round_load_down(load: float) -> float:
-    """Return the largest load of ``LOAD_DIGITS`` significant digits that is not above a load, N or m."""
-    # if rounding to the nearest went up, one unit of the last digit is taken off
-    nearest = float(f"{load:.{LOAD_DIGITS}g}")
-    if nearest <= load:
-        return nearest
-    step = 10.0 ** (math.floor(math.log10(load)) + 1 - LOAD_DIGITS)
-    return float(f"{nearest - step:.{LOAD_DIGITS}g}")

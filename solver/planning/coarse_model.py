@@ -33,8 +33,7 @@ from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.linalg.workspace import keep_result
 from solver.materials.linear import Isotropic
 from solver.planning.charge_changes import add_charges, compute_charge_factor
-from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing
-from solver.planning.loads import compute_charge_factor as compute_low_block_factor
+from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing, has_tape
 from solver.planning.tumour_effects import add_tumours, adjust_rule
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
@@ -176,11 +175,11 @@ class CoarseModel:
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
 
 
-def find_charge_factors(coarse: CoarseModel) -> tuple[float, float]:
-    """Return the factors of eqs. PL.13 and PL.14 on what a load changes of the ratio; 1 for both where stresses are read."""
-    if coarse.scene.observable == "stress":
-        return 1.0, 1.0
-    return compute_low_block_factor(coarse.scene), coarse.charge_factor
+def find_charge_factors(coarse: CoarseModel) -> tuple[int, float]:
+    """Return whether eq. PL.13 holds for what a load changes of the ratio, 1 or 0, and eq. PL.14; 0 and 1 without charges."""
+    if not has_tape(coarse.scene):
+        return 0, 1.0 if coarse.scene.observable == "stress" else coarse.charge_factor
+    return 1, coarse.charge_factor
 
 
 def compute_charge_per_force(scene: Scene) -> Floats:

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Numeric
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_bonds
@@ -152,12 +152,22 @@ def compute_charge_factor(scene: Scene) -> float:
 
     times eq. PL.2. Of 25 scenes with tapes of 0.15 to 10 MPa the worst needs 0.85 of it; films on glue need no factor.
     """
-    tapes = [bond for bond in list_bonds(scene).values() if (bond.youngs_modulus or math.inf) <= MAX_TAPE_MODULUS_PA]
-    if not tapes or not reads_film_states(scene):
+    if not has_tape(scene):
         return 1.0
     probe = scene.probe
     height = min(probe.core_height, probe.tube_height)
-    return max(1.0, CHARGE_COEFFICIENT * (probe.tube_radius / height) ** 2)
+    return max(1.0, float(compute_flatness_factor(probe.tube_radius, height)))
+
+
+def has_tape(scene: Scene) -> bool:
+    """Return whether a scene reads charges of films on tape."""
+    tapes = [bond for bond in list_bonds(scene).values() if (bond.youngs_modulus or math.inf) <= MAX_TAPE_MODULUS_PA]
+    return bool(tapes) and reads_film_states(scene)
+
+
+def compute_flatness_factor(tube_radius: Numeric, height: Numeric) -> Numeric:
+    """Return 1.25 (R / h)^2 of eq. PL.13 for outer radii and heights of the lower block, m; floats or arrays."""
+    return CHARGE_COEFFICIENT * (tube_radius / height) ** 2
 
 
 def _list_laws(materials: tuple[Material, ...]) -> list[StrainEnergy]:
