@@ -43,10 +43,10 @@ def test_built_in_files_write_out_the_defaults(written: BaseModel, assumed: Base
 
 
 def test_the_built_in_probe_has_tape_on_both_sides_of_its_films() -> None:
-    film = SCENE.probe.film
-    assert film is not None
-    assert not film.uses_psi
-    assert [bond and bond.name for bond in (film.bond_to_base, film.bond_to_block)] == ["tape-50um", "tape-50um"]
+    for film in (SCENE.probe.film, DESIGN.scene.probe.film):
+        assert film is not None
+        assert not film.uses_psi
+        assert [bond and bond.name for bond in (film.bond_to_base, film.bond_to_block)] == ["tape-50um", "tape-50um"]
 
 
 def test_built_in_protocol_and_force_sensor() -> None:
