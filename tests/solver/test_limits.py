@@ -180,7 +180,7 @@ def test_a_rough_log_sensitivity_names_the_limit_too(monkeypatch):
 
     def refined(solve, *_, **__):
         sample = solve(converged_forces.MESH_LEVELS[1])
-        return sample, SampleErrors(1e-6 * np.abs(sample.totals), rough), stopped
+        return sample, SampleErrors(1e-6 * np.abs(sample.totals), rough[:, None]), stopped
 
     monkeypatch.setattr(converged_forces, "refine", refined)
     result = Axisymmetric(workspace=Workspace(1e9)).evaluate(scene, 1e-2)

@@ -34,8 +34,8 @@ from tests.support.program import refused
 READINGS = {"reading": [{"x": "-10 mm", "ratio": 0.6, "noise": 0.05}, {"ratio": 0.62, "stiffness": "80 N/m"}]}
 CSV = b"x, y, ratio, noise, stiffness, stiffness_noise\n-8 mm, 0 mm, 0.55, 0.05, 79 N/m, 0.02\n0 mm, 0 mm, 0.62, 0.05, 81, 0.02\n"
 CALIBRATION = {
-    "format": "probe-design calibration", "version": 1, "software": "probe-design", "date": "2024-01-01T00:00:00+00:00",
-    "device": "virtual", "frequency": 5.0, "absolute": True, "entries": ["a", "b", "c", "d"],
+    "format": "probe-design calibration", "version": 2, "software": "probe-design", "date": "2024-01-01T00:00:00+00:00",
+    "charge_unit": 2e-11, "device": "virtual", "frequency": 5.0, "absolute": True, "entries": ["a", "b", "c", "d"],
     "matrix": [[1.0, 0.01], [0.02, 0.9]], "covariance": [[1e-4 * (i == j) for j in range(4)] for i in range(4)],
     "cross_talk_resolved": [True, False], "offsets": [0.0, 0.1], "offsets_sd": [1e-3, 1e-3], "chi_square": 3.0,
     "degrees_of_freedom": 4, "variables": ["probe.gap"], "slopes": [[0.1], [0.0], [0.0], [0.2]], "workshop": [2e-5],

@@ -276,7 +276,7 @@ def test_where_charges_are_read_their_ratio_is_compared() -> None:
     """The finer setting is the reference; a setting without charges has no result, and says why."""
     scene = read_scene(EXAMPLES / "scene.toml")
     film = Film.model_validate({"bond_to_base": "tape-50um", "bond_to_block": "tape-50um"})
-    scene = scene.model_copy(update={"probe": scene.probe.model_copy(update={"film": film})})
+    scene = scene.model_copy(update={"probe": scene.probe.model_copy(update={"film": film})}).replace({"load.force": 1e-3})
     coarse, fine = Setting("axisymmetric", 0.01), Setting("axisymmetric", 1e-4)
     rows = {row.setting: row for row in measure_tradeoff({"taped": scene}, settings=(coarse,), finest=(fine,)).rows}
     result = evaluate(scene, "axisymmetric", 1e-4)
