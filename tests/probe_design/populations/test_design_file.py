@@ -29,7 +29,11 @@ def test_the_template_reads_as_the_defaults() -> None:
 
 def test_the_template_s_examples_are_allowed() -> None:
     text = build_template().replace("\n# ", "\n").replace("\n[[population.layer]]", "")
-    lines = [line for line in text.splitlines() if not line.startswith(("A ", "#", "thickness", "modulus", "observable", "film", "bond"))]
+    lines = [
+        line
+        for line in text.splitlines()
+        if not line.startswith(("A ", "#", "thickness", "modulus", "observable", "film", "bond"))
+    ]
     read = design_from_dict(tomllib.loads("\n".join(lines)), EXAMPLES, True)
     assert read.variables.materials
     assert read.limits.outer_radius == 8e-3
