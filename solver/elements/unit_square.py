@@ -152,7 +152,7 @@ def _build_tables(order: int) -> Tables:
         return np.concatenate([(a[:, :, None] * b[:, None]).reshape(len(a), -1) for a, b in pairs])
 
     def symmetrise(a: Floats, b: Floats) -> Floats:
-        """Return products of two tables in both orders, added."""
+        """Return the sum of the products a b and b a of two tables: the symmetric part of a matrix's table, times two."""
         return multiply((a, b)) + multiply((b, a))
 
     vertical = np.concatenate([multiply((x, x)), symmetrise(x, y), multiply((y, y))])

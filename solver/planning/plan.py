@@ -98,7 +98,7 @@ class Plan(LoadedRecord):
         return replace(self, evaluator=None, dimension=_describe_model(self.scene, None), refusal=fault)
 
     def is_sure(self) -> bool:
-        """Return whether the evaluator is ``solid``, which takes tens of seconds, and surely meets the allowed error."""
+        """Return whether the chosen evaluator surely meets the allowed error: known of ``solid`` alone, which is too slow to try."""
         if self.evaluator != SOLID:
             return False
         changed = (
