@@ -142,7 +142,7 @@ class Reader:
             self.header.source.setdefault("unrecorded", f"{recorder.failure_text}: {reason}")
 
     def _note_rate_difference(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
-        """Record in the header's source, as ``clock``, that samples arrive at another rate than stated; remove it where they do not."""
+        """Record in the header's source, as ``clock``, that samples arrive at another rate than stated; else remove it."""
         if chunk.time is None:  # no arrival times: a note that the source has already, as HDF5 recordings may, is kept
             return
         if self.header.source.get("transport") in CLOCKED_TRANSPORTS and (difference := clock.describe_difference(chunk, block)):

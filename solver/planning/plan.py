@@ -98,7 +98,7 @@ class Plan(LoadedRecord):
         return replace(self, evaluator=None, dimension=_describe_model(self.scene, None), refusal=fault)
 
     def is_sure(self) -> bool:
-        """Return whether the chosen evaluator surely meets the allowed error: known of ``solid`` alone, which is too slow to try."""
+        """Return whether the chosen evaluator surely meets the allowed error: known of ``solid`` alone, as it is slow to try."""
         if self.evaluator != SOLID:
             return False
         changed = (
