@@ -9,7 +9,7 @@ places, and at the top of the parabola through the largest value and both beside
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,10 +24,10 @@ from geometry.scenes.scene_tables import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.film_states import CHARGE_UNIT
-from solver.axisymmetric.omitted_details import Change, bound_omitted_changes
+from solver.axisymmetric.omitted_details import Change, bound_detail, bound_omitted_changes, models_charges
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
-from solver.axisymmetric.sections import add_details, build_sections
+from solver.axisymmetric.sections import Sections, add_details, build_sections
 from solver.elements.shape_functions import evaluate_edge_functions, evaluate_legendre
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.linalg.workspace import keep_result
@@ -35,6 +35,7 @@ from solver.materials.linear import Isotropic
 from solver.planning.charge_changes import add_charges, compute_charge_factor
 from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing, has_tape
 from solver.planning.tumour_effects import add_tumours, adjust_rule
+from solver.results.detail_compliance import FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
@@ -83,7 +84,7 @@ class CoarseModel:
         plain = build_sections(bare)
         try:
             coarse = solve_on_mesh(plain.section, plain, bare, MESH_LEVELS[0])
-            return cls(bare, coarse, tuple(bound_omitted_changes(bare, plain, lambda: coarse, None)) if details else ())
+            return cls(bare, coarse, _bound_details(bare, plain, coarse) if details else ())
         except SolveError as fault:
             reason = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("scene", "too extreme for a plan", reason) from fault
@@ -199,6 +200,13 @@ def compute_charge_per_force(scene: Scene) -> Floats:
     except SolveError as fault:
         raise Refusal("scene", "too extreme for a plan", f"films and bonds of less extreme sizes and moduli ({fault})") from fault
     return np.asarray(CHARGE_UNIT * totals[2:] / totals[:2])
+
+
+def _bound_details(scene: Scene, plain: Sections, coarse: MeshSample) -> tuple[Change, ...]:
+    """Return bounds on the effects of a scene's details; films whose stress gives the charge are modelled in any case."""
+    changes = tuple(bound_omitted_changes(scene, plain, lambda: coarse, None))
+    films = (detail for detail in iterate_details(scene.probe) if detail.name == FILM_DETAIL and models_charges(scene))
+    return (*changes, *(replace(bound_detail(detail, coarse), modelled=True) for detail in films))
 
 
 def remove_tumours(scene: Scene) -> Scene:

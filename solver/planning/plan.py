@@ -347,6 +347,7 @@ def _decide_detail(change: Change, evaluator: str | None, accuracy: float) -> De
     """
     in_plane = change.feature in IN_PLANE_DETAILS
     modelled = change.effect > NEGLIGIBLE_SHARE * accuracy if in_plane else evaluator == SOLID and change.feature != OUTER_TISSUE
+    modelled = modelled or change.modelled  # films whose stress gives the charge are modelled however small their effect is
     return replace(change, modelled=modelled).build_decision(accuracy)
 
 

@@ -123,7 +123,7 @@ def test_both_ways_of_reflection_agree(scene):
     ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
     steps = (iterate_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
     iterated, eliminated = (run_steps(set_steps, often=False) for set_steps in steps)
-    agree(np.array([iterated.forces, *iterated.by_log_modulus]), np.array([eliminated.forces, *eliminated.by_log_modulus]))
+    agree(np.array([iterated.products, *iterated.by_log_modulus]), np.array([eliminated.products, *eliminated.by_log_modulus]))
 
 
 @pytest.mark.slow
