@@ -76,7 +76,7 @@ def evaluate_many(
     Examples
     --------
     >>> from solver import evaluate_many
-    >>> [one.ratio for one in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
+    >>> [result.ratio for result in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
     """
     evaluators.check_accuracy(accuracy)
     if evaluator != evaluators.AUTO:

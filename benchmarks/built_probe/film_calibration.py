@@ -152,8 +152,8 @@ def measure(seed: int) -> Outcome:
     # d ln (f_inner / f_outer); without the bonds' column for the ratio itself
     derivatives = np.array([1.0, -1.0]) / forces @ gains.differentiate_by_entries(reading)
     noise = float(np.sum((np.array([1.0, -1.0]) / forces @ np.linalg.inv(gains.matrix)) ** 2)) * NOISE**2
-    own = derivatives * (np.arange(len(derivatives)) < 4)
-    sd_ratio, sd_object = (np.sqrt(row @ gains.covariance @ row + noise) for row in (own, derivatives))
+    ratio_derivatives = derivatives * (np.arange(len(derivatives)) < 4)
+    sd_ratio, sd_object = (np.sqrt(row @ gains.covariance @ row + noise) for row in (ratio_derivatives, derivatives))
     sd_object = np.hypot(sd_object, predicted.bound.log_ratio / np.sqrt(3))
     log_films = np.log(films[2:, 0] / films[2:, 1]) - np.log(true_forces[2:, 0] / true_forces[2:, 1])
     log_reading = float(np.log(reading[0] / reading[1])) - force_log

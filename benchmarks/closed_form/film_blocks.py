@@ -77,8 +77,8 @@ def cut_corners(length: float, both: bool, scale: float) -> Floats:
     end = length / 2 if both else length
     while distances[-1] < 0.999 * end:  # wider elements in the middle of a long side
         distances.append(min(3 * distances[-1], end) if 4 * distances[-1] < end else end)
-    near = np.array(distances)
-    return np.unique(np.round(np.concatenate([near, length - near]), 12)) if both else length - near[::-1]
+    from_end = np.array(distances)
+    return np.unique(np.round(np.concatenate([from_end, length - from_end]), 12)) if both else length - from_end[::-1]
 
 
 def solve_block(end: EndFunctions, height: float, nu: float, hole: float) -> tuple[Floats, Floats]:

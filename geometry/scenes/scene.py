@@ -88,6 +88,11 @@ class Scene(SceneTables):
         return self.reading.observable or ("charge" if film is not None and film.has_bonds else "stress")
 
     @property
+    def models_charges(self) -> bool:
+        """Whether the films' charges follow from their stress, so that films and bonds are always modelled."""
+        return self.probe.film is not None and not self.probe.film.uses_psi
+
+    @property
     def target(self) -> int | None:
         """Index of the inclusion that ``log_sensitivity`` refers to, if there is one."""
         marked = [index for index, body in enumerate(self.inclusion) if body.target]

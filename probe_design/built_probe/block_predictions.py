@@ -33,7 +33,6 @@ from probe_design.built_probe.reference_charges import (
     find_bond_log_sd,
     find_film_tolerance,
     is_bond_modulus,
-    models_charges,
     predict_pin,
     scale_bonds,
 )
@@ -44,6 +43,7 @@ from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_check import LINEAR_REMEDY, explain_limit
 from solver.planning.load_limits import find_largest_load
 from solver.planning.loads import LoadRule
+from solver.results.film_charges import reads_film_states
 from solver.results.film_forces import FilmForces
 
 PREDICTION_ACCURACY = 1e-3  # relative accuracy of the solver
@@ -226,7 +226,7 @@ def predict_blocks(
         The axisymmetric evaluator cannot compute the probe, or a film is not pressed.
     """
     drawn = express_by_outer_radius(scene)
-    reads_charges, by_radius = models_charges(scene), scale_bonds(drawn, log_bonds)
+    reads_charges, by_radius = reads_film_states(scene), scale_bonds(drawn, log_bonds)
     names = tuple(key for key in list_values(by_radius) if key.startswith("probe."))
     unit = abs(compute_charge_unit(scene)) if reads_charges else 1.0
     blocks: list[BlockPrediction] = []
@@ -303,7 +303,7 @@ def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
     """Solve the probe on a block; return the solution, what readings are the ratio of, and ln(F_inner / F_outer) of that."""
     solution = Axisymmetric().compute_converged(scene, PREDICTION_ACCURACY)
     films = solution.films[0]
-    read = films.get_observable(scene) if models_charges(scene) else films
+    read = films.get_observable(scene) if reads_film_states(scene) else films
     inner, outer = read.totals
     if not inner * outer > 0 or not read.ratio_error < 1:
         raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
@@ -337,7 +337,7 @@ def _predict_block(
     """
     solution, read, log_ratio = solve_block(scene)
     shares = read.totals / read.totals.sum()
-    by_modulus, by_bonds = (_differentiate_by_moduli(solution, bodies, models_charges(scene)) for bodies in (TISSUES, BONDS))
+    by_modulus, by_bonds = (_differentiate_by_moduli(solution, bodies, reads_film_states(scene)) for bodies in (TISSUES, BONDS))
     derivatives = _differentiate_block(scene, solution, names, shares) if known is None else known
     modulus_derivative, bond_derivative = float(by_modulus @ [1.0, -1.0]), float(by_bonds @ [1.0, -1.0])
     rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
@@ -378,7 +378,7 @@ def _differentiate_by_moduli(solution: Converged, bodies: Sequence[Body], charge
 def _differentiate_block(scene: Scene, solution: Converged, names: tuple[str, ...], shares: Floats) -> _Derivatives:
     """Return the derivatives on one block; ``shares`` are the films' fractions of the sum of both, shape (2,)."""
     gradient = compute_gradients(scene.model_copy(update={"load": UNIT_LOAD}), solution.sample)
-    prefix = "charge" if models_charges(scene) else "stress"
+    prefix = "charge" if reads_film_states(scene) else "stress"
     # of the logarithm of each film's charge, or stress, under a given load: d ln x = dx / x
     by_film = [
         dict(zip(gradient.variables, gradient.derivatives[key][0] / gradient.values[key][0], strict=True))

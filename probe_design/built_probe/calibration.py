@@ -18,8 +18,8 @@ from probe_design.built_probe.film_forces import build_observation
 from probe_design.built_probe.gain_checks import estimate_consistent_gains
 from probe_design.built_probe.gains import ForceScale, Gains, Observation
 from probe_design.built_probe.load_plausibility import check_reference_loads
-from probe_design.built_probe.reference_charges import models_charges
 from probe_design.built_probe.timing_errors import count_rate_error_of_gains, list_lag_warnings
+from solver.results.film_charges import reads_film_states
 
 T = TypeVar("T")
 MAX_BOND_STEPS = 6  # fits of the bonds' modulus, each with predictions at the last
@@ -260,7 +260,7 @@ def _list_gain_warnings(gains: Gains, bench: Bench) -> list[str]:
 def _list_omitted_films(scene: Scene) -> list[str]:
     """List what gains leave out of films whose charges are not predicted, one line or none."""
     film = scene.probe.film
-    if models_charges(scene) or film is None:
+    if reads_film_states(scene) or film is None:
         return []
     key = "psi1 and psi2" if film.uses_psi else "[reading] observable"
     return [

@@ -18,13 +18,14 @@ from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gains import ForceScale, Gains
 from probe_design.built_probe.load_plausibility import check_film_sum, check_scene_load
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
-from probe_design.built_probe.reference_charges import compute_charge_unit, models_charges
+from probe_design.built_probe.reference_charges import compute_charge_unit
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.evaluation import evaluate
 from solver.evaluators import AUTO
 from solver.planning.load_check import add_load_effect, check_load
 from solver.planning.load_limits import build_load_rule
+from solver.results.film_charges import reads_film_states
 from solver.results.record import Record
 from solver.results.result import Result
 
@@ -220,7 +221,7 @@ def _predict_read_ratio(scene: Scene, predicted: Result) -> tuple[Floats, float 
 
     Where readings are stresses, the factors are 1. Where they are charges that were not predicted, they are 1, too.
     """
-    if not models_charges(scene):
+    if not reads_film_states(scene):
         return np.ones(2), predicted.ratio, predicted.error_estimate
     per_force = predicted.charge_per_force_inner, predicted.charge_per_force_outer
     if per_force[0] is None or per_force[1] is None:

@@ -29,6 +29,7 @@ from geometry.scenes.units import MM_PER_M
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.pressed_block import Load, PressedBlock, PressedCharge, press_block, press_once
+from solver.results.film_charges import reads_film_states
 
 FILM_KEYS = "probe.film."  # how the keys of films and bonds begin
 UNNAMED_BOND_LOG_SD = 0.69  # of ln of the modulus of a bond that is given by numbers: that of tapes in the catalogue
@@ -70,19 +71,13 @@ class LoadFactor:
     film_bond_derivatives: tuple[float, float] | None = None
 
 
-def models_charges(scene: Scene) -> bool:
-    """Return whether readings are charges that follow from the films' stress, not from ``psi1`` and ``psi2``."""
-    film = scene.probe.film
-    return film is not None and scene.observable == "charge" and not film.uses_psi
-
-
 def compute_charge_unit(scene: Scene) -> float:
     """Return the unit c of charge per force, C/N: where readings are charges, the films' mean under an even pressure.
 
     Otherwise it is that of the scene's film by eq. (12), or of the default film if it has none.
     """
     film = scene.probe.film or Film()
-    if not models_charges(scene):
+    if not reads_film_states(scene):
         return film.charge_per_force
     blocks = (build_pressed_block(scene.probe, k, "pressure", None) for k in (0, 1))
     return float(np.mean([_press_once(block).charge_per_force for block in blocks]))

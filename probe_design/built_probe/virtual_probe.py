@@ -25,9 +25,9 @@ from probe_design.built_probe.reference_charges import (
     compute_charge_unit,
     compute_pin_charge,
     find_bond_log_sd,
-    models_charges,
     scale_bonds,
 )
+from solver.results.film_charges import reads_film_states
 from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -174,7 +174,7 @@ class VirtualBench:
     @cached_property
     def as_built(self) -> Scene:
         """The scene with the probe as built, the modulus of its films' bonds drawn from their spread."""
-        if not models_charges(self.scene):
+        if not reads_film_states(self.scene):
             return self.scene
         draw = float(np.random.default_rng([self.seed, BOND_STREAM]).standard_normal())
         return scale_bonds(self.scene, find_bond_log_sd(self.drawn) * draw if self.log_bonds is None else self.log_bonds)
@@ -186,7 +186,7 @@ class VirtualBench:
         probe, phase = self.scene.probe, np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([result.stress_inner * probe.inner_area, result.stress_outer * probe.outer_area])
         load = complex(forces @ [phase, 1.0])
-        if models_charges(self.scene):
+        if reads_film_states(self.scene):
             if result.charge_inner is None or result.charge_outer is None:
                 raise Refusal("scene", result.evaluator, "one whose films' charges are computed")
             forces = np.array([result.charge_inner, result.charge_outer]) / compute_charge_unit(self.drawn)
@@ -211,7 +211,7 @@ class VirtualBench:
 
         Where readings are charges, these are the charges over the drawing's unit of charge per force.
         """
-        if not models_charges(self.scene):
+        if not reads_film_states(self.scene):
             return self.compute_film_forces(delivered)
         unit, probe = compute_charge_unit(self.drawn), express_by_outer_radius(self.as_built)
         return np.array([_compute_charges_per_load(probe, item) for item in delivered]) / unit

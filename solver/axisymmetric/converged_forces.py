@@ -17,7 +17,6 @@ from solver.axisymmetric.omitted_details import (
     Change,
     bound_detail,
     bound_omitted_changes,
-    models_charges,
 )
 from solver.axisymmetric.refinement import CROSSED_SPHERE_ORDERS, MESH_LEVELS, ONE_MESH_ORDERS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
@@ -86,7 +85,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
     feature_changes = list(bound_omitted_changes(scene, bare_sections, solve_coarsest, moduli))
     in_plane_changes = [change for change in feature_changes if change.feature in IN_PLANE_DETAILS]
     sections = bare_sections
-    if models_charges(scene) or any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
+    if scene.models_charges or any(change.effect > NEGLIGIBLE_SHARE * accuracy for change in in_plane_changes):
         sections = add_details(scene, bare_sections)
         feature_changes = [replace(change, modelled=True) if change in in_plane_changes else change for change in feature_changes]
     omitted = [change for change in feature_changes if not change.modelled]
@@ -112,7 +111,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
     )
     films = _build_films(scene, mesh_sample, errors, omitted)
-    if models_charges(scene):
+    if scene.models_charges:
         stacks = next(detail for detail in iterate_details(scene.probe) if detail.name == FILM_DETAIL)
         feature_changes.append(replace(bound_detail(stacks, mesh_sample), modelled=True))
     plan = tuple(change.build_decision(accuracy) for change in feature_changes)

@@ -31,12 +31,12 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import MeridianModel
+from solver.axisymmetric.film_states import COMPLEX_STEP
 from solver.axisymmetric.state_forms import StateForms
 from solver.elements.shape_functions import Shapes
 from solver.materials.linear import Isotropic
 
 MAX_TENSOR_BYTES = 2e7  # tensors in memory at once
-COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
 
 
 def list_variables(model: MeridianModel) -> tuple[str, ...]:

@@ -91,7 +91,7 @@ def bound_omitted_changes(
     """
     zeros = np.zeros(1 if moduli is None else len(moduli))
     for detail in iterate_details(scene.probe):
-        if detail.name != FILM_DETAIL or not models_charges(scene):
+        if detail.name != FILM_DETAIL or not scene.models_charges:
             yield bound_detail(detail, rough())
     if plain.bracket:
         yield _bound_sides(scene, plain, rough(), moduli)
@@ -100,11 +100,6 @@ def bound_omitted_changes(
         relative_change = 4 / HALF_SPACE_SIZES
         bounds = tuple(Bound(relative_change * np.abs(totals), relative_change) for totals in rough().totals)
         yield Change(OUTER_TISSUE, bounds, zeros, rough().totals)
-
-
-def models_charges(scene: Scene) -> bool:
-    """Return whether the charges of a scene's films follow from their stress, so that films and bonds are always modelled."""
-    return scene.probe.film is not None and not scene.probe.film.uses_psi
 
 
 def bound_detail(detail: Detail, sample: MeshSample) -> Change:

@@ -27,8 +27,8 @@ from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.base_states import BaseStates, MeridianModel, build_model, solve_base_states
-from solver.axisymmetric.energy_derivatives import COMPLEX_STEP, differentiate_totals, list_variables
-from solver.axisymmetric.film_states import CHARGE_UNIT, differentiate_film_lift
+from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
+from solver.axisymmetric.film_states import CHARGE_UNIT, COMPLEX_STEP, differentiate_film_lift
 from solver.axisymmetric.gradients import (
     CHARGE_NAMES,
     OUTPUT_NAMES,

@@ -17,7 +17,7 @@ from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import limit_to_one_thread
 from solver.multiple_scattering.lockstep import run_in_lockstep, run_steps
 from solver.multiple_scattering.solve import Scattered, iterate_scattering
-from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
+from solver.results.film_forces import FilmForces, choose_observable, compute_sensitivity_tolerance
 
 REFLECTION_TOLERANCE_RELATIVE = 0.1  # of the accuracy: truncation error of reflections, relative to a tumour's effect
 SERIES_SAFETY_FACTOR = 3.0  # on the estimate of the truncation error
@@ -96,12 +96,7 @@ class Readings:
         Refusal
             The scene reads charges, and these are not known.
         """
-        if scene.observable == "stress":
-            return self
-        charges = self.find_charges(scene)
-        if charges is None:
-            raise Refusal("reading.observable", "charge", "'stress', or [probe.film] given")
-        return charges
+        return choose_observable(scene, self, self.find_charges(scene))
 
     def find_charges(self, scene: Scene) -> Readings | None:
         """Return the charges, which follow from the forces where the scene gives psi1 or psi2; None where they are not known."""

@@ -14,8 +14,8 @@ from geometry.common.arrays import Floats
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
-from solver.axisymmetric.energy_derivatives import COMPLEX_STEP
 from solver.axisymmetric.evaluator import Axisymmetric
+from solver.axisymmetric.film_states import COMPLEX_STEP
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh

@@ -15,7 +15,6 @@ from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.omitted_details import models_charges
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.planning.loads import LoadRule
 
@@ -27,7 +26,7 @@ TESTED_X = 0.02  # x of the light load
 
 def has_soft_bond(scene: Scene) -> bool:
     """Return whether charges of a scene are modelled and a film has a soft bond to the base."""
-    if scene.probe.film is None or not models_charges(scene):
+    if scene.probe.film is None or not scene.models_charges:
         return False
     bonds = [film.bond_to_base for film in scene.probe.film.by_block]
     return any(bond is not None and bond.thickness > 0 and (bond.youngs_modulus or 0.0) < SOFT_BOND_MODULUS for bond in bonds)

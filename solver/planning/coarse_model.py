@@ -24,7 +24,7 @@ from geometry.scenes.scene_tables import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.film_states import CHARGE_UNIT
-from solver.axisymmetric.omitted_details import Change, bound_detail, bound_omitted_changes, models_charges
+from solver.axisymmetric.omitted_details import Change, bound_detail, bound_omitted_changes
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import Sections, add_details, build_sections
@@ -205,7 +205,7 @@ def compute_charge_per_force(scene: Scene) -> Floats:
 def _bound_details(scene: Scene, plain: Sections, coarse: MeshSample) -> tuple[Change, ...]:
     """Return bounds on the effects of a scene's details; films whose stress gives the charge are modelled in any case."""
     changes = tuple(bound_omitted_changes(scene, plain, lambda: coarse, None))
-    films = (detail for detail in iterate_details(scene.probe) if detail.name == FILM_DETAIL and models_charges(scene))
+    films = (detail for detail in iterate_details(scene.probe) if detail.name == FILM_DETAIL and scene.models_charges)
     return (*changes, *(replace(bound_detail(detail, coarse), modelled=True) for detail in films))
 
 

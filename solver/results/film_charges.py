@@ -24,7 +24,7 @@ def warn_of_unknown_bonds(scene: Scene, films: FilmForces) -> tuple[Note, ...]:
 
 def reads_film_states(scene: Scene) -> bool:
     """Return whether a scene reads charges that follow from the films' stress."""
-    return scene.observable == "charge" and scene.probe.film is not None and not scene.probe.film.uses_psi
+    return scene.observable == "charge" and scene.models_charges
 
 
 def compute_charge_fields(scene: Scene, films: FilmForces) -> JsonObject:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +25,24 @@ MIN_SENSITIVITY_TOLERANCE = 1e-5  # ... or within this, absolute, where that is 
 def compute_sensitivity_tolerance(accuracy: float, log_sensitivity: float | Floats) -> Floats:
     """Return the absolute tolerance that an accuracy promises on log-sensitivities, of their shape."""
     return np.maximum(SENSITIVITY_ACCURACY_FACTOR * accuracy * np.abs(log_sensitivity), MIN_SENSITIVITY_TOLERANCE)
+
+
+Outputs = TypeVar("Outputs")
+
+
+def choose_observable(scene: Scene, forces: Outputs, charges: Outputs | None) -> Outputs:
+    """Return what a scene's readings are the ratio of: ``charges``, or where it reads stresses ``forces``.
+
+    Raises
+    ------
+    Refusal
+        The scene reads charges, and these are not known.
+    """
+    if scene.observable == "stress":
+        return forces
+    if charges is None:
+        raise Refusal("reading.observable", "charge", "'stress' where an evaluator is needed that computes no film's stress")
+    return charges
 
 
 @dataclass(frozen=True)
@@ -125,12 +144,7 @@ class FilmForces:
         Refusal
             The scene reads charges, and these are not known.
         """
-        if scene.observable == "stress":
-            return self
-        charges = self.find_charges(scene)
-        if charges is None:
-            raise Refusal("reading.observable", "charge", "'stress' where an evaluator is needed that computes no film's stress")
-        return charges
+        return choose_observable(scene, self, self.find_charges(scene))
 
     def find_charges(self, scene: Scene) -> FilmForces | None:
         """Return the films' charges in the form of film forces, Q_ij in C per m of displacement of base j.

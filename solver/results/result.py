@@ -254,10 +254,7 @@ class Curve(LoadedRecord):
     @property
     def reading(self) -> ReadRatio[Column]:
         """The ratio that readings of the scene are, at each modulus."""
-        if self.observable == "stress":
-            return ReadRatio(self.ratio, self.error_estimate, self.log_sensitivity)
-        null: Column = (None,) * len(self.youngs_modulus)
-        return ReadRatio(self.charge_ratio or null, self.charge_ratio_error or null, self.charge_log_sensitivity or null)
+        return _choose_columns(self)
 
     def add_errors(self, changes: Sequence[float]) -> Curve:
         """Return the curve with the errors of both ratios increased by a further relative change at each modulus."""
@@ -367,7 +364,12 @@ class LoadCurve(LoadedRecord):
     @property
     def reading(self) -> ReadRatio[Column]:
         """The ratio that readings of the scene are, at each load."""
-        if self.observable == "stress":
-            return ReadRatio(self.ratio, self.error_estimate, self.log_sensitivity)
-        null: Column = (None,) * len(self.force)
-        return ReadRatio(self.charge_ratio or null, self.charge_ratio_error or null, self.charge_log_sensitivity or null)
+        return _choose_columns(self)
+
+
+def _choose_columns(curve: Curve | LoadCurve) -> ReadRatio[Column]:
+    """Return the columns of the ratio that readings are, each null where a curve has no charges."""
+    if curve.observable == "stress":
+        return ReadRatio(curve.ratio, curve.error_estimate, curve.log_sensitivity)
+    null: Column = (None,) * len(curve.ratio)
+    return ReadRatio(curve.charge_ratio or null, curve.charge_ratio_error or null, curve.charge_log_sensitivity or null)

@@ -19,7 +19,6 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.mesh_check import find_max_file_error
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
 from solver.axisymmetric.film_states import CHARGE_UNIT
-from solver.axisymmetric.omitted_details import models_charges
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.materials.linear import Elastic, Isotropic
 from solver.solid.base_states import FactorisedStates, SolidStates, compute_solid_response
@@ -120,7 +119,7 @@ def solve_difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None
     reference = cached_mesh.find_states("reference", reference_laws, base, max_residual)
     reference_reactions, residual = reference.reactions, reference.residual
     edges = cached_mesh.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
-    film_lift = build_end_motion(domain, cached_mesh.solid) if models_charges(scene) else None
+    film_lift = build_end_motion(domain, cached_mesh.solid) if scene.models_charges else None
     states = cached_mesh.find_states("scene", scene_laws, base, max_residual, film_lift)
     products, modulus_derivative = _compute_products(states, scene, target, moduli)
     reactions = products[:, :3]

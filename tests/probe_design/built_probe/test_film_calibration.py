@@ -21,11 +21,11 @@ from probe_design.built_probe.reference_charges import (
     compute_charge_unit,
     compute_pin_charge,
     find_bond_log_sd,
-    models_charges,
     predict_pin,
     scale_bonds,
 )
 from probe_design.built_probe.virtual_probe import VirtualBench
+from solver.results.film_charges import reads_film_states
 from tests.support.film_scenes import build_scene, read_cases
 from tests.support.hw.benches import BENCH, calibrate, check, sampled, scene
 from tests.support.slow import slow_unless
@@ -174,10 +174,10 @@ def test_a_record_keeps_the_charges_and_the_bonds(tmp_path: Path, virtual: Virtu
 def test_gains_alone_say_what_they_leave_out() -> None:
     """Where psi is given, or stresses are read, a charge stays a multiple of the force."""
     taped = build_taped()
-    assert models_charges(taped)
+    assert reads_film_states(taped)
     for changes in ({"reading.observable": "stress"}, {"probe.film.psi1": 0.0}):
         plain = taped.replace(changes)
-        assert not models_charges(plain)
+        assert not reads_film_states(plain)
         assert compute_charge_unit(plain) == pytest.approx(-20e-12)
         assert predict_blocks(plain, FILM_BENCH.reference[:1]).load_factors == ()
 
