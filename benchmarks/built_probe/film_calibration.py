@@ -1,4 +1,4 @@
-"""Measure how often a calibration by predicted charges covers the truth, on virtual probes whose films are taped or glued.
+"""Measure how often a calibration by predicted charges covers the truth, on virtual probes whose films are taped.
 
 Each probe has a film of 28 to 110 um on tape of 0.1 to 1 MPa, towards the base or on both sides, of which its drawing knows 0.3
 MPa; scales of d, cross-talk and the blocks' moduli are off by their tolerances. Charges are those of the solved probe. It is
@@ -10,7 +10,7 @@ pin and ring, and gains from the blocks.
 
     python -m benchmarks.built_probe.film_calibration --count 1000 --workers 2
 
-Duration: 25 minutes.
+Duration: 15 minutes.
 """
 
 from __future__ import annotations
