@@ -36,6 +36,7 @@ ROOMS = {
     "PO": "probe_design/populations",
     "DS": "probe_design/design_search",
     "MA": "probe_design/maps",
+    "MF": "probe_design/material_fit",
     "TO": "probe_design/tolerances",
     "ES": "probe_design/estimation",
     "TR": "probe_design/tradeoffs",

@@ -13,6 +13,7 @@ Numbers are in SI units. The public functions:
     estimate       modulus, diameter or depth from readings
     optimize       search a better probe for a population of tumours, or for the tumour of a scene
     sweep          evaluate thousands of designs, each once
+    fit_material   a law at finite strain from a measured curve of stress and stretch
     export         write the files for the workshop: STEP, drawings, film patterns, moulds, lists
     plot           draw the result of curve, load, scan or detectability
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from probe_design.commands.estimate import estimate
     from probe_design.commands.export import export
     from probe_design.commands.maps import detectability, scan
+    from probe_design.commands.material import fit_material
     from probe_design.commands.optimize import optimize
     from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
@@ -47,6 +49,7 @@ __all__ = [
     "evaluate",
     "evaluate_many",
     "export",
+    "fit_material",
     "load",
     "optimize",
     "plan",
@@ -58,6 +61,7 @@ __all__ = [
 _MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.evaluation")
 _MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands.maps")
 _MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "optimize")}
+_MODULE_NAMES |= {"fit_material": "probe_design.commands.material"}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
 
 

@@ -12,10 +12,20 @@ from geometry.common.errors import InputError, Words
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
 from geometry.scenes.catalogue import CatalogueMaterial, fill_in, find_material
 from geometry.scenes.film import Film
-from geometry.scenes.quantities import Frozen, LossFactor, MaterialName, Modulus, PartLength, PoissonRatio, build_quiet_field
+from geometry.scenes.quantities import (
+    Frozen,
+    LossFactor,
+    MaterialName,
+    Modulus,
+    PartLength,
+    PoissonRatio,
+    build_optional_field,
+    build_quiet_field,
+)
 
 Law = Literal["neo-hookean", "yeoh"]
 LawConstant = Annotated[float, Field(ge=-1e4, le=1e4, description="a number from -10000 to 10000")]
+LawStrain = Annotated[float, Field(ge=1e-3, le=100.0)]
 LAW_CONSTANTS = ("c2_over_c1", "c3_over_c1")
 CATALOGUE_NAME_FIELD = Field(
     default=None, description="a name that `probe-design material list` shows", exclude_if=lambda name: name is None
@@ -41,6 +51,8 @@ class Material(Frozen):
         At finite strain, which evaluator contact alone models; its small strains have the modulus and Poisson's ratio above.
     c2_over_c1, c3_over_c1
         Yeoh's constants C2 and C3 over C1, half the shear modulus.
+    law_strain
+        Uniaxial tensile strain with the largest I - 3 of the curve that the law was fitted to; a strain beyond it warns.
     """
 
     youngs_modulus: Modulus
@@ -50,6 +62,7 @@ class Material(Frozen):
     law: Law = build_quiet_field("neo-hookean")
     c2_over_c1: LawConstant = build_quiet_field(0.0)
     c3_over_c1: LawConstant = build_quiet_field(0.0)
+    law_strain: LawStrain | None = build_optional_field("a strain from 0.001 to 100")
 
     @model_validator(mode="before")
     @classmethod

@@ -73,7 +73,7 @@ class CylinderTissue(_Layered):
         Likewise.
     loss_factor
         Likewise, tan delta.
-    law, c2_over_c1, c3_over_c1
+    law, c2_over_c1, c3_over_c1, law_strain
         Likewise.
     radius
         Of the piece.
@@ -99,7 +99,7 @@ class BlockTissue(_Layered):
         Likewise.
     loss_factor
         Likewise, tan delta.
-    law, c2_over_c1, c3_over_c1
+    law, c2_over_c1, c3_over_c1, law_strain
         Likewise.
     length
         Along x.
@@ -128,7 +128,7 @@ class HalfSpaceTissue(_Layered):
         Likewise.
     loss_factor
         Likewise, tan delta.
-    law, c2_over_c1, c3_over_c1
+    law, c2_over_c1, c3_over_c1, law_strain
         Likewise.
     """
 

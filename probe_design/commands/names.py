@@ -60,9 +60,10 @@ COMMANDS = {
     "tissue": CommandName(CATALOGUE, "", "List and show built-in tissues."),
     "tissue list": CommandName("", "catalogue:TissueListRequest", "List the built-in tissues."),
     "tissue show": CommandName("", "catalogue:TissueShowRequest", "Print the [tissue] table of one for a scene file."),
-    "material": CommandName(CATALOGUE, "", "List and show built-in materials and bonds."),
+    "material": CommandName(CATALOGUE, "", "List and show built-in materials and bonds; fit a law."),
     "material list": CommandName("", "catalogue:MaterialListRequest", "List the built-in materials and bonds."),
     "material show": CommandName("", "catalogue:MaterialShowRequest", "Print the table of one for a scene file."),
+    "material fit": CommandName("", "material:MaterialFitRequest", "Fit a law that stiffens to a measured curve."),
     "rerun": CommandName(CATALOGUE, "catalogue:RerunRequest", "Repeat the command that made a file; compare the numbers."),
 }
 GROUP_HELP = {
@@ -81,5 +82,6 @@ GROUP_HELP = {
     probe-design material show dragon-skin-30       the [probe.inner] table for a scene file
     probe-design material show tape-50um            the [probe.film.bond_to_base] table
     probe-design material show ecoflex-00-10 --thinner 0.3
+    probe-design material fit curve.csv --test tension
     """,
 }

@@ -84,7 +84,7 @@ class StableRange:
         s = np.geomspace(1.0, MAX_TESTED_STRETCH, TESTED_STRETCHES)
         limit = np.inf
         for stretches in (s, 1 / s):
-            for invariant, first, second in _list_modes(stretches):
+            for invariant, first, second in list_modes(stretches):
                 _, derivative, bend = law.evaluate(invariant - 3)
                 unstable = (derivative <= 0) | (derivative * second + bend * first**2 <= 0)
                 limit = min(limit, float(np.min(invariant[unstable] - 3, initial=np.inf)))
@@ -92,7 +92,7 @@ class StableRange:
         return cls(limit, float(np.interp(limit, pulled, s)))
 
 
-def _list_modes(s: Floats) -> tuple[tuple[Floats, Floats, Floats], ...]:
+def list_modes(s: Floats) -> tuple[tuple[Floats, Floats, Floats], ...]:
     """Return I and its first two derivatives with respect to the stretch s, in uniaxial, equibiaxial and planar tension."""
     return (
         (s**2 + 2 / s, 2 * s - 2 / s**2, 2 + 4 / s**3),

@@ -167,6 +167,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.tumour_waves",
         *ANSWERS,
     },
+    "probe_design.material_fit": {"solver.materials", "hw.common", "hw.files", *SCENES},
     "probe_design.maps": {
         "probe_design.data",
         "solver.equivalent_inclusion",
@@ -276,6 +277,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.doctor",
         "probe_design.estimation",
         "probe_design.maps",
+        "probe_design.material_fit",
         "probe_design.measuring",
         "probe_design.reporting",
         "probe_design.populations",

@@ -1,0 +1,1 @@
+"""Fit a law at finite strain to a measured curve of stress against stretch."""
