@@ -19,7 +19,7 @@ from tests.support.paths import ROOT
 from tests.support.slow import slow_unless
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PATHS = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
+PATHS = {str(path.relative_to(ROOT)): path for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
 PAGES = {name: path.read_text(encoding="utf-8") for name, path in PATHS.items()}
 INSTALL = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e . && .venv/bin/probe-design optimize -o out"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[test]' && .venv/bin/pytest"
