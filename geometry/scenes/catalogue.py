@@ -24,6 +24,7 @@ from typing import Literal
 
 from geometry.common.errors import InputError, describe_choices
 from geometry.common.json_types import JsonObject
+from geometry.scenes.catalogue_laws import build_law_numbers, fill_in_law
 from geometry.scenes.recipes import MixingRatio, Thinned, parse_name
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
 from geometry.scenes.units import MODULUS_QUANTITY
@@ -87,6 +88,8 @@ class CatalogueMaterial:
         The source of ``log_sd``.
     published
         The values that it rests on; of a recipe, without thinner or at the ratio.
+    law
+        Keys of its law at finite strain, where a curve of it was measured.
     process
         How parts of it are made, a name in ``geometry/workshop/processes.toml``.
     numbers
@@ -103,6 +106,7 @@ class CatalogueMaterial:
     tolerance: str
     published: tuple[PublishedModulus, ...]
     numbers: dict[str, Number]
+    law: dict[str, Number]
     process: str
     recipe: str = ""
 
@@ -131,10 +135,8 @@ class CatalogueMaterial:
             remedy = "leave youngs_modulus out for the catalogue's, or material for another"
             raise InputError("youngs_modulus", given, f"{' to '.join(ends)}, what {self.name} may measure; {remedy}")
         if isinstance(poisson, int | float) and not abs(poisson - self.poisson_ratio) <= MAX_POISSON_DIFFERENCE:
-            remedy = (
-                f"within {MAX_POISSON_DIFFERENCE:g} of {self.poisson_ratio:g}, that of {self.name}; leave out "
-                "material for another"
-            )
+            value = f"{self.poisson_ratio:g}, that of {self.name}"
+            remedy = f"within {MAX_POISSON_DIFFERENCE:g} of {value}; leave out material for another"
             raise InputError("poisson_ratio", poisson, remedy)
 
     @property
@@ -150,15 +152,16 @@ class CatalogueMaterial:
     @property
     def _name_entry(self) -> dict[str, Number]:
         """Return the key that names the material in a scene's table; films have none."""
-        explanation = "the name alone does: both numbers below are the catalogue's, in whose place one may write measured ones"
+        explanation = "the name alone gives modulus and Poisson's ratio, in whose place one may write measured ones"
         return {} if self.kind == "film" else {"material": Number(self.name, explanation)}
 
     def as_dict(self) -> dict[str, object]:
         """Return the JSON object of ``probe-design material show``: SI numbers, a scene's table, where each number comes from."""
-        keys = self._name_entry | {"youngs_modulus": self.modulus} | self.numbers
+        keys = self._table_numbers
         values = [vars(value) for value in self.published]
         entry = {"name": self.name, "kind": self.kind, "about": self.about, "youngs_modulus": self.youngs_modulus}
         entry |= {"poisson_ratio": self.poisson_ratio, "log_sd": self.log_sd}
+        entry |= {"law": {key: number.value for key, number in self.law.items()} or None}
         entry |= {"tolerance": self.tolerance, "published": values, "recipe": self.recipe or None}
         table = {TABLE_OF_KIND[self.kind]: {key: number.value for key, number in keys.items()}}
         return entry | {"table": table, "sources": {key: number.description for key, number in keys.items()}}
@@ -169,8 +172,12 @@ class CatalogueMaterial:
         for value in self.published:
             lines += format_comment(f"- {value.description}")
         also = "  # as well [probe.outer]; of a phantom [tissue] and [[inclusion]]" if self.kind == "elastomer" else ""
-        numbers = self._name_entry | {"youngs_modulus": self.modulus} | self.numbers
-        return "\n".join([*lines, f"[{TABLE_OF_KIND[self.kind]}]{also}", *format_toml(numbers), ""])
+        return "\n".join([*lines, f"[{TABLE_OF_KIND[self.kind]}]{also}", *format_toml(self._table_numbers), ""])
+
+    @property
+    def _table_numbers(self) -> dict[str, Number]:
+        """All keys of its table of a scene, with their sources."""
+        return self._name_entry | {"youngs_modulus": self.modulus} | self.numbers | self.law
 
 
 def find_material(name: str, *, thinner: float | None = None, ratio: float | None = None) -> CatalogueMaterial:
@@ -213,8 +220,9 @@ def read_catalogue() -> dict[str, JsonObject]:
 def fill_in(table: object, numbers: bool = True) -> object:
     """Return a material's table, completed by the catalogue's entry for its key ``material``.
 
-    The name takes the catalogue's spelling. Numbers that the table has stay: they were measured on what was cast or bought. A
-    modulus may lie up to ``MAX_DEVIATIONS`` sd of ln E from the catalogue's, a Poisson's ratio up to ``MAX_POISSON_DIFFERENCE``.
+    The name takes the catalogue's spelling; ``law = "yeoh"`` alone gets its curve's constants. Numbers that the table has stay:
+    they were measured on what was cast or bought. A modulus may lie up to ``MAX_DEVIATIONS`` sd of ln E from the catalogue's, a
+    Poisson's ratio up to ``MAX_POISSON_DIFFERENCE``.
 
     Parameters
     ----------
@@ -241,7 +249,7 @@ def fill_in(table: object, numbers: bool = True) -> object:
         **table,
     }
     material.check_numbers(filled)
-    return {**filled, "material": material.name}
+    return {**fill_in_law(filled, material.law), "material": material.name}
 
 
 def set_number(table: JsonObject, key: str, value: float) -> None:
@@ -314,7 +322,10 @@ def _build_material(
     numbers = {key: Number(**entry[key]) for key in ("poisson_ratio", *FILM_KEYS) if key in entry}
     rounded = float(f"{value:.{MODULUS_DIGITS}g}")
     process = entry["process"]
-    return CatalogueMaterial(name, entry["kind"], entry["about"], rounded, log_sd, tolerance, published, numbers, process, recipe)
+    pulled = _read_data("materials-odbl.toml")
+    law = build_law_numbers(pulled["law"].get(name), f"{pulled['source']}; {pulled['licence']}")  # of products without thinner
+    heading = (name, entry["kind"], entry["about"])
+    return CatalogueMaterial(*heading, rounded, log_sd, tolerance, published, numbers, law, process, recipe)
 
 
 def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
@@ -325,9 +336,8 @@ def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...
     """
     low, high = (pick(value.youngs_modulus for value in published) for pick in (min, max))
     if len(published) > 1:
-        explanation = (
-            f"the published values differ by a factor of {high / low:.3g}, and it reaches both ends from their geometric mean"
-        )
+        gap = f"the published values differ by a factor of {high / low:.3g}"
+        explanation = f"{gap}; it reaches both ends from their geometric mean"
         return math.sqrt(low * high), math.log(high / low) / 2, explanation
     if "tolerance" in entry:
         return low, entry["tolerance"]["value"], entry["tolerance"]["source"]

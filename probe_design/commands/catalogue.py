@@ -7,8 +7,9 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from geometry.scenes.catalogue import format_modulus
+from geometry.scenes.catalogue import CatalogueMaterial, format_modulus
 from geometry.scenes.catalogue_entries import find_entry, list_entries
+from geometry.scenes.catalogue_laws import describe_law
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Number, Option, Request
 
@@ -27,7 +28,7 @@ class TissueListRequest(Request):
             print_json({"tissues": descriptions})
             return
         for name, description in descriptions.items():
-            print(f"{name:10}{description}")
+            print(f"{name:16}{description}")
 
 
 class TissueShowRequest(Request):
@@ -47,19 +48,23 @@ class TissueShowRequest(Request):
 
 
 class MaterialListRequest(Request):
-    """List the built-in materials and bonds: Young's modulus, the standard deviation of its logarithm, a description."""
+    """List the built-in materials and bonds: Young's modulus, the standard deviation of its logarithm, the law, a description.
+
+    The law is the one at finite strain: "yeoh to 100 %" where a curve was measured up to that strain, else neo-hookean.
+    """
 
     def run(self) -> None:
         """Print one line for each material and bond."""
         catalogue = list_entries()
         if self.as_json:
-            keys = ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")
+            keys = ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "law", "recipe")
             full_entries = {name: entry.as_dict() for name, entry in catalogue.items()}
             print_json({"materials": {name: {key: entry.get(key) for key in keys} for name, entry in full_entries.items()}})
             return
         for name, entry in catalogue.items():
             modulus = "" if entry.youngs_modulus is None else f"{format_modulus(entry.youngs_modulus)}  +- {entry.log_sd:4.2f}"
-            print(f"{name:22}{entry.kind:10}{modulus:>20}  {entry.about}")
+            law = describe_law(entry.law) if isinstance(entry, CatalogueMaterial) and entry.kind == "elastomer" else ""
+            print(f"{name:22}{entry.kind:10}{modulus:>20}  {law:14} {entry.about}")
 
 
 class MaterialShowRequest(Request):

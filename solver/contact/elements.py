@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats
 from solver.elements.quadrilateral import Geometry
 from solver.elements.shape_functions import Shapes
 from solver.elements.unit_square import UnitSquare
-from solver.materials.hyperelastic import TT, Hyperelastic, Stress, compute_volume_change
+from solver.materials.hyperelastic import TT, Hyperelastic, Stress, compute_distortion, compute_volume_change
 
 
 @dataclass(frozen=True)
@@ -120,10 +120,18 @@ class Elements:
         plus, minus = np.hypot(a + d, b - c) / 2, np.hypot(a - d, b + c) / 2  # singular values: plus + minus, plus - minus
         return float(max(np.abs(plus + minus - 1).max(), np.abs(plus - minus - 1).max(), np.abs(h[TT]).max()))
 
+    def compute_distortions(self, u: Floats) -> Floats:
+        """Return I - 3 of eq. LW.2 at all Gauss points, shape (n, q)."""
+        return compute_distortion(self.square.compute_gradients(u))
+
+    def compute_energies(self, state: ElementValues) -> Floats:
+        """Return the energy stored about each Gauss point, J, shape (n, q)."""
+        stored = self.material.compute_energy_density(self.square.compute_gradients(state.u), state.p @ self.shapes.pressure.T)
+        return np.asarray(self.square.weight * stored)
+
     def compute_energy(self, state: ElementValues) -> float:
         """Return the stored energy, J."""
-        stored = self.material.compute_energy_density(self.square.compute_gradients(state.u), state.p @ self.shapes.pressure.T)
-        return float((self.square.weight * stored).sum())
+        return float(self.compute_energies(state).sum())
 
     def linearise(self, state: ElementValues) -> tuple[Balance, Floats, Elimination]:
         """Linearise the elements' equations about a state and eliminate pressures and interior values.

@@ -15,6 +15,7 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Contact
 from solver.axisymmetric.evaluator import Axisymmetric
+from solver.contact.law_ranges import list_range_notes
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
 from solver.contact.states import StoppedError
 from solver.linalg.threads import limit_to_one_thread
@@ -96,6 +97,9 @@ class ContactEvaluator(FilmEvaluator):
         decision = Decision(DECISION_FEATURE, True, change, accuracy, "their change of the ratio at this load")
         stopped = (*select_notes(loaded.linear.notes, "limit"), *limits)
         notes = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, stopped)
+        state, model = results[0].point.equilibrium.state, loaded.paths[1].model
+        if len(state.elements.u) == len(model.mesh.body):  # the point of a coarser mesh was the more accurate one
+            notes = [*notes, *list_range_notes(scene, model, state)]
         residual = max(loaded.linear.sample.states.residual, *(result.point.residual for result in results))
         return FilmSolution(films, residual, (*loaded.linear.plan, decision), tuple(notes))
 

@@ -137,7 +137,7 @@ class Hyperelastic:
         """
         change, dilation = compute_volume_change(h), self.compute_dilation(p)[0]
         bulk, lam = (modulus[:, None] / 4 * _compute_volume_term(x) for modulus, x in ((self.bulk, change), (self.lam, dilation)))
-        return np.asarray(self._evaluate_laws(_compute_distortion(h))[0] + bulk + lam + p * (change - dilation))
+        return np.asarray(self._evaluate_laws(compute_distortion(h))[0] + bulk + lam + p * (change - dilation))
 
     def _evaluate_laws(self, x: Floats) -> tuple[Floats, Floats, Floats | None]:
         """Return mu f, mu f' and mu f'' at x = I - 3, shape (n, q) each; None for f'' if all is neo-Hookean."""
@@ -153,7 +153,7 @@ class Hyperelastic:
 
     def find_max_distortions(self, h: Floats) -> list[float]:
         """Return the largest I - 3 in the elements of each of ``laws``, for displacement gradients h, shape (5, n, q)."""
-        return [float(_compute_distortion(h[:, elements]).max()) for elements, _ in self.laws]
+        return [float(compute_distortion(h[:, elements]).max()) for elements, _ in self.laws]
 
     def compute_stress(self, h: Floats) -> Stress:
         """Return the stresses, without the pressure's part, and their derivatives for displacement gradients h, (5, n, q)."""
@@ -190,7 +190,7 @@ def _compute_cofactor_change(h: Floats) -> Floats:
     return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr])
 
 
-def _compute_distortion(h: Floats) -> Floats:
+def compute_distortion(h: Floats) -> Floats:
     """Return I - 3 of eq. LW.2 for displacement gradients h."""
     return np.asarray((3 + 2 * _compute_trace(h)) * (1 + compute_volume_change(h)) ** (-2 / 3) - 3)
 

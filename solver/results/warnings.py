@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal
 
-Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit", "published", "skin", "doubt", "bond"]
+Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit", "published", "skin", "doubt", "bond", "law"]
 
 
 class Note(str):
@@ -18,7 +18,7 @@ class Note(str):
         less accurate than intended; "left_out", a detail counted in the error; "linear", the load is beyond linear elasticity;
         "limit", what the limits of memory and time prevented; "published", what is wrong in the paper; "skin", what a skin would
         change of tissue without layers; "doubt", a number of the scene that is probably a slip; "bond", a film whose bonds the
-        scene does not give.
+        scene does not give; "law", a material strained beyond the curve that its law was fitted to.
     """
 
     __slots__ = ("kind",)

@@ -10,6 +10,8 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import CatalogueMaterial, find_material, list_materials
 from geometry.scenes.probe import Material
+from probe_design import fit_material
+from tests.support.paths import ROOT
 
 BOTH = {  # product: kPa by compression (Dawood et al., CC BY 4.0) and by tension (Marechal et al., ODbL)
     "ecoflex-00-10": (54.2, 24.0),
@@ -131,3 +133,21 @@ def test_rows_of_a_licence_lie_in_a_file_with_its_notice(file: str, licence: str
     head = files("geometry.scenes").joinpath(file).read_text(encoding="utf-8").partition("\n\n")[0]
     assert licence in " ".join(head.replace("#", " ").split())
     assert link in head
+
+
+@pytest.mark.parametrize("name", ["ecoflex-00-30", "ecoflex-00-50", "dragon-skin-10", "dragon-skin-30"])
+def test_a_law_is_the_one_that_its_curve_gives(name: str) -> None:
+    fit = fit_material(ROOT / "tests" / "reference" / "curves" / f"{name}.csv", test="tension", max_strain=1.0, law="yeoh")
+    law = find_material(name).law
+    assert law["c2_over_c1"].value == pytest.approx(fit.chosen.ratios[0], abs=6e-4)
+    assert law["law_strain"].value == pytest.approx(fit.law_strain, rel=1e-3)
+    assert "ODbL" in law["law"].source
+
+
+def test_a_name_gives_its_law_where_the_table_asks_for_yeoh_without_constants() -> None:
+    tables = ({}, {"law": "yeoh"}, {"law": "yeoh", "c2_over_c1": 0.2})
+    plain, stiffening, measured = (Material.model_validate({"material": "dragon-skin-30"} | more) for more in tables)
+    assert (plain.law, plain.law_strain) == ("neo-hookean", None)
+    assert (stiffening.c2_over_c1, stiffening.law_strain) == (0.098, 1.0)
+    assert (measured.c2_over_c1, measured.law_strain) == (0.2, None)
+    assert find_material("ecoflex-00-30", thinner=0.2).law == {}  # the curve is of the product without thinner

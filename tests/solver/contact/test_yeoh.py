@@ -6,17 +6,20 @@ import re
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from geometry import Refusal, Scene
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import Body
+from geometry.scenes.probe import Material
 from geometry.scenes.scene_tables import Layer
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.sections import build_sections
 from solver.contact.elements import ElementValues
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
+from solver.materials.hyperelastic import Hyperelastic
 from solver.planning.load_limits import build_load_rule, compute_load_limits
 from tests.support.load_paths import COARSE, pressed, ratio, scene_of
 
@@ -132,3 +135,32 @@ def test_layers_and_blocks_have_laws_of_their_own() -> None:
         ((elements, law),) = model.elements.material.laws
         assert set(model.mesh.body[elements]) == {body}
         assert law.description == "Yeoh's law with c2_over_c1 = 0.8, c3_over_c1 = 0.1"
+
+
+def test_a_lubricated_cylinder_has_the_closed_form_of_its_law() -> None:
+    """CONTACT.md's exact check with Yeoh's law: nominal stress 2 (s - 1/s^2) dW/dI1 of an incompressible body."""
+    nu, s, E = 0.49999, 0.5, 1.0
+    values = {"youngs_modulus": E, "poisson_ratio": nu, "law": "yeoh", "c2_over_c1": C2, "c3_over_c1": C3}
+    law = Hyperelastic.from_materials([Material.model_validate(values)])
+
+    def pressed_sides(across: float) -> tuple[float, float]:
+        h = np.array([across - 1, 0.0, 0.0, s - 1, across - 1])[:, None, None]
+        J = across**2 * s
+        p = law.lam / 2 * (J - 1 / J)  # eq. LW.3
+        stress = law.compute_stress(h)
+        first = stress.first_piola[:, 0, 0] + p * stress.cofactor[:, 0, 0]
+        return float(first[0]), float(first[3])
+
+    across = brentq(lambda a: pressed_sides(a)[0], 0.9 / np.sqrt(s), 1.1 / np.sqrt(s), xtol=1e-15)
+    x = s**2 + 2 / s - 3
+    mu = E / (2 * (1 + nu))
+    expected = mu * (s - s**-2) * (1 + 2 * C2 * x + 3 * C3 * x**2)
+    assert pressed_sides(across)[1] == pytest.approx(expected, rel=2e-4)
+
+
+def test_a_strain_beyond_the_curve_of_a_law_warns() -> None:
+    light, heavy = (yeoh().replace({"tissue.law_strain": 0.2, "load.force": force}) for force in (0.005, 0.15))
+    assert [note for note in ContactEvaluator().evaluate(light).warnings if "extrapolated" in note] == []
+    (note,) = [note for note in ContactEvaluator().evaluate(heavy).warnings if "extrapolated" in note]
+    assert note.startswith("tissue: ")
+    assert "beyond a strain of 0.2" in note
