@@ -5,13 +5,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Interface, Material, Probe
-from geometry.scenes.quantities import Frozen, Length, Position, Thickness
+from geometry.scenes.quantities import Frozen, Length, Position, Thickness, build_quiet_field
 from geometry.scenes.units import Quantity
 
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -240,23 +240,57 @@ class Placement(Frozen):
 class Load(Frozen):
     """How the base is pressed: by a force, or by an indentation.
 
+    Static charges leak away, and a film measures changes. Without a preload, films answer to one press from zero to the peak,
+    along the whole load path. With a preload they answer to the change of the force about it: their charges and stresses are the
+    tangent response about the preload times (force - preload). Both are the same in linear elasticity alone.
+
     Attributes
     ----------
     force
-        On the base.
+        On the base: the peak.
     indentation
         Of the base, less than the tissue's depth.
+    preload
+        Static part of the force, below the peak: films answer to the change of the force about it; 0: to one press from zero.
     """
 
     force: Force | None = None
     indentation: Indentation | None = None
+    preload: Force = build_quiet_field(0.0)
 
     @model_validator(mode="after")
     def _check_exactly_one(self) -> Self:
         if (self.force is None) == (self.indentation is None):
             given = "missing" if self.force is None else f"{self.force:g} N and indentation = {self.indentation:g} m"
             raise InputError("force", Words(given), "exactly one of force and indentation")
+        if self.preload and not self.preload < (self.force or 0.0):
+            peak = "given with load.force" if self.force is None else f"below load.force = {self.force:g} N, the peak"
+            raise InputError("preload", Words(f"{self.preload:g} N"), f"0, or a static force {peak}")
         return self
+
+    @property
+    def amplitude(self) -> float | None:
+        """Change of the force that films answer to, N: force - preload; None where an indentation is given."""
+        return None if self.force is None else self.force - self.preload
+
+    @property
+    def response(self) -> str:
+        """What the films' charges, stresses and their ratio are, in words."""
+        if not self.preload:
+            return "one press from zero to the peak"
+        return f"the tangent response about a preload of {self.preload:g} N, times {self.amplitude:g} N"
+
+    @property
+    def departure(self) -> Load:
+        """A press from zero that departs from linear elasticity as the readings do: for small strains, twice the preload.
+
+        Where a film's force is a F (1 + b F) of the force F, it departs by b F, and its tangent by 2 b F.
+        """
+        return Load(force=2 * self.preload) if self.preload else self
+
+    def find_indentation(self, stiffness: Any) -> Any:
+        """Return the indentation whose linear response the readings are, m, for stiffnesses, N/m; floats or arrays."""
+        return 0 * stiffness + self.indentation if self.amplitude is None else self.amplitude / stiffness
 
 
 class Reading(Frozen):

@@ -168,7 +168,7 @@ def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
 
 def compute_expected_load(scene: Scene, predicted: Result | None = None) -> float | None:
     """Return the amplitude of the scene's load, N; None if it is 0, or an indentation of unknown stiffness."""
-    force, indentation = scene.load.force, scene.load.indentation
+    force, indentation = scene.load.amplitude, scene.load.indentation
     if force is None and predicted is not None and predicted.stiffness is not None and indentation is not None:
         force = predicted.stiffness * indentation
     return force or None

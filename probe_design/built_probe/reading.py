@@ -164,6 +164,7 @@ def compute_reading(
     own_gains = used_gains if measurement.force is None else used_gains.remove_force_scale_error()
     own_covariance = np.outer(factors, factors) * own_gains.compute_forces_covariance(films, noise)
     force, force_sd, own_force_sd = float(forces.sum()), _compute_sum_sd(covariance), _compute_sum_sd(own_covariance)
+    _check_preload(force, force_sd, scene)
     scale = used_gains.force_scale
     load_warnings = check_film_sum(force, own_force_sd, measurement, bench, scale)
     load_warnings += check_scene_load(force, force_sd, measurement, scene, predicted, scale=scale)
@@ -239,6 +240,14 @@ def _check_films(forces: Floats, covariance: Floats) -> None:
     if forces[0] < SIGNIFICANT_SD * sds[0]:
         shown = f"the inner film shows {forces[0]:.2g} N, uncertain by {sds[0]:.2g} N"
         raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
+
+
+def _check_preload(force: float, force_sd: float, scene: Scene) -> None:
+    """Refuse a sinusoidal load that exceeds the scene's preload, N: at its trough the probe would pull."""
+    preload = scene.load.preload
+    if preload and force - SIGNIFICANT_SD * force_sd > preload:
+        shown = f"the load of amplitude {force:.3g} N about load.preload = {preload:g} N pulls at its trough (net tension)"
+        raise Flawed(f"{shown}: press harder, or shake less")
 
 
 def _get_sds(covariance: Floats) -> Floats:

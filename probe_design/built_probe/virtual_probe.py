@@ -242,7 +242,7 @@ def compute_load(scene: Scene, stiffness: float | None) -> float:
     Refusal
         The load is zero, or an indentation of unknown stiffness.
     """
-    load = scene.load.force
+    load = scene.load.amplitude
     if load is None and stiffness is not None:
         load = stiffness * (scene.load.indentation or 0.0)
     if not load:

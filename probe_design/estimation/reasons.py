@@ -174,6 +174,8 @@ def iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Ite
         yield from build_load_notes(findings.model.scene, findings.model.rule, findings.model.tolerance, promise=False)
         return
     yield from _describe_load(findings)
+    if findings.model.scene.load.preload:
+        yield f"readings are taken as {findings.model.scene.load.response}"
     if findings.p_value < MIN_FIT_PROBABILITY:
         yield f"the readings contradict the scene or their noise: so bad a fit has a probability of {findings.p_value:.1g}"
     if findings.shift > TOLERATED_SHIFT:

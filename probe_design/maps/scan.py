@@ -80,6 +80,7 @@ class Scan(LoadedRecord):
     charge_log_sensitivity: Column | None = None
     charge_ratio_without: float | None = None
     observable: Observable = "stress"
+    response: str | None = None
     load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -168,6 +169,7 @@ def scan(
         ratio_without=compute_ratio_fields(scene, base.films)["ratio"],
         **_build_charge_columns(scene, base.films, film_readings, load, is_outside=is_outside),
         observable=scene.observable,
+        response=scene.load.response,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
         load_limits=build_limits(rule, accuracy, promise),
@@ -183,10 +185,7 @@ def scan(
 
 def _compute_indentations(scene: Scene, film_readings: Readings) -> Floats:
     """Return the indentations at the scene's load, m, shape (n,)."""
-    indentation = scene.load.indentation
-    if indentation is None:
-        return (scene.load.force or 0.0) / film_readings.stiffness
-    return np.full(len(film_readings.forces), indentation)
+    return np.asarray(scene.load.find_indentation(film_readings.stiffness))
 
 
 def _build_charge_columns(

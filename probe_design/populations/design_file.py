@@ -76,6 +76,16 @@ def read_design_source(source: DesignSource) -> Design | Scene:
     InputError
         The source is none of ``ALLOWED_SOURCES``, or contains a value that is not allowed.
     """
+    question = _read_source(source)
+    load = question.scene.load if isinstance(question, Design) else question.load
+    if load.preload:
+        allowed = "0 in a search, whose force varies: readings of a design are those of one press from zero to the peak"
+        raise InputError("load.preload", Words(f"{load.preload:g} N"), allowed)
+    return question
+
+
+def _read_source(source: DesignSource) -> Design | Scene:
+    """Return the design or scene of any source; see ``read_design_source``."""
     if source is None:
         return read_builtin_design()
     if isinstance(source, Design | Scene):

@@ -185,7 +185,7 @@ def compute_film_charges(scene: Scene, places: Floats) -> Floats:
         The load is 0.
     """
     load, forces = scene.load, places[:, :2]
-    indentation = (load.force or 0.0) / forces.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
+    indentation = load.find_indentation(forces.sum(axis=1))
     per_indentation = np.abs(places[:, 2:]) if places.shape[1] == 4 else find_charge_per_force(scene.probe) * np.abs(forces)
     charges = per_indentation * indentation[:, None]
     if not np.all(charges > 0):

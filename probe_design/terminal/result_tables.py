@@ -55,14 +55,16 @@ def build_result_table(result: Result) -> Table:
 def list_reading_lines(result: Result) -> list[str]:
     """Return in words what a reading of a scene with films is, and how well it determines E_object; no line without films."""
     read = result.reading
+    preloaded = [f"Stresses, charges and their ratio are {result.response}."] if "preload" in (result.response or "") else []
     if result.charge_ratio is None or read.ratio is None:
-        return []
+        return preloaded
     within = "" if read.error is None else f" within {100 * read.error:.2g} %"
     text = f"A reading is the ratio of {OBSERVABLE_WORDS[result.observable]}, {read.ratio:.4g}{within}"
     if not read.log_sensitivity:
-        return [f"{text}."]
+        return [*preloaded, f"{text}."]
     size = abs(read.log_sensitivity)
-    return [f"{text}; it changes by {size:.3g} % per 1 % of E_object, so that 1 % of it is {0.01 / size:.2g} of ln E_object."]
+    change = f"it changes by {size:.3g} % per 1 % of E_object, so that 1 % of it is {0.01 / size:.2g} of ln E_object"
+    return [*preloaded, f"{text}; {change}."]
 
 
 def build_plan_table(plan: Plan) -> Table:

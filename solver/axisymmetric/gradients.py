@@ -239,8 +239,7 @@ def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     """Return the outputs by name at the scene's load, shape (k,) each."""
     totals, ends = sample.totals[:, :2], np.array([scene.probe.inner_area, scene.probe.outer_area])
     stiffness = totals.sum(axis=1)
-    moved = scene.load.indentation
-    indentation = (scene.load.force or 0.0) / stiffness if moved is None else np.full(len(totals), moved)
+    indentation = scene.load.find_indentation(stiffness)
     stress = totals * indentation[:, None] / ends
     ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
     columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivities[:, 0])

@@ -94,7 +94,7 @@ class ContactEvaluator(FilmEvaluator):
         # relative change of the ratio that is read from its linear value
         ratios = [_compute_log_ratio(films.get_observable(scene)) for films in (worst, loaded.linear.films[0])]
         change = float(np.exp(np.abs(ratios[0] - ratios[1])) - 1)
-        decision = Decision(DECISION_FEATURE, True, change, accuracy, "their change of the ratio at this load")
+        decision = Decision(DECISION_FEATURE, True, change, accuracy, f"their change of the ratio of {scene.load.response}")
         stopped = (*select_notes(loaded.linear.notes, "limit"), *limits)
         notes = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, stopped)
         state, model = results[0].point.equilibrium.state, loaded.paths[1].model
@@ -145,6 +145,8 @@ def _find_load_key(scene: Scene) -> tuple[str, object]:
     """Return the key and the value of the scene's load."""
     if scene.load.indentation is not None:
         return "load.indentation", format_mm(scene.load.indentation)
+    if scene.load.preload:
+        return "load.preload", Words(f"{scene.load.preload:g} N")
     return "load.force", Words(f"{scene.load.force:g} N")
 
 

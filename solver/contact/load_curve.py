@@ -205,6 +205,8 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
     worst = max((value for value in read_errors or () if value is not None), default=0.0)
     if worst > accuracy:
         warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
+    if scene.load.preload:
+        warnings.append(Note("linear", "load.preload is left out: the curve is of presses from zero to each load"))
     if stopped is not None:
         warnings.append(Note("limit", f"the curve ends early: {stopped}"))
 

@@ -75,23 +75,43 @@ class LoadedOutputs:
 
     def build_films(self, point: PathPoint) -> FilmForces:
         """Return the outputs per indentation at a point, with bounds from the linear errors and the differences of two meshes."""
-        linear, differences, outputs = self.linear, self.compute_differences(point.indentation), self.select(point)
-        totals = outputs.values / point.indentation
+        outputs, until = self.select(point), point.indentation
+        value = self.compute_sensitivity(self.paths[1], point) if self.linear.modulus_derivative is not None else 0.0
+        totals, differences = outputs.values / until, self.compute_differences(until)
+        return self.assemble(totals, outputs.log_sensitivities, value, differences, self.find_max_sensitivity(until))
+
+    def assemble(
+        self, totals: Floats, log_sensitivities: Floats, value: float, differences: MeshDifferences, max_sensitivity: float
+    ) -> FilmForces:
+        """Return outputs per indentation with bounds.
+
+        Parameters
+        ----------
+        totals
+            Outputs per indentation, shape (2,).
+        log_sensitivities
+            D ln output / d ln E at constant force, of the finer mesh, shape (2,).
+        value
+            Log-sensitivity of the ratio, corrected for the mesh's error at rest.
+        differences
+            Of the two meshes.
+        max_sensitivity
+            Maximum magnitude of the log-sensitivity, which its differences are relative to.
+        """
+        linear = self.linear
         min_error, min_slope_error = self.min_errors
         errors = linear.relative_errors + MESH_SAFETY_FACTOR * differences.outputs + min_error
         bound = Bound(errors * np.abs(totals), linear.bound.log_ratio + MESH_SAFETY_FACTOR * differences.log_ratio + min_error)
         if linear.modulus_derivative is None:
             return FilmForces(np.diag(totals), bound)
-        value = self.compute_sensitivity(self.paths[1], point)
         # the linear error grows with the log-sensitivity under load
         grown = abs(value / linear.log_sensitivity) if linear.log_sensitivity else 1.0
-        mesh_error = (MESH_SAFETY_FACTOR * differences.sensitivity + min_slope_error) * self._find_max_sensitivity(
-            point.indentation
-        )
+        mesh_error = (MESH_SAFETY_FACTOR * differences.sensitivity + min_slope_error) * max_sensitivity
         error = linear.sensitivity_error * max(1.0, grown) + mesh_error
         if self.are_charges:
             # the correction of the difference is shared by both
-            log_derivatives = outputs.log_sensitivities + 0.5 * (value - outputs.log_sensitivity) * np.array([1, -1])
+            shortfall = value - (log_sensitivities[0] - log_sensitivities[1])
+            log_derivatives = log_sensitivities + 0.5 * shortfall * np.array([1, -1])
         else:
             # at constant force the changes of the two film forces cancel
             log_derivatives = np.array([totals[1], -totals[0]]) / totals.sum() * value
@@ -102,7 +122,10 @@ class LoadedOutputs:
 
         A small error is corrected by a factor, a large one by an addition.
         """
-        value = self.select(point).log_sensitivity
+        return self.correct_sensitivity(path, self.select(point).log_sensitivity)
+
+    def correct_sensitivity(self, path: Path, value: float) -> float:
+        """Return a log-sensitivity of a path, corrected for the mesh's error at rest; see ``compute_sensitivity``."""
         if not self.corrected:
             return value
         exact, rest_sensitivity = self.linear.log_sensitivity or 0.0, self.select(path.points[0]).log_sensitivity
@@ -116,14 +139,14 @@ class LoadedOutputs:
         places = places[(places > 0) & (places <= until)]
         # outputs and log-sensitivities of the coarser and the finer mesh
         (outputs, first), (second_outputs, second) = (self._interpolate(path, places) for path in self.paths)
-        log_ratios, size = np.log(np.abs(outputs / second_outputs)), self._find_max_sensitivity(until)
+        log_ratios, size = np.log(np.abs(outputs / second_outputs)), self.find_max_sensitivity(until)
         sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
         return (
             MeshDifferences(np.abs(log_ratios).max(axis=1), float(np.abs(log_ratios[0] - log_ratios[1]).max()), sensitivity)
             | self.known
         )
 
-    def _find_max_sensitivity(self, until: float) -> float:
+    def find_max_sensitivity(self, until: float) -> float:
         """Return the maximum magnitude of the log-sensitivity up to the indentation ``until``, m."""
         path = self.paths[1]
         return max(abs(self.compute_sensitivity(path, point)) for point in path.points if point.indentation <= until)

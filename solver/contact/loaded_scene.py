@@ -18,6 +18,7 @@ from solver.contact.loaded_outputs import NO_DIFFERENCES, LoadedOutputs, MeshDif
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
+from solver.contact.tangent_outputs import build_tangent_films
 from solver.results.film_forces import Bound, FilmForces
 
 MESH_FINENESSES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
@@ -131,7 +132,7 @@ class LoadedScene:
         return LoadedScene(scene, self.accuracy, linear, (first, second), dense=self.dense)
 
     def press_to_scene_load(self) -> LoadedForces:
-        """Press the probe to the scene's load.
+        """Press the probe to the scene's load, or to its preload, whose tangent response is returned; see ``Load``.
 
         Raises
         ------
@@ -143,7 +144,15 @@ class LoadedScene:
         load = self.scene.load
         if load.indentation is not None:
             return self.press_to_indentation(load.indentation)
-        return self.press_to_force(load.force or 0.0)
+        return self.press_to_preload(load.preload) if load.preload else self.press_to_force(load.force or 0.0)
+
+    def press_to_preload(self, force: float) -> LoadedForces:
+        """Press to a preload, N, and return the tangent response about it; see ``press_to_scene_load``."""
+        pressed, unit = self.press_to_force(force, "load.preload"), self.paths[1].unit
+        if pressed.point.indentation <= (LIGHT_INDENTATION_RELATIVE if self.may_open else SMALL_INDENTATION_RELATIVE) * unit:
+            return pressed  # all is proportional
+        forces, *charges = (build_tangent_films(outputs, pressed.point) for outputs in self.outputs)
+        return replace(pressed, films=replace(forces, charges=charges[0] if charges else None))
 
     def press_to_force(self, force: float, key: str = "load.force") -> LoadedForces:
         """Press to a force, N; see ``press_to_scene_load``.
@@ -278,7 +287,12 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
     """
     rest_scene = neighbour.with_modulus(modulus, linear)
     last = neighbour.paths[1].last.indentation
-    if not neighbour.may_open and last > SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit:
+    # about a preload the paths end beyond it, and a state there would be no start for it
+    if (
+        not neighbour.may_open
+        and not neighbour.scene.load.preload
+        and last > SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit
+    ):
         loaded = replace(rest_scene, known=tuple(outputs.compute_differences(last) for outputs in neighbour.outputs))
         try:
             for path, neighbour_path in zip(loaded.paths, neighbour.paths, strict=True):

@@ -311,7 +311,7 @@ def _build_outputs(
     sensitivity = derivatives / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs
     ends, imposed = np.array([scene.probe.inner_area, scene.probe.outer_area]), scene.load.indentation
-    indentation = (scene.load.force or 0.0) / totals[:2].sum() if imposed is None else imposed
+    indentation = scene.load.find_indentation(totals[:2].sum())
     # at a given force a stiffer scene is indented less
     log_indentation = -stiffness[:, None] if imposed is None else np.zeros((len(names), 1))
     outputs: dict[str, tuple[Any, Any]] = {"stiffness": (totals[:2].sum(), totals[:2].sum() * stiffness)}

@@ -187,7 +187,7 @@ class LoadChanges:
             The load drives the probe deeper than the tissue.
         """
         compute_indentation(scene, float(stiffness.min()))
-        load = scene.load
+        load = scene.load.departure
         force = stiffness * load.indentation if load.indentation is not None else np.full_like(stiffness, load.force or 0.0)
         x = rule.strain * (force / stiffness + rule.tilted)
         # as in LoadRule.is_known and its bounds, for n stiffnesses at once
@@ -241,10 +241,13 @@ def _describe_load(scene: Scene) -> tuple[str, Words]:
     """Return the load's key and value for a message."""
     if scene.load.indentation is not None:
         return "load.indentation", format_mm(scene.load.indentation)
+    if scene.load.preload:
+        return "load.preload", Words(f"{scene.load.preload:g} N")
     return "load.force", Words(f"{scene.load.force:g} N")
 
 
 def _format_limit(scene: Scene, limit: LargestLoad) -> str:
     """Return a limit in the unit of the scene's load, rounded down so that the printed value itself is allowed."""
-    value, unit = (limit.force, "N") if scene.load.indentation is None else (1e3 * limit.indentation, "mm")
+    force = limit.force / 2 if scene.load.preload else limit.force  # see ``Load.departure``
+    value, unit = (force, "N") if scene.load.indentation is None else (1e3 * limit.indentation, "mm")
     return f"{format_maximum(value, 3)} {unit}"

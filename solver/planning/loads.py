@@ -234,8 +234,8 @@ class LoadRule:
         return cls(strain, float(totals.sum()), closure, tilted, covered)
 
     def compute_force(self, scene: Scene) -> float:
-        """Return the force of a scene's load, N."""
-        load = scene.load
+        """Return the force by which the readings depart from linear elasticity, N: of the peak, or of twice the preload."""
+        load = scene.load.departure
         return self.stiffness * load.indentation if load.indentation is not None else load.force or 0.0
 
     def compute_x(self, force: float) -> float:

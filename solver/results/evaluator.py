@@ -122,7 +122,7 @@ class FilmSolution:
             fields["stiffness"] = self.stiffness
         films, warnings = self.films[0], fields.pop("warnings")  # those of the film forces first
         warnings = (*warnings, *warn_of_unknown_bonds(scene, films), *self.notes, *explain_null_charges(name, scene, films))
-        fields |= {"observable": scene.observable, "error_kind": self.error_kind}
+        fields |= {"observable": scene.observable, "error_kind": self.error_kind, "response": scene.load.response}
         return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
 
     def build_curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
@@ -133,7 +133,7 @@ class FilmSolution:
         if self.films[0].find_charges(scene) is not None:
             rows = [compute_charge_ratio_fields(scene, films) for films in self.films]
             values |= {key: tuple(row[key] for row in rows) for key in RATIO_FIELDS}
-        values |= {"observable": scene.observable, "error_kind": self.error_kind}
+        values |= {"observable": scene.observable, "error_kind": self.error_kind, "response": scene.load.response}
         notes = dict.fromkeys(note for films in self.films for note in explain_null_charges(name, scene, films))
         return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=(*self.notes, *notes))
 

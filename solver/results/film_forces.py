@@ -223,7 +223,7 @@ def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
 
 
 def compute_indentation(scene: Scene, stiffness: float) -> float:
-    """Return the indentation at the scene's load, m, from the stiffness, N/m.
+    """Return the indentation whose response the readings are, m, from the stiffness, N/m; see ``Load``.
 
     Raises
     ------
@@ -233,11 +233,11 @@ def compute_indentation(scene: Scene, stiffness: float) -> float:
     if scene.load.indentation is not None:
         return scene.load.indentation
     force = scene.load.force or 0.0
-    indentation = force / stiffness
+    indentation = force / stiffness  # of the peak
     if scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
         reason = f"it drives the probe {1e3 * indentation:.3g} mm into tissue {format_mm(scene.tissue.depth)} deep"
         raise Refusal("load.force", Words(f"{force:g} N"), f"below {stiffness * scene.tissue.depth:.3g} N ({reason})")
-    return indentation
+    return float(scene.load.find_indentation(stiffness))
 
 
 def compute_ratio_fields(scene: Scene, films: FilmForces) -> JsonObject:

@@ -122,6 +122,8 @@ class Result(LoadedRecord):
         Estimate of its absolute error.
     observable
         What a reading of the scene is: the ratio of "charge" or of "stress".
+    response
+        What films answer to, in words: one press from zero to the peak, or the change about a preload; see ``Load``.
     charge_inner_error, charge_outer_error, charge_per_force_inner_error, charge_per_force_outer_error, charge_ratio_error
         Relative errors of these, like ``error_estimate``.
     error_estimate
@@ -179,6 +181,7 @@ class Result(LoadedRecord):
     charge_per_force_outer_error: float | None = None
     charge_ratio_error: float | None = None
     observable: Observable = "stress"
+    response: str | None = None
     error_estimate: float | None = None
     error_kind: ErrorKind = "bound"
     stress_inner_error: float | None = None
@@ -226,7 +229,7 @@ class Curve(LoadedRecord):
         Force on the base per indentation, N/m.
     charge_ratio, charge_ratio_error, charge_log_sensitivity, charge_log_sensitivity_error
         Each like ``ratio``, see ``Result``; None without charges.
-    observable
+    observable, response
         See ``Result``.
     evaluator, seconds, load_limits, plan, warnings, provenance
         See ``Result``.
@@ -245,6 +248,7 @@ class Curve(LoadedRecord):
     charge_log_sensitivity: Column | None = None
     charge_log_sensitivity_error: Column | None = None
     observable: Observable = "stress"
+    response: str | None = None
     error_kind: ErrorKind = "bound"
     load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()

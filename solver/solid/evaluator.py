@@ -133,7 +133,7 @@ def compute_indentation(scene: Scene, solution: SolidForces, k: int) -> float:
         return scene.load.indentation
     # the force that the tilt alone causes while the centre is held
     tilting = float(solution.tilt.forces[k].sum()) * scene.placement.tilt
-    return ((scene.load.force or 0.0) - tilting) / float(solution.films[k].totals.sum())
+    return ((scene.load.amplitude or 0.0) - tilting) / float(solution.films[k].totals.sum())
 
 
 def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, float]:
@@ -187,7 +187,8 @@ def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
     tilt, load = abs(scene.placement.tilt), scene.load
     if tilt == 0:
         return []
-    indentation = load.indentation if load.indentation is not None else (load.force or 0.0) / float(films.totals.sum())
+    force = load.preload or load.force or 0.0  # the lightest that the probe is read under
+    indentation = load.indentation if load.indentation is not None else force / float(films.totals.sum())
     raised = tilt * scene.probe.tube_radius
     if raised <= indentation:
         return []
