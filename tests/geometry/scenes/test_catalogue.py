@@ -11,7 +11,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.catalogue import CatalogueMaterial, find_material, list_materials
 from geometry.scenes.probe import Material
 from probe_design import fit_material
-from tests.support.paths import ROOT
+from tests.support.paths import EXAMPLES
 
 BOTH = {  # product: kPa by compression (Dawood et al., CC BY 4.0) and by tension (Marechal et al., ODbL)
     "ecoflex-00-10": (54.2, 24.0),
@@ -137,7 +137,7 @@ def test_rows_of_a_licence_lie_in_a_file_with_its_notice(file: str, licence: str
 
 @pytest.mark.parametrize("name", ["ecoflex-00-30", "ecoflex-00-50", "dragon-skin-10", "dragon-skin-30"])
 def test_a_law_is_the_one_that_its_curve_gives(name: str) -> None:
-    fit = fit_material(ROOT / "tests" / "reference" / "curves" / f"{name}.csv", test="tension", max_strain=1.0, law="yeoh")
+    fit = fit_material(EXAMPLES / "curves" / f"{name}.csv", test="tension", max_strain=1.0, law="yeoh")
     law = find_material(name).law
     assert law["c2_over_c1"].value == pytest.approx(fit.chosen.ratios[0], abs=6e-4)
     assert law["law_strain"].value == pytest.approx(fit.law_strain, rel=1e-3)

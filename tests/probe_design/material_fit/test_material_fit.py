@@ -14,11 +14,11 @@ from scipy.optimize import curve_fit
 from geometry.common.errors import InputError
 from geometry.scenes.scene_file import scene_from_dict
 from probe_design import fit_material
-from tests.support.paths import EXAMPLES, ROOT
+from tests.support.paths import EXAMPLES
 from tests.support.program import refused, run
 
 C1, C2, C3 = 1000.0, 400.0, 60.0  # Pa
-CURVES = ROOT / "tests" / "reference" / "curves"
+CURVES = EXAMPLES / "curves"
 
 
 def slope(x: np.ndarray) -> np.ndarray:
