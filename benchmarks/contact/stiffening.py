@@ -65,7 +65,8 @@ def print_preloads() -> None:
             )
             bias = np.log(tangent.ratio / pressed.ratio) / pressed.log_sensitivity
             print(
-                f"{c2:5g}  {force:8.3f}  {pressed.ratio:16.4f}  {tangent.ratio:15.4f}  {tangent.error_estimate:.4f}  {bias:+19.3f}"
+                f"{c2:5g}  {force:8.3f}  {pressed.ratio:16.4f}  {tangent.ratio:15.4f}  "
+                f"{tangent.error_estimate:.4f}  {bias:+19.3f}"
             )
 
 
