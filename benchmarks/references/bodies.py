@@ -1,4 +1,4 @@
-"""Bodies and mesh of the three-dimensional reference code: probe, cylinder of tissue, its layers and tumours, the half y > 0.
+"""Bodies and mesh of the three-dimensional reference code: probe, cylinder or block of tissue, layers, tumours, the half y > 0.
 
 The tissue lies below z = 0, the probe's axis is x = y = 0, lengths are in inner radii. Interfaces of layers cut tumours into
 pieces: what surrounds a piece is one material.
@@ -40,7 +40,7 @@ class Slab:
 def slabs(scene: Scene) -> list[Slab]:
     """Return the tissue's materials from the surface downwards."""
     tissue, unit = scene.tissue, scene.probe.inner_radius
-    assert tissue.shape == "cylinder"  # check has asked
+    assert tissue.shape != "half-space"  # check has asked
     heights = [-depth / unit for depth in (0.0, *tissue.interfaces, tissue.depth)]
     names = [*(f"layer{k}" for k in range(len(tissue.layer))), "tissue"]
     spans = zip(names, pairwise(heights), (*tissue.layer, tissue), strict=True)
@@ -83,20 +83,41 @@ def tumour(body: Inclusion, unit: float) -> Any:
     return occ.Ellipsoid(frame, *(float(radii[k]) for k in (2, 0, 1)))
 
 
+def place(scene: Scene) -> list[Inclusion]:
+    """Return the tumours with their x from the probe's axis."""
+    return [body.model_copy(update={"x": body.x - scene.placement.x}) for body in scene.inclusion]
+
+
+def _span_block(scene: Scene) -> tuple[float, float, float]:
+    """Return x from, x to and y to of a block of tissue, from the probe's axis, in inner radii."""
+    tissue, unit, x = scene.tissue, scene.probe.inner_radius, scene.placement.x
+    assert tissue.shape == "block"
+    return (-tissue.length / 2 - x) / unit, (tissue.length / 2 - x) / unit, tissue.breadth / 2 / unit
+
+
+def layer(scene: Scene, slab: Slab) -> Any:
+    """Return a layer of the tissue without its tumours as a shape, in inner radii."""
+    if scene.tissue.shape == "cylinder":
+        radius = scene.tissue.radius / scene.probe.inner_radius
+        return occ.Cylinder(occ.Pnt(0, 0, slab.bottom), occ.Z, radius, slab.top - slab.bottom)
+    left, right, breadth = _span_block(scene)
+    return occ.Box(occ.Pnt(left, -breadth, slab.bottom), occ.Pnt(right, breadth, slab.top))
+
+
 def shape(scene: Scene) -> Any:
     """Return the half y > 0 of all bodies, named."""
-    probe, unit, body = scene.probe, scene.probe.inner_radius, scene.tissue
-    assert body.shape == "cylinder"  # check has asked
-    r2, r3, wide, deep = (length / unit for length in (probe.hole_radius, probe.tube_radius, body.radius, body.depth))
+    probe, unit = scene.probe, scene.probe.inner_radius
+    r2, r3, deep = probe.hole_radius / unit, probe.tube_radius / unit, -slabs(scene)[-1].bottom
+    wide = 2 * scene.tissue.radius / unit if scene.tissue.shape == "cylinder" else 2 * math.hypot(*_span_block(scene))
     heights = (probe.core_height / unit, probe.tube_height / unit)
-    half = occ.Box(occ.Pnt(-2 * wide, 0, -2 * deep), occ.Pnt(2 * wide, 2 * wide, 2 * deep))
+    half = occ.Box(occ.Pnt(-wide, 0, -2 * deep), occ.Pnt(wide, wide, 2 * deep))
     origin = occ.Pnt(0, 0, 0)
     inner = occ.Cylinder(origin, occ.Z, 1.0, heights[0])
     outer = occ.Cylinder(origin, occ.Z, r3, heights[1]) - occ.Cylinder(origin, occ.Z, r2, heights[1])
     parts = [("inner", inner), ("outer", outer)]
-    tumours = [tumour(inclusion, unit) for inclusion in scene.inclusion]
+    tumours = [tumour(inclusion, unit) for inclusion in place(scene)]
     for slab in slabs(scene):
-        tissue = occ.Cylinder(occ.Pnt(0, 0, slab.bottom), occ.Z, wide, slab.top - slab.bottom)
+        tissue = layer(scene, slab)
         parts += [(piece(k, slab), each * tissue) for k, each in enumerate(tumours)]
         for each in tumours:
             tissue = tissue - each
@@ -124,7 +145,7 @@ def sizes(scene: Scene, size: float) -> list[tuple[float, float, float, float]]:
     """Return mesh sizes (x, y, z, h): near the tumours by their distance to surface and neighbours, at the rims by both."""
     unit, probe = scene.probe.inner_radius, scene.probe
     r2, r3 = probe.hole_radius / unit, probe.tube_radius / unit
-    clouds = [surface_points(body, unit) for body in scene.inclusion]
+    clouds = [surface_points(body, unit) for body in place(scene)]
     point_sizes = []
     for k, (body, cloud) in enumerate(zip(scene.inclusion, clouds, strict=True)):
         distance = -cloud[:, 2]
