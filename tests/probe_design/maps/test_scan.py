@@ -26,7 +26,7 @@ SCENE = REFERENCE / "solid" / "two-tumours-between.toml"
 KEYS = {
     "along", "at", "position", "ratio", "stiffness", "stress_inner", "stress_outer", "log_sensitivity", "error_estimate",
     "ratio_without", "charge_inner", "charge_outer", "charge_ratio", "charge_ratio_error", "charge_log_sensitivity",
-    "charge_ratio_without", "observable", "evaluator", "seconds", "plan", "warnings",
+    "charge_ratio_without", "observable", "response", "evaluator", "seconds", "plan", "warnings",
     "linear_limit_load", "gap_closure_load", "load_limits", "provenance",
 }  # fmt: skip
 
