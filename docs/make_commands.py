@@ -21,11 +21,12 @@ HEAD = """\
 percentages. `--json` prints one JSON object on standard output, everything else goes to standard error. The exit code is 0 if all
 is well, 1 after a failure or a negative result, 2 for bad input. Options without a value are flags.
 
-In Python, `probe_design` has functions of the same names, whose keywords are marked in the tables (numbers then in SI units);
-arrays stand in place of `--from`, `--to` and the like, see `help(probe_design.scan)`.
+In Python, `probe_design` has functions of the same names (`press` for `load`), whose keywords are marked in the tables
+(numbers then in SI units); arrays stand in place of `--from`, `--to` and the like, see `help(probe_design.scan)`.
 
 This page is what `python docs/make_commands.py` finds in the requests: run it after every change of theirs.
 """
+FUNCTIONS = {"load": "press"}  # of another name than their commands
 SHARED_HEAD = "`--memory` and `--time` where scenes are evaluated; `sweep` has its own.\n"
 
 
@@ -67,7 +68,8 @@ def _format_argument(key: str, field: FieldInfo) -> str:
 def _format_row(command: str, key: str, field: FieldInfo) -> str:
     option = find_option(field)
     names = option.names.split("/") if option.names else [f"--{key.replace('_', '-')}"]
-    function = getattr(probe_design, command, None) if command in probe_design.__all__ else None
+    name = FUNCTIONS.get(command, command)
+    function = getattr(probe_design, name) if name in probe_design.__all__ else None
     keyword = f"<br>`{key}=`" if function is not None and key in inspect.signature(function).parameters else ""
     left_out = "required" if field.is_required() else format_default(field) or "-"
     allowed = "-" if bool in find_types(field) else _join_lines(describe_allowed(field))

@@ -15,6 +15,6 @@ SWEEP = {
     },
 }
 done = sweep(SWEEP, "out/sweep-script")
-frame = done.dataframe()
+frame = done.to_frame()
 print(frame.nlargest(3, "log_sensitivity")[["probe.gap", "probe.outer.youngs_modulus", "inclusion.depth", "log_sensitivity"]])
 print(f"{done.ok} of {done.designs} designs answered, {done.answered} of them now")

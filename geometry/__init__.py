@@ -6,7 +6,7 @@ What a user calls:
     scene_from_toml   of its text; scene_from_dict: of its tables
     scene_to_toml     the text of such a file; scene_to_dict: its tables
     Scene             what is pressed on what: Probe, tissue, Inclusion, Contact, Placement, Load;
-                      scene.replace({"probe.gap": "0.2 mm"}) returns it with other values
+                      Scene.from_file(name); scene.replace({"probe.gap": "0.2 mm"}); scene.plot()
     Probe             two blocks of a Material each; Base, Film and Groove where it has them
     CylinderTissue    tissue, or BlockTissue, or HalfSpaceTissue
     InputError        bad input, in one line; Refusal: of a scene that an evaluator cannot take; SolveError, ExportError,

@@ -1,13 +1,14 @@
 """Design, check and export tactile palpation probes, from Python as from the command line.
 
-A scene describes a probe and the tissue that it is pressed on: ``geometry.Scene``, or a TOML file (docs/reference/scene-file.md).
-Numbers are in SI units. The public functions:
+A ``Scene`` describes a probe and the tissue that it is pressed on. ``Scene.from_file`` reads one (docs/reference/scene-file.md),
+``scene.replace({"probe.gap": "0.2 mm"})`` returns it with other values, ``scene.plot()`` draws it. Numbers are in SI units. The
+public functions take a scene or the name of its file:
 
     evaluate       film stresses, their ratio and its sensitivity to the tumour's modulus
     evaluate_many  the same for many scenes, in order; designs that differ in moduli or loads share one curve
     plan           which evaluator reaches a given accuracy for a scene, and which features it neglects
     curve          ratio and log-sensitivity over the target's Young's modulus
-    load           ratio, log-sensitivity and the gap between the blocks under rising loads
+    press          ratio, log-sensitivity and the gap between the blocks under rising loads
     scan           readings of the probe along a line over the tissue
     detectability  which tumours the probe detects, and which it resolves in stiffness
     estimate       modulus, diameter or depth from readings
@@ -15,12 +16,13 @@ Numbers are in SI units. The public functions:
     sweep          evaluate thousands of designs, each once
     fit_material   a law at finite strain from a measured curve of stress and stretch
     export         write the files for the workshop: STEP, drawings, film patterns, moulds, lists
-    plot           draw the result of curve, load, scan or detectability
+    plot           draw the result of curve, press, scan or detectability
 
     >>> from probe_design import evaluate
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
 
-Results are immutable. A notebook displays them as tables, and ``to_dataset()`` returns arrays with labels and units.
+Results are immutable and print as short tables; ``to_frame()`` (pandas) and ``to_dataset()`` (xarray) return arrays with labels.
+A built probe is read, calibrated and checked by the command line; its ``--json`` objects hold the numbers.
 """
 
 # Imports inside functions: signals are heard before click and the commands load; public names load when they are used.
@@ -32,6 +34,7 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # typing's, which takes longer to import than all that the program does before it listens to signals
 if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
     from probe_design.commands.estimate import estimate
     from probe_design.commands.export import export
     from probe_design.commands.maps import detectability, scan
@@ -40,9 +43,10 @@ if TYPE_CHECKING:
     from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
     from solver.batch import evaluate_many
-    from solver.evaluation import curve, evaluate, load, plan
+    from solver.evaluation import curve, evaluate, plan, press
 
 __all__ = [
+    "Scene",
     "curve",
     "detectability",
     "estimate",
@@ -50,18 +54,18 @@ __all__ = [
     "evaluate_many",
     "export",
     "fit_material",
-    "load",
     "optimize",
     "plan",
     "plot",
+    "press",
     "scan",
     "sweep",
 ]
 
-_MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.evaluation")
+_MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "plan", "press"), "solver.evaluation")
 _MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands.maps")
 _MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "optimize")}
-_MODULE_NAMES |= {"fit_material": "probe_design.commands.material"}
+_MODULE_NAMES |= {"fit_material": "probe_design.commands.material", "Scene": "geometry.scenes.scene"}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
 
 
@@ -69,12 +73,17 @@ def __getattr__(name: str) -> object:
     """Import a public name when it is first used; the help of the command line needs none of them."""
     if name in __all__:
         return getattr(import_module(_MODULE_NAMES[name]), name)
+    if name == "__version__":
+        return import_module("importlib.metadata").version("probe-design")
+    if name == "load":  # the name up to version 0.3; to be removed in 0.5
+        import_module("warnings").warn("probe_design.load is called press", DeprecationWarning, stacklevel=2)
+        return import_module("solver.evaluation").press
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """List the public names; subpackages are imported by their own names."""
-    return sorted([*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__"])
+    return sorted([*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__", "__version__"])
 
 
 if "IPython" in sys.modules:

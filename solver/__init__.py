@@ -9,7 +9,7 @@ The public functions take a ``geometry.Scene`` or the name of a scene file:
     evaluate_many  the same for many scenes at once, in order; work that they share is done once
     plan           the evaluator that reaches an accuracy, and what it leaves out: a Decision for each feature
     curve          ratio and log-sensitivity as functions of the target's Young's modulus: a Curve
-    load           the same, and the distance of the gap's walls, under rising loads: a LoadCurve
+    press          the same, and the distance of the gap's walls, under rising loads: a LoadCurve
     evaluator      one evaluator by its name: an Evaluator
     Workspace      keeps meshes and factors from one evaluation to the next
 """
@@ -17,7 +17,7 @@ The public functions take a ``geometry.Scene`` or the name of a scene file:
 # Imports inside functions: planning, contact and phase load SciPy, and whoever shows a result imports this package.
 
 from solver.batch import evaluate_many
-from solver.evaluation import curve, evaluate, load, plan
+from solver.evaluation import curve, evaluate, plan, press
 from solver.evaluators import evaluator
 from solver.linalg.workspace import Workspace
 from solver.results.evaluator import Evaluator
@@ -33,6 +33,6 @@ __all__ = [
     "evaluate",
     "evaluate_many",
     "evaluator",
-    "load",
     "plan",
+    "press",
 ]

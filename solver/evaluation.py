@@ -209,7 +209,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
         return _add_load_limits(planned, scene, accuracy) if loads else planned
 
 
-def load(
+def press(
     scene: Scene | Path | str,
     *,
     force: float | None = None,

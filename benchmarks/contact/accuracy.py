@@ -24,7 +24,7 @@ from solver.axisymmetric.sections import build_sections
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path as LoadPath
-from solver.evaluation import load
+from solver.evaluation import press
 
 FOLDER = Path(__file__).parents[2] / "tests" / "reference" / "contact"
 GAPS = (0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)
@@ -73,7 +73,7 @@ def gaps() -> None:
 
 def _gap(scene: Scene, gap: float, max_indentation: float) -> str:
     try:
-        loaded = load(scene, indentation=max_indentation, points=5)
+        loaded = press(scene, indentation=max_indentation, points=5)
     except ProbeError as fault:
         return f"| {1e3 * gap:g} | | | | {fault} |"
     closes = "-" if loaded.gap_closure_load is None else f"{loaded.gap_closure_load.force:.3g}"

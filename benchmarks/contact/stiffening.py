@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+import probe_design
 from geometry import read_scene
-from probe_design import evaluate, load
 from solver.results.result import LoadCurve
 
 SCENE, PICTURE = "examples/scene.toml", "docs/pictures/stiffening.png"
@@ -27,7 +27,7 @@ PRELOADS_N = (0.0125, 0.025, 0.05)
 
 def press(c2: float) -> LoadCurve:
     """Return the example on tissue of Yeoh's law, pressed to the forces."""
-    return load(
+    return probe_design.press(
         read_scene(SCENE).replace({"tissue.law": "yeoh", "tissue.c2_over_c1": c2}), force=FORCES_N[-1], points=len(FORCES_N)
     )
 
@@ -60,7 +60,7 @@ def print_preloads() -> None:
         scene = read_scene(SCENE).replace({"tissue.law": "yeoh", "tissue.c2_over_c1": c2})
         for force in PRELOADS_N:
             pressed, tangent = (
-                evaluate(scene.replace({"load.force": peak, "load.preload": preload}), evaluator="contact")
+                probe_design.evaluate(scene.replace({"load.force": peak, "load.preload": preload}), evaluator="contact")
                 for peak, preload in ((force, 0.0), (2 * force, force))
             )
             bias = np.log(tangent.ratio / pressed.ratio) / pressed.log_sensitivity
@@ -72,7 +72,7 @@ def print_preloads() -> None:
 
 def main() -> None:
     """Print the table and draw the picture."""
-    linear = evaluate(SCENE, evaluator="axisymmetric", accuracy=1e-3)
+    linear = probe_design.evaluate(SCENE, evaluator="axisymmetric", accuracy=1e-3)
     assert linear.ratio is not None
     assert linear.log_sensitivity is not None
     curves = {c2: press(c2) for c2 in CONSTANTS}

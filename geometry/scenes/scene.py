@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 from pydantic import ValidationError, model_validator
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
+from geometry.common.text_files import parse_tables, read_text
+from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.fit_check import check_bodies_fit
 from geometry.scenes.keys import Value, find_key, replace_values
 from geometry.scenes.scene_tables import Observable, SceneTables
 from geometry.scenes.validation_messages import convert_error
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Scene(SceneTables):
@@ -29,6 +35,39 @@ class Scene(SceneTables):
         if any(film.d33 == 0 and film.mean_lateral_charge == 0 for film in films):
             raise InputError("probe.film.d33", "0 pC/N", "other than 0, or d31 + d32 other than 0, as charges are read")
         return self
+
+    @classmethod
+    def from_file(cls, path: Path | str) -> Self:
+        """Read the scene file at ``path``; names of surface files in it are relative to its folder.
+
+        Raises
+        ------
+        InputError
+            The file is missing, empty or not TOML, or it states something that is not allowed.
+        """
+        scene, folder = cls.from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
+        # a body with a surface file gets the file's name with the folder, so that it can be opened from anywhere
+        if all(body.surface is None for body in scene.inclusion):
+            return scene
+        bodies = (
+            body if body.surface is None else body.model_copy(update={"surface": str(folder / body.surface)})
+            for body in scene.inclusion
+        )
+        return scene.model_copy(update={"inclusion": tuple(bodies)})
+
+    @classmethod
+    def from_toml(cls, text: str, name: str = "scene") -> Self:
+        """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
+        data = parse_tables(text, name, "a TOML scene file")
+        check_kind(data, name, "scene file", "a scene file, with [probe], [tissue] and [load]")
+        if not data:
+            raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
+        return cls.from_dict(data)
+
+    @classmethod
+    def from_dict(cls, tables: Mapping[str, object]) -> Self:
+        """Build a scene from the tables of a scene file, quantities as texts with units. Raises ``InputError``."""
+        return cls.from_tables(tables, units_required=True)
 
     @classmethod
     def from_tables(cls, tables: Mapping[str, object], units_required: bool = False) -> Self:
@@ -80,6 +119,18 @@ class Scene(SceneTables):
         keys = [find_key(name, tables, Scene) for name in changes]
         values = [key.read_bare_value(value) for key, value in zip(keys, changes.values(), strict=True)]
         return self.from_tables(replace_values(tables, keys, values))
+
+    def plot(self) -> Figure:
+        """Draw the meridian section to scale: probe, tissue with its layers, tumours; Matplotlib is imported when it is used.
+
+        Returns
+        -------
+        Figure
+            A notebook shows it; its ``savefig`` writes it to a file.
+        """
+        from geometry.scenes.section_figure import draw_section
+
+        return draw_section(self)
 
     @property
     def observable(self) -> Observable:

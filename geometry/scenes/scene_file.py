@@ -7,28 +7,12 @@ from pathlib import Path
 
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
-from geometry.common.text_files import parse_tables, read_text
-from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.scene import Scene
 
 
 def read_scene(path: Path | str) -> Scene:
-    """Read the scene file at ``path``; names of surface files in it are relative to its folder.
-
-    Raises
-    ------
-    InputError
-        The file is missing, empty or not TOML, or it states something that is not allowed.
-    """
-    scene, folder = scene_from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
-    # a body with a surface file gets the file's name with the folder, so that it can be opened from anywhere
-    if all(body.surface is None for body in scene.inclusion):
-        return scene
-    bodies = (
-        body if body.surface is None else body.model_copy(update={"surface": str(folder / body.surface)})
-        for body in scene.inclusion
-    )
-    return scene.model_copy(update={"inclusion": tuple(bodies)})
+    """Read the scene file at ``path``; see ``Scene.from_file``."""
+    return Scene.from_file(path)
 
 
 def load_scene(scene: Scene | Path | str) -> Scene:
@@ -48,16 +32,12 @@ def load_scene(scene: Scene | Path | str) -> Scene:
 
 def scene_from_toml(text: str, name: str = "scene") -> Scene:
     """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
-    data = parse_tables(text, name, "a TOML scene file")
-    check_kind(data, name, "scene file", "a scene file, with [probe], [tissue] and [load]")
-    if not data:
-        raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
-    return scene_from_dict(data)
+    return Scene.from_toml(text, name)
 
 
 def scene_from_dict(data: Mapping[str, object]) -> Scene:
     """Build a scene from the tables of a scene file, quantities as strings. Raises ``InputError``."""
-    return Scene.from_tables(data, units_required=True)
+    return Scene.from_dict(data)
 
 
 def scene_to_dict(scene: Scene) -> JsonObject:

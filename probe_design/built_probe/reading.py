@@ -32,7 +32,7 @@ from solver.results.result import Result
 EXCHANGE_FACTOR = 5.0  # factor by which exchanged channels must reduce the difference of ln ratio from its prediction
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StressReading(Record):
     """Stress amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
 

@@ -238,13 +238,13 @@ class LoadRequest(LimitedRequest):
         """Compute the scene under rising loads."""
         from probe_design.terminal.console import show_steps
         from probe_design.terminal.result_tables import build_load_table, list_load_lines
-        from solver.evaluation import load
+        from solver.evaluation import press
 
         force, indentation = _read_load(self.max_load)
         scene = load_scene(self.scene)
         check_picture(self.picture)
         with show_steps(f"pressing {self.scene}") as progress:
-            result = self.call(load, scene=scene, force=force, indentation=indentation, progress=progress)
+            result = self.call(press, scene=scene, force=force, indentation=indentation, progress=progress)
         present(result, build_load_table, self.as_json, self.picture, lines=list_load_lines)
 
 

@@ -92,7 +92,7 @@ class NextReading:
     draws: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate(Record):
     """Result of an estimate, SI units; an end of an interval is None where it is open.
 

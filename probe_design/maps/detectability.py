@@ -34,7 +34,7 @@ Map = tuple[tuple[float | None, ...], ...]
 Verdicts = tuple[tuple[bool | None, ...], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Detectability(LoadedRecord):
     """Maps over depths (rows) and diameters (columns); None where the sphere does not fit.
 

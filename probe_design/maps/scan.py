@@ -31,7 +31,7 @@ from solver.results.result import Column, Decision, ReadRatio
 Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scan(LoadedRecord):
     """Readings at positions along a line, at the scene's load; None where a warning gives the reason.
 

@@ -46,7 +46,7 @@ class BlockDeviation:
     z: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Check(Record):
     """The result of a check.
 

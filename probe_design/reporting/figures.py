@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
-    """Draw the result of ``curve``, ``load``, ``scan`` or ``detectability`` as their commands do with ``--plot``.
+    """Draw the result of ``curve``, ``press``, ``scan`` or ``detectability`` as their commands do with ``--plot``.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
             return draw_scan(result, _require_scene(result.scene))
         case Detectability():
             return draw_detectability(result, _require_scene(result.scene))
-    raise InputError("result", Words(f"a {type(result).__name__}"), "a result of curve, load, scan or detectability")
+    raise InputError("result", Words(f"a {type(result).__name__}"), "a result of curve, press, scan or detectability")
 
 
 def _require_scene(scene: Scene | None) -> Scene:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SweepSummary(Record):
     """A finished sweep.
 
@@ -68,7 +68,7 @@ class SweepSummary(Record):
         """Return the JSON object of ``probe-design sweep``."""
         return super().as_dict() | {"folder": str(self.folder)}
 
-    def dataframe(self) -> pd.DataFrame:
+    def to_frame(self) -> pd.DataFrame:
         """Return all rows; see ``probe_design.sweeps.results.dataframe``."""
         return results.dataframe(self.folder)
 

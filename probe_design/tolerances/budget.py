@@ -115,7 +115,7 @@ class OutputScatter:
     error_estimate: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ToleranceBudget(Record):
     """An uncertainty budget, SI units.
 

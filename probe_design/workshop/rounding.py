@@ -41,7 +41,7 @@ class RoundingCost:
     evaluator: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rounding(Record):
     """A rounded scene.
 

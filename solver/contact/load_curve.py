@@ -39,7 +39,7 @@ FINER_PATH_FACTOR = (
 def compute_load_curve(
     scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, progress: ProgressCallback = ignore_progress
 ) -> LoadCurve:
-    """Press a scene to each of several loads and return the curve; see ``solver.evaluation.load``.
+    """Press a scene to each of several loads and return the curve; see ``solver.evaluation.press``.
 
     Parameters
     ----------

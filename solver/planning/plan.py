@@ -39,7 +39,7 @@ MESH_SHARE = 0.015  # that relative error of ``solid``, at most, where it meshes
 WHOLE_MESH_SHARE = 0.06  # likewise without symmetry: twice the tetrahedra for the same memory; 2 GB reach 0.034 to 0.045
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan(LoadedRecord):
     """The evaluator for a scene, with the features that it models and neglects.
 

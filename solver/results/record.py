@@ -14,6 +14,7 @@ from geometry.common.errors import MissingLibrary
 from geometry.common.json_types import JsonObject
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 SI_UNITS = {
@@ -30,6 +31,8 @@ SI_UNITS = {
     "charge_ratio_without": "1", "seconds": "s", "strength": "m^3", "p_value": "1",
 }  # fmt: skip
 """SI units of the fields of results, by name; 1 is a pure number."""
+
+MAX_SHOWN_ROWS = 10  # rows of arrays that a printed result shows
 
 
 class Record:
@@ -72,6 +75,44 @@ class Record:
                 arrays |= {field.name: array} if array.shape == shape else {}
         return arrays
 
+    def __str__(self) -> str:
+        """Return a short table: the single numbers with their SI units, the first rows of the arrays, the warnings."""
+        numbers = self.collect_numbers()
+        width = max(map(len, numbers), default=0)
+        rows = [f"{name:<{width}}  {_format_value(name, value)}" for name, value in numbers.items()]
+        arrays = self.collect_arrays() if len(self.DIMENSIONS) == 1 else {}
+        if arrays:
+            columns = {name: np.array(getattr(self, name)) for name in self.DIMENSIONS} | arrays
+            columns = {name: values for name, values in columns.items() if np.isfinite(values).any()}
+            cells = [columns.keys(), *([f"{value:.5g}" for value in row] for row in zip(*columns.values(), strict=True))]
+            shown = cells[: MAX_SHOWN_ROWS + 1]
+            widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
+            rows += ["  ".join(cell.rjust(size) for cell, size in zip(row, widths, strict=True)) for row in shown]
+            rows += [f"... {len(cells) - len(shown)} more rows"] if len(cells) > len(shown) else []
+        rows += [f"warning: {text}" for text in getattr(self, "warnings", ())]
+        return "\n".join([type(self).__name__, *rows])
+
+    __repr__ = __str__  # in place of all fields with their provenance; dataclasses are declared with repr=False
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas frame: the arrays by their dimensions, or the single numbers with their units by their names.
+
+        Raises
+        ------
+        MissingLibrary
+            Pandas is not installed; for arrays, xarray is needed, too.
+        """
+        try:
+            pandas = import_module("pandas")
+        except ImportError:
+            raise MissingLibrary("pandas is not installed: pip install 'probe-design[sweep]'") from None
+        if self.DIMENSIONS:
+            frame: pd.DataFrame = self.to_dataset().to_dataframe()
+            return frame
+        numbers = self.collect_numbers()
+        columns = {"value": list(numbers.values()), "unit": [SI_UNITS.get(name, "").replace("1", "") for name in numbers]}
+        return pandas.DataFrame(columns, index=pandas.Index(numbers, name="quantity"))
+
     def to_dataset(self) -> xr.Dataset:
         """Return the arrays with their labels, units in the ``attrs`` of each; NaN where there is no value.
 
@@ -95,3 +136,10 @@ class Record:
         dataset.attrs |= self.collect_numbers() | {"warnings": [*map(str, getattr(self, "warnings", ()))]}
         dataset.attrs["provenance"] = json.dumps(getattr(self, "provenance", None))
         return dataset
+
+
+def _format_value(name: str, value: object) -> str:
+    """Return a number with its SI unit, or a text as it is."""
+    if isinstance(value, str | bool):
+        return str(value)
+    return f"{value:.6g} {SI_UNITS.get(name, '').replace('1', '')}".rstrip()

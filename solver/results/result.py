@@ -94,7 +94,7 @@ class ReadRatio(Generic[T]):
     log_sensitivity: T
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result(LoadedRecord):
     """The result of an evaluator for a scene at its load; values are ``None`` where a warning gives the reason.
 
@@ -211,7 +211,7 @@ class Result(LoadedRecord):
         return replace(self, **errors)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Curve(LoadedRecord):
     """Results for many Young's moduli of the scene's target inclusion; tuples of one length.
 
@@ -280,7 +280,7 @@ class LoadRange:
     high: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LoadCurve(LoadedRecord):
     """A scene under rising loads; tuples of one length.
 

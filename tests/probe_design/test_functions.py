@@ -24,7 +24,7 @@ from geometry.common.errors import InputError
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import read_block
 from geometry.scenes.scene_file import read_scene
-from probe_design import curve, detectability, estimate, evaluate, export, load, plot, scan, sweep
+from probe_design import Scene, curve, detectability, estimate, evaluate, export, plot, press, scan, sweep
 from probe_design.notebook import format_record
 from tests.support.paths import SCENE
 from tests.support.program import run
@@ -57,9 +57,9 @@ def test_a_scene_and_its_file_are_answered_alike() -> None:
     assert by_name.ratio == solver.evaluate(SCENE, "closed-form", 0.1).ratio
 
 
-@pytest.mark.parametrize("function", [evaluate, scan, detectability, estimate, probe_design.optimize, curve, load])
+@pytest.mark.parametrize("function", [evaluate, scan, detectability, estimate, probe_design.optimize, curve, press])
 def test_what_is_no_scene_is_refused_in_one_line(function: Any, tmp_path: Any) -> None:
-    extra = {curve: {"moduli": [1e3]}, load: {"force": 0.1}, estimate: {"ratio": 0.6}}.get(function, {})
+    extra = {curve: {"moduli": [1e3]}, press: {"force": 0.1}, estimate: {"ratio": 0.6}}.get(function, {})
     with pytest.raises(InputError, match=r"(scene|design) = 3: allowed: a (Design or )?Scene, (or )?the name"):
         function(3, **extra)
     with pytest.raises(InputError, match="scene file = "):
@@ -67,7 +67,7 @@ def test_what_is_no_scene_is_refused_in_one_line(function: Any, tmp_path: Any) -
 
 
 def test_functions_say_what_they_take() -> None:
-    for name in probe_design.__all__:
+    for name in sorted({*probe_design.__all__} - {"Scene"}):
         function = getattr(probe_design, name)
         text = inspect.getdoc(function)
         assert text is not None
@@ -88,7 +88,7 @@ def test_help_page_has_the_functions() -> None:
         [sys.executable, "-c", "import probe_design; help(probe_design)"], capture_output=True, text=True, check=True
     ).stdout
     functions = page.partition("\nFUNCTIONS\n")[2]
-    assert [name for name in probe_design.__all__ if f"\n    {name}(" not in f"\n{functions}"] == []
+    assert [name for name in probe_design.__all__ if name != "Scene" and f"\n    {name}(" not in f"\n{functions}"] == []
 
 
 @pytest.mark.parametrize("package", [probe_design, solver, hw, geometry])
@@ -136,8 +136,48 @@ def test_a_notebook_shows_results_as_tables(monkeypatch: pytest.MonkeyPatch) -> 
     assert all(hasattr(importlib.import_module(module), name) for module, name in registered)
 
 
+def test_from_scene_to_optimum_in_ten_lines() -> None:
+    """What a newcomer types, without a look at the sources."""
+    scene = Scene.from_file(SCENE)
+    wider = scene.replace({"probe.gap": "0.2 mm", "inclusion.depth": "10 mm"})
+    before, after = (evaluate(item, accuracy=0.05) for item in (scene, wider))
+    assert after.to_frame().loc["ratio", "value"] == after.ratio != before.ratio
+    line = scan(wider, positions=[0.0, 5e-3], accuracy=0.1)
+    assert line.to_frame().loc[5e-3, "ratio"] == line.ratio[1]
+    assert "ratio" in str(after)
+    optimum = probe_design.optimize(scene, starts=1, outer_radius=8e-3)
+    assert optimum.best_tried.scene.probe.tube_radius <= 8e-3 * (1 + 1e-9)
+    assert optimum.verdict
+
+
+def test_results_print_as_short_tables() -> None:
+    result = evaluate(SCENE, evaluator="closed-form", accuracy=0.1)
+    assert f"ratio  {result.ratio:.6g}".split() in [row.split() for row in repr(result).splitlines()]
+    assert len(str(result)) < 1500
+    moduli = np.geomspace(1e3, 1e5, 30)
+    rows = str(curve(SCENE, moduli, accuracy=0.1)).splitlines()
+    assert rows[-1] == "... 20 more rows"
+    assert sum(row.lstrip().startswith("1000 ") for row in rows) == 1
+
+
+def test_a_scene_is_drawn_to_scale() -> None:
+    scene = Scene.from_file(SCENE)
+    (axes,) = scene.plot().axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+        "tissue, 6 kPa", "inner block, 1 MPa", "outer block, 80 kPa", "base", "tumour, 30 kPa"
+    ]  # fmt: skip
+    tumour = next(patch for patch in axes.patches if patch.get_label().startswith("tumour"))
+    assert (tumour.center, tumour.radius) == ((0.0, -9.0), 4.0)
+
+
+def test_the_old_name_of_press_warns() -> None:
+    with pytest.warns(DeprecationWarning, match="press"):
+        assert probe_design.load is press
+    assert re.fullmatch(r"\d+\.\d+\.\d+", probe_design.__version__)
+
+
 def test_what_has_no_picture_is_refused() -> None:
-    with pytest.raises(InputError, match="a result of curve, load, scan or detectability"):
+    with pytest.raises(InputError, match="a result of curve, press, scan or detectability"):
         plot(evaluate(SCENE, evaluator="closed-form", accuracy=0.1))  # type: ignore[arg-type]
 
 
@@ -174,7 +214,7 @@ def test_curve_as_arrays_and_picture() -> None:
 
 @pytest.mark.slow
 def test_load_as_arrays_and_picture() -> None:
-    path = load(SCENE, force=0.02, points=2)
+    path = press(SCENE, force=0.02, points=2)
     data = path.to_dataset()
     assert data["indentation"].dims == ("force",)
     assert data["closest_walls"].attrs["units"] == "m"

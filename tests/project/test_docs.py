@@ -9,40 +9,24 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 
 import pytest
 
+from tests.support.page_output import find_missing, is_alike, read_lines
 from tests.support.paths import DOCS, ROOT
 from tests.support.slow import slow_unless
 
-
-@dataclass(frozen=True)
-class Line:
-    """A command of a page, and the lines of its output that the page shows, in their order."""
-
-    command: str
-    shown: tuple[str, ...] = ()
-
-
-def read_lines(page: str) -> list[Line]:
-    lines: list[Line] = []
-    for language, block in re.findall(r"```(bash|console)\n(.*?)```", page, re.S):
-        if language == "bash":
-            lines += map(Line, block.splitlines())
-        else:
-            commands = re.findall(r"^\$ (.+)\n((?:(?!\$ ).*\n)*)", block, re.M)
-            lines += [Line(command, tuple(filter(str.strip, shown.splitlines()))) for command, shown in commands]
-    return lines
-
-
 PAGES = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in sorted(DOCS.rglob("*.md"))}
-COMMANDS = {name: lines for name, page in PAGES.items() if (lines := read_lines(page))}
+# pages that show shortened tables, placeholders for files, or checks that fail by intention: only their other commands run
+SHORTENED_NAMES = ("design-search", "films", "hardware", "lab", "materials", "next-reading", "sweep", "tolerances")
+SHORTENED = {f"guides/{name}.md" for name in SHORTENED_NAMES}
+COMMANDS = {
+    name: lines
+    for name, page in PAGES.items()
+    if (lines := read_lines(re.sub(r"```console\n.*?```", "", page, flags=re.S) if name in SHORTENED else page))
+}
 QUICK = ("explanation/physics.md",)
-NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-NOT_REPRODUCED = re.compile(r"\d+(\.\d+)? s\b|.*(chi-square|residual)")  # times and what is zero but for rounding
 
 
 @pytest.mark.timeout(1200)  # a page may be a whole session
@@ -51,10 +35,7 @@ def test_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     for line in COMMANDS[page]:
         printed = run_line(line.command, tmp_path)
-        if line.shown:
-            waiting = iter(printed.splitlines())
-            for shown in line.shown:
-                assert any(is_alike(shown, row) for row in waiting), (line.command, shown, printed)
+        assert find_missing(line, printed) is None, (line.command, find_missing(line, printed), printed)
 
 
 def run_line(line: str, folder: Path) -> str:
@@ -73,18 +54,9 @@ def run_line(line: str, folder: Path) -> str:
     return ended.stdout
 
 
-def is_alike(shown: str, printed: str) -> bool:
-    """Return whether two lines have the same words, and numbers that differ by at most 5 %, or 0.02 where they are small."""
-    if not all(x == y for x, y in zip_longest(*(NUMBER.sub("#", line).split() for line in (shown, printed)))):
-        return False
-    if NOT_REPRODUCED.match(shown):
-        return True
-    numbers = [[float(text) for text in NUMBER.findall(line)] for line in (shown, printed)]
-    return numbers[1] == pytest.approx(numbers[0], rel=0.05, abs=0.02)
-
-
 def test_alike_lines_differ_in_digits_alone() -> None:
     assert is_alike("│ ratio │ 0.5629 │", "│ ratio   │  0.563 │")
+    assert is_alike("axisymmetric, 3.2 s", "axisymmetric, 12 s")
     assert not is_alike("│ ratio │ 0.56 │", "│ ratio │ 0.76 │")
     assert not is_alike("│ ratio │ 0.56 │", "│ stress │ 0.56 │")
 

@@ -302,6 +302,7 @@ ALLOWED: dict[str, set[str]] = {
         *PROVENANCE,
     },
     "probe_design": {
+        "geometry.scenes",  # Scene is a public name
         "probe_design.commands",
         "probe_design.design_report",
         "probe_design.design_search",

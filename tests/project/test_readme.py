@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.page_output import find_missing, read_lines
 from tests.support.paths import ROOT
 from tests.support.slow import slow_unless
 
@@ -73,6 +74,8 @@ def test_command_runs(command: str, folder: Path) -> None:
     ended = run_line(command, folder)
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout or "wrote" in ended.stderr
+    shown = next(line for line in read_lines(README) if line.command == command)
+    assert find_missing(shown, ended.stdout) is None, (find_missing(shown, ended.stdout), ended.stdout)
 
 
 def run_line(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -106,8 +109,12 @@ def test_snippet_runs(snippet: str, folder: Path) -> None:
     assert ended.stdout.strip()
 
 
-def test_scene_in_readme_is_the_example() -> None:
-    assert blocks("toml")[0] == (ROOT / "examples" / "scene.toml").read_text(encoding="utf-8")
+def test_readme_is_short() -> None:
+    assert len(README.splitlines()) <= 150
+
+
+def test_scene_in_the_tutorial_is_the_example() -> None:
+    assert blocks("toml", PAGES["docs/start/tutorial.md"])[0] == (ROOT / "examples" / "scene.toml").read_text(encoding="utf-8")
 
 
 def test_relative_links_exist() -> None:

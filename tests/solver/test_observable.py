@@ -12,7 +12,7 @@ from geometry import Scene, read_scene
 from geometry.scenes.film import Film
 from probe_design.reporting.curve_figures import draw_curve, draw_load_curve
 from probe_design.terminal.result_tables import build_curve_table, build_load_table, build_result_table, list_reading_lines
-from solver import curve, evaluate, load
+from solver import curve, evaluate, press
 from tests.support.paths import EXAMPLES
 
 TAPE = {"thickness": 50e-6, "youngs_modulus": 4e5, "poisson_ratio": 0.49}
@@ -109,7 +109,7 @@ def test_the_table_shows_first_what_is_read_in_units_of_people() -> None:
 
 def test_under_load_charges_are_those_of_single_results() -> None:
     scene = build({"bond_to_base": TAPE, "bond_to_block": TAPE})
-    line = load(scene, force=0.02, points=2)
+    line = press(scene, force=0.02, points=2)
     alone = evaluate(scene.replace({"load.force": 0.02}), "contact")
     assert line.charge_ratio is not None
     assert line.charge_inner is not None

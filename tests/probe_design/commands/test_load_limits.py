@@ -13,7 +13,7 @@ from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.scene_tables import Load
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.verification import verify_tumour_design
-from solver import evaluate, load, plan
+from solver import evaluate, plan, press
 from solver.contact.load_curve import find_load_ends
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import run
@@ -117,7 +117,7 @@ def test_computed_loads_are_those_of_the_load_curve(tmp_path: Path) -> None:
     assert limits.log_sensitivity is not None
     assert limits.log_sensitivity.known == "contact"
     assert limits.linear == limits.log_sensitivity
-    pressed = load(scene, force=limits.log_sensitivity.force, points=1)
+    pressed = press(scene, force=limits.log_sensitivity.force, points=1)
     still = evaluate(scene, "axisymmetric", 1e-3).log_sensitivity
     assert still is not None
     assert pressed.log_sensitivity[-1] == pytest.approx(1.05 * still, abs=0.005 * still)

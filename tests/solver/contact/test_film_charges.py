@@ -10,7 +10,7 @@ from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Scene
-from solver import evaluate, load
+from solver import evaluate, press
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.load_curve import CHARGE_FIELDS
@@ -168,7 +168,7 @@ def test_moduli_of_one_curve_are_those_of_their_points() -> None:
 @pytest.mark.parametrize("observable", ["charge", "stress"])
 def test_load_curves_hold_charges_and_limits_of_what_is_read(observable: str) -> None:
     scene = build(TAPES, 0.01).replace({"reading.observable": observable})
-    curve = load(scene, force=0.04, points=2)
+    curve = press(scene, force=0.04, points=2)
     result = evaluate(scene.replace({"load.force": 0.04}), evaluator="contact")
     for name in CHARGE_FIELDS:
         value, expected = getattr(curve, name)[1], getattr(result, name)

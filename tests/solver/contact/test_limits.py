@@ -16,7 +16,7 @@ from solver.contact.limits import find_gap_closure_load
 from solver.contact.load_curve import find_load_ends
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.evaluation import load
+from solver.evaluation import press
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"
@@ -74,7 +74,7 @@ def test_a_wide_gap_closes_nowhere() -> None:
 @pytest.mark.slow
 def test_linear_elasticity_ends_where_the_trial_says() -> None:
     """5 % in log-sensitivity at 0.042 N (shared trial of two codes), long before 1 % in ratio at 0.23 N."""
-    result = load(EXAMPLE, force=0.05, points=2)
+    result = press(EXAMPLE, force=0.05, points=2)
     assert result.linear_limit_load is not None
     assert result.linear_limit_load.by == "log_sensitivity"
     assert result.linear_limit_load.force == pytest.approx(0.042, rel=0.05)
@@ -89,7 +89,7 @@ def test_linear_elasticity_ends_where_the_trial_says() -> None:
 
 @pytest.mark.slow
 def test_what_converged_is_kept_when_the_time_is_over() -> None:
-    result = load(EXAMPLE, indentation=40e-3, points=40, limits=Limits(seconds=15.0))
+    result = press(EXAMPLE, indentation=40e-3, points=40, limits=Limits(seconds=15.0))
     assert result.stopped is not None
     assert 0 < len(result.force) < 40
     assert any("ends early" in note for note in result.warnings)
@@ -100,21 +100,21 @@ def test_what_converged_is_kept_when_the_time_is_over() -> None:
 )
 def test_loads_that_are_none_are_refused(wanted: dict[str, float]) -> None:
     with pytest.raises(InputError):
-        load(EXAMPLE, **wanted)
+        press(EXAMPLE, **wanted)
 
 
 def test_scenes_of_other_kinds_are_refused() -> None:
     with pytest.raises(Refusal, match="tilt"):
-        load(EXAMPLE.model_copy(update={"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}), force=0.1)
+        press(EXAMPLE.model_copy(update={"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}), force=0.1)
 
 
 def test_a_load_far_beyond_all_is_refused_by_what_was_asked() -> None:
     with pytest.raises(Refusal, match=r"force = 1e\+06 N: allowed: up to about 0.5\d* N"):
-        load(EXAMPLE, force=1e6, points=1)
+        press(EXAMPLE, force=1e6, points=1)
 
 
 def test_next_to_no_load_is_the_load_that_was_asked_for() -> None:
-    result = load(EXAMPLE, force=1e-9, points=1)
+    result = press(EXAMPLE, force=1e-9, points=1)
     assert result.force == pytest.approx((1e-9,), rel=1e-6)
     assert result.indentation == pytest.approx((1e-9 / result.stiffness[0],), rel=1e-9)
 
