@@ -30,6 +30,7 @@ ADHESIVE_WARNING = (
     "[probe.film] adhesive_thickness and adhesive_modulus are read as [probe.film.bond_to_base] with a Poisson's ratio of 0.3; "
     "write that table instead, as the next version refuses these keys"
 )
+MAX_SOFT_RATIO = 30.0  # of the moduli of soft bonds: tapes differ by less, glue is 1000 times stiffer
 ADHESIVE_POISSON_RATIO = 0.3  # that those versions computed the adhesive with
 
 
@@ -175,6 +176,12 @@ class Film(Frozen):
         return inner, inner.model_copy(update={key: value for key, value in changes.items() if value is not None})
 
     @property
+    def soft_limit(self) -> float:
+        """The largest modulus of a soft bond, Pa: tapes are soft where a film has tape and glue; 0 without bonds."""
+        moduli = [bond.youngs_modulus for film in self.by_block for bond in film.bonds if bond.youngs_modulus is not None]
+        return MAX_SOFT_RATIO * min(moduli, default=0.0)
+
+    @property
     def has_bonds(self) -> bool:
         """Whether a bond is given on either side of either block's film."""
         given = (self.bond_to_base, self.bond_to_block)
@@ -188,7 +195,13 @@ class Film(Frozen):
     @property
     def stack(self) -> tuple[Bond | Film, ...]:
         """The layers of this film from the block to the base; bonds without thickness are rigid."""
-        return self.bond_to_block or RIGID_BOND, self, self.bond_to_base or RIGID_BOND
+        to_block, to_base = self.bonds
+        return to_block, self, to_base
+
+    @property
+    def bonds(self) -> tuple[Bond, Bond]:
+        """The bonds of this film towards the block and towards the base."""
+        return self.bond_to_block or RIGID_BOND, self.bond_to_base or RIGID_BOND
 
     @property
     def stack_height(self) -> float:

@@ -17,7 +17,8 @@ Thickness = Annotated[float, THICKNESS_QUANTITY]
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)
 Position = Annotated[float, POSITION_QUANTITY]
 Modulus = Annotated[float, MODULUS_QUANTITY]
-ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
+CHARGE_QUANTITY = Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)
+ChargePerForce = Annotated[float, CHARGE_QUANTITY]
 POISSON_RATIO_TEXT, NUMBER_TEXT = "a number from 0 to below 0.5", "a number from -100 to 100"
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description=POISSON_RATIO_TEXT)]
 LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]

@@ -11,11 +11,12 @@ from geometry.scenes.scene import Scene
 
 BLOCK_NAMES = ("inner", "outer")
 FILM_LENGTHS = ("thickness", "electrode_inset")
+PIEZO_KEYS = ("d31", "d32", "d33")
 BOND_VALUES = ("thickness", "youngs_modulus", "poisson_ratio")
 
 
 def list_values(scene: Scene) -> dict[str, float]:
-    """Return every length, modulus and Poisson's ratio that a scene's film forces depend on, SI, by its key.
+    """Return every length, modulus and Poisson's ratio that a scene's film forces and charges depend on, and d, SI, by its key.
 
     Keys are those of the scene file, ``probe.inner.youngs_modulus``; ``inclusion.depth`` is that of a scene's only inclusion.
     """
@@ -42,6 +43,8 @@ def _list_film_values(film: Film | None) -> dict[str, float | None]:
     for prefix, part in _list_film_parts(film):
         values |= {f"{prefix}.{key}": getattr(part, key) or None for key in FILM_LENGTHS}  # an inset of 0 has no derivative
         values |= {f"{prefix}.{key}": getattr(part, key) for key in ("youngs_modulus", "poisson_ratio")}
+        if film is not None and not film.uses_psi:
+            values |= {f"{prefix}.{key}": getattr(part, key) for key in PIEZO_KEYS}
         for side in BOND_SIDES:
             bond = getattr(part, side)
             if bond is not None and not bond.is_rigid:

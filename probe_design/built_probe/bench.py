@@ -143,8 +143,9 @@ class Workshop(Frozen):
     """Tolerances of manufacture: standard deviations of every length (m), modulus (relative) and Poisson's ratio.
 
     Without ``length``, each block's lengths have the tightest tolerance of its process, no less than 0.02 mm; see
-    ``geometry.workshop.tolerance.find_length_sd``. Thicknesses and the modulus of films and bonds are relative. The modulus of
-    the bonds is not among them: a calibration determines it.
+    ``geometry.workshop.tolerance.find_length_sd``. Thicknesses and the modulus of films and bonds are relative, and so is
+    ``film_piezo``, of d31, d32 and d33: makers and batches differ in their ratios, while a calibration determines one scale of
+    all. The modulus of the soft bonds is not among them: a calibration determines it, too.
     """
 
     length: Length | None = None
@@ -154,6 +155,7 @@ class Workshop(Frozen):
     bond_thickness: Fraction = 0.1
     film_modulus: Fraction = 0.2
     film_poisson_ratio: Fraction = 0.03
+    film_piezo: Fraction = 0.1
 
 
 class Reference(Frozen):

@@ -10,21 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.meridian.section import FILMS, STACKS, TISSUES, Body
-from geometry.scenes.probe import Probe
+from geometry.meridian.section import TISSUES
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_tables import Load, Placement
+from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import find_length_sd
 from probe_design.built_probe.bench import Reference, Workshop
+from probe_design.built_probe.block_derivatives import Derivatives, differentiate_block, differentiate_by_moduli, list_soft_bonds
 from probe_design.built_probe.reference_charges import (
     FILM_KEYS,
     BondModulus,
@@ -38,7 +37,6 @@ from probe_design.built_probe.reference_charges import (
 )
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.evaluator import Axisymmetric
-from solver.axisymmetric.gradients import compute_gradients
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_check import LINEAR_REMEDY, explain_limit
 from solver.planning.load_limits import find_largest_load
@@ -48,8 +46,6 @@ from solver.results.film_forces import FilmForces
 
 PREDICTION_ACCURACY = 1e-3  # relative accuracy of the solver
 LINEARITY_ACCURACY = 0.01  # largest relative change by finite strain at which a load is allowed
-BONDS = tuple(body for stack in STACKS for body in stack if body not in FILMS)
-UNIT_LOAD = Load(force=0.01)  # N: derivatives are those at a given load, whatever its size
 BLOCK_MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
 
 
@@ -70,7 +66,7 @@ class BlockPrediction:
     rule
         Limits of loads on the block; None: the load does not matter.
     bond_derivative
-        Derivative of ``log_ratio`` with respect to the logarithm of the modulus of all bonds.
+        Derivative of ``log_ratio`` with respect to the logarithm of the modulus of the soft bonds.
     """
 
     log_ratio: float
@@ -172,20 +168,18 @@ class BlockPredictions:
     def compute_tolerances(self, workshop: Workshop, calibrated: bool = True) -> Floats:
         """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's.
 
-        Without a calibration the bonds' moduli have the catalogue's, too; one determines them, and so they are no tolerances.
+        Bonds' moduli have the catalogue's, too, but for those that a calibration determines, which are no tolerances then.
         """
-        tolerances = np.array(
-            [self._find_tolerance(*variable, workshop) for variable in zip(self.variables, self.nominal, strict=True)]
-        )
-        if self.bonds is not None and not calibrated:
-            is_bond = np.array([is_bond_modulus(name) for name in self.variables])
-            tolerances[is_bond] = self.bonds.log_sd * self.nominal[is_bond]
-        return tolerances
+        pairs = zip(self.variables, self.nominal, strict=True)
+        return np.array([self._find_tolerance(*variable, workshop, calibrated) for variable in pairs])
 
-    def _find_tolerance(self, name: str, value: float, workshop: Workshop) -> float:
+    def _find_tolerance(self, name: str, value: float, workshop: Workshop, calibrated: bool) -> float:
         """Return the standard deviation of a variable, SI."""
         if name == BLOCK_MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
             return 0.0
+        if is_bond_modulus(name):  # which does not matter where readings are stresses
+            is_known = self.bonds is None or (calibrated and name in self.bonds.fitted)
+            return 0.0 if self.bonds is None or is_known else self.bonds.log_sds[name] * value
         if name.startswith(FILM_KEYS):
             return find_film_tolerance(name, value, workshop)
         if name.endswith("modulus"):
@@ -202,7 +196,8 @@ def predict_blocks(
     log_bonds: float = 0.0,
     previous: BlockPredictions | None = None,
     *,
-    differentiate: bool = True,
+    variables: Sequence[str] | None = None,
+    limit_loads: bool = True,
 ) -> BlockPredictions:
     """Predict what both films read on references: on blocks of tissue, and where readings are charges, on pins and rings, too.
 
@@ -216,9 +211,11 @@ def predict_blocks(
         ln of the factor on the moduli of the scene's bonds.
     previous
         Predictions of the same references for another such factor: derivatives by the design's variables are taken from there.
-    differentiate
-        Whether to compute these derivatives, for which most of the time is needed; without them they are 0, as of a probe that is
-        exactly as drawn.
+    variables
+        Keys of the design with respect to which to differentiate, for which most of the time is needed: all numbers of the probe,
+        or those of which a part may not be as drawn.
+    limit_loads
+        Whether to compute the limits of loads on blocks; without them any load is allowed.
 
     Raises
     ------
@@ -227,17 +224,20 @@ def predict_blocks(
     """
     drawn = express_by_outer_radius(scene)
     reads_charges, by_radius = reads_film_states(scene), scale_bonds(drawn, log_bonds)
-    names = tuple(key for key in list_values(by_radius) if key.startswith("probe."))
+    chosen = list_values(by_radius) if variables is None else variables
+    names = tuple(key for key in chosen if key.startswith("probe.")) if previous is None else previous.variables[:-1]
     unit = abs(compute_charge_unit(scene)) if reads_charges else 1.0
+    limit_loads = limit_loads and (previous is None or any(block.rule is not None for block in previous.blocks))
     blocks: list[BlockPrediction] = []
     factors: list[LoadFactor] = []
-    known = None if differentiate else _Derivatives(np.zeros(len(names)), np.zeros(len(names)))
+    known: Derivatives | None = None if names else Derivatives(np.zeros(0), np.zeros(0))
     for k, reference in enumerate(references):
         if previous is not None and reads_charges:
             ratio = previous.blocks[len(blocks)].derivatives[:-1] if reference.on == "tissue" else np.zeros(0)
-            known = _Derivatives(ratio, previous.load_factors[k].derivatives[:-1])
+            known = Derivatives(ratio, previous.load_factors[k].derivatives[:-1])
         if reference.on == "tissue":
-            block, factor = _predict_block(build_block_scene(by_radius, reference), names, reference.tolerance, unit, known)
+            block_scene = build_block_scene(by_radius, reference)
+            block, factor = _predict_block(block_scene, names, reference.tolerance, unit, known, limit_loads)
             blocks.append(block)
             factors.append(factor)
         elif reads_charges:
@@ -258,7 +258,7 @@ def predict_blocks(
         unmeasured,
         length_sds,
         tuple(factors) if reads_charges else (),
-        BondModulus(log_bonds, find_bond_log_sd(scene)) if reads_charges and find_bond_log_sd(scene) > 0 else None,
+        BondModulus.from_scene(scene, log_bonds) if reads_charges and find_bond_log_sd(scene) > 0 else None,
     )
 
 
@@ -310,15 +310,8 @@ def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
     return solution, read, math.log(inner / outer)
 
 
-class _Derivatives(NamedTuple):
-    """Derivatives on a reference with respect to the design's variables, per SI unit, shape (v - 1,) both."""
-
-    log_ratio: Floats  # of ln(F_inner / F_outer)
-    load_factor: Floats  # of ln sigma
-
-
 def _predict_block(
-    scene: Scene, names: tuple[str, ...], tolerance: float, unit: float, known: _Derivatives | None
+    scene: Scene, names: tuple[str, ...], tolerance: float, unit: float, known: Derivatives | None, limit_loads: bool
 ) -> tuple[BlockPrediction, LoadFactor]:
     """Predict ln(F_inner / F_outer) and ln sigma on one block, with their derivatives.
 
@@ -334,19 +327,21 @@ def _predict_block(
         Charge per force, C/N, above 0; 1 where readings are stresses.
     known
         Derivatives with respect to ``names``; None: they are computed.
+    limit_loads
+        Whether to compute the limits of loads.
     """
     solution, read, log_ratio = solve_block(scene)
     shares = read.totals / read.totals.sum()
-    by_modulus, by_bonds = (_differentiate_by_moduli(solution, bodies, reads_film_states(scene)) for bodies in (TISSUES, BONDS))
-    derivatives = _differentiate_block(scene, solution, names, shares) if known is None else known
+    groups = TISSUES, list_soft_bonds(scene.probe)
+    by_modulus, by_bonds = (differentiate_by_moduli(solution, bodies, reads_film_states(scene)) for bodies in groups)
+    derivatives = differentiate_block(scene, solution, names, shares) if known is None else known
     modulus_derivative, bond_derivative = float(by_modulus @ [1.0, -1.0]), float(by_bonds @ [1.0, -1.0])
-    rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
     prediction = BlockPrediction(
         log_ratio,
         read.bound.log_ratio,
         np.append(derivatives.log_ratio, modulus_derivative),
         modulus_derivative,
-        rule,
+        CoarseModel(scene, solution.sample, ()).build_rule(scene) if limit_loads else None,
         bond_derivative,
     )
     sigma = abs(read.totals.sum() / solution.films[0].totals.sum()) / unit
@@ -359,42 +354,3 @@ def _predict_block(
         (float(by_bonds[0]), float(by_bonds[1])),
     )
     return prediction, factor
-
-
-def _differentiate_by_moduli(solution: Converged, bodies: Sequence[Body], charges: bool) -> Floats:
-    """Return the derivatives of ln of each film's force, or charge, under a given load, by ln of some bodies' moduli, shape (2,).
-
-    They are the energies in these bodies; ``charges`` are the lower half of the products.
-    """
-    states, totals = solution.sample.states, solution.sample.totals[0]
-    present = np.intersect1d(states.model.mesh.body, bodies)
-    changes = np.sum([states.compute_modulus_derivative(Body(body)).sum(axis=1) for body in present], axis=0)
-    if len(present) == 0:
-        return np.zeros(2)
-    films = slice(2, 4) if charges else slice(0, 2)
-    return np.asarray(changes[films] / totals[films] - changes[:2].sum() / totals[:2].sum())
-
-
-def _differentiate_block(scene: Scene, solution: Converged, names: tuple[str, ...], shares: Floats) -> _Derivatives:
-    """Return the derivatives on one block; ``shares`` are the films' fractions of the sum of both, shape (2,)."""
-    gradient = compute_gradients(scene.model_copy(update={"load": UNIT_LOAD}), solution.sample)
-    prefix = "charge" if reads_film_states(scene) else "stress"
-    # of the logarithm of each film's charge, or stress, under a given load: d ln x = dx / x
-    by_film = [
-        dict(zip(gradient.variables, gradient.derivatives[key][0] / gradient.values[key][0], strict=True))
-        for key in (f"{prefix}_inner", f"{prefix}_outer")
-    ]
-    moved = [differentiate_area_ratio(scene.probe, name) if prefix == "stress" else 0.0 for name in names]
-    inner, outer = (np.array([logs.get(name, 0.0) for name in names]) for logs in by_film)
-    return _Derivatives(inner - outer + moved, shares[0] * inner + shares[1] * outer)
-
-
-def differentiate_area_ratio(probe: Probe, name: str) -> float:
-    """Return the derivative of ln(A_inner / A_outer), the areas' ratio, with respect to a number of the scene, 1/m.
-
-    It converts a ratio of stresses to one of forces. The outer area is that of the ring between hole and outer radius.
-    """
-    ring = probe.outer_area / math.pi  # r_outer^2 - r_hole^2, with r_hole = r_inner + gap
-    hole = 2 * probe.hole_radius / ring
-    derivatives = {"probe.inner_radius": 2 / probe.inner_radius + hole, "probe.gap": hole}
-    return (derivatives | {"probe.outer_radius": -2 * probe.tube_radius / ring}).get(name, 0.0)

@@ -2,7 +2,8 @@
 
 A film's charge is not d33 times the force on it: it depends on how its block is loaded, and on the bonds' modulus, of which a
 drawing knows little. So every reference's charge is predicted, on a pin or a ring by ``solver.axisymmetric.pressed_block``, and a
-calibration fits the modulus of the bonds besides one scale of d per film (``gain_fit``). With the charges Q over one unit c of
+calibration fits the modulus of the soft bonds (``Film.soft_limit``) besides one scale of d per film (``gain_fit``). That of glue
+beside tape is a tolerance. With the charges Q over one unit c of
 charge per force, and the load F,
 
     y_inner + y_outer = sigma F,    y = Q / c        (BP.11)
@@ -13,7 +14,8 @@ c cancels in all that a calibration determines; it makes y nearly a force.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -21,12 +23,12 @@ import numpy as np
 from geometry.cad.fixture import find_fixture_sizes
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.bonds import find_bond
+from geometry.scenes.bonds import BOND_SIDES, find_bond
 from geometry.scenes.film import Bond, Film
 from geometry.scenes.probe import Material, Probe
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
-from geometry.scenes.variables import list_values
+from geometry.scenes.variables import PIEZO_KEYS, list_values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.pressed_block import Load, PressedBlock, PressedCharge, press_block, press_once
 from solver.results.film_charges import reads_film_states
@@ -40,10 +42,33 @@ UNKNOWN_CONTACT: tuple[Load, Load] = ("frictionless", "stuck")
 
 @dataclass(frozen=True)
 class BondModulus:
-    """The modulus of all bonds: ln of its factor on the scene's, and the standard deviation of that before a calibration."""
+    """The modulus of the soft bonds: ln of its factor on the scene's, and the standard deviation of that before a calibration.
+
+    Attributes
+    ----------
+    log_factor, log_sd
+        Of the soft bonds, which a calibration fits.
+    log_sds
+        Standard deviation of ln of every bond's modulus, by key; ``fitted`` are the keys of the soft ones.
+    """
 
     log_factor: float
     log_sd: float
+    log_sds: Mapping[str, float] = field(default_factory=dict)
+    fitted: tuple[str, ...] = ()
+
+    @classmethod
+    def from_scene(cls, scene: Scene, log_factor: float) -> BondModulus:
+        """Return the modulus of a scene's soft bonds times exp(``log_factor``)."""
+        film = scene.probe.film
+        assert film is not None
+        log_sds = {
+            f"{FILM_KEYS}{prefix}{side}.youngs_modulus": _find_log_sd(bond)
+            for prefix, part in (("", film), ("outer.", film.outer))
+            for side in BOND_SIDES
+            if (bond := getattr(part, side, None)) is not None and not bond.is_rigid
+        }
+        return cls(log_factor, find_bond_log_sd(scene), log_sds, tuple(list_bond_keys(scene)))
 
 
 @dataclass(frozen=True)
@@ -59,7 +84,7 @@ class LoadFactor:
     derivatives
         Of it with respect to the design's variables, per SI unit, shape (v,).
     bond_derivative
-        Of it with respect to ln of the bonds' modulus.
+        Of it with respect to ln of the soft bonds' modulus.
     film_bond_derivatives
         Likewise of the logarithm of each film's charge, on a block of tissue; None on a pin or ring.
     """
@@ -90,7 +115,9 @@ def build_pressed_block(probe: Probe, k: int, load: Load, pressed: tuple[float, 
     material = Material(youngs_modulus=block.youngs_modulus, poisson_ratio=block.poisson_ratio)
     radii = ((0.0, probe.inner_radius), (probe.hole_radius, probe.tube_radius))[k]
     height = (probe.core_height, probe.tube_height)[k]
-    return PressedBlock(*radii, height, material, probe.film.by_block[k], load, pressed)
+    film, limit = probe.film.by_block[k], probe.film.soft_limit
+    to_block, to_base = ((bond.youngs_modulus or math.inf) <= limit for bond in film.bonds)
+    return PressedBlock(*radii, height, material, film, load, pressed, (to_block, to_base))
 
 
 def predict_pin(
@@ -168,8 +195,9 @@ def _press_once(block: PressedBlock) -> PressedCharge:
 
 
 def list_bond_keys(scene: Scene) -> list[str]:
-    """List the keys of the bonds' moduli in a scene."""
-    return [key for key in list_values(scene) if is_bond_modulus(key)]
+    """List the keys of the soft bonds' moduli in a scene."""
+    limit = 0.0 if scene.probe.film is None else scene.probe.film.soft_limit
+    return [key for key, value in list_values(scene).items() if is_bond_modulus(key) and value <= limit]
 
 
 def is_bond_modulus(key: str) -> bool:
@@ -178,7 +206,7 @@ def is_bond_modulus(key: str) -> bool:
 
 
 def scale_bonds(scene: Scene, log_factor: float) -> Scene:
-    """Return a scene with the moduli of all bonds times exp(``log_factor``)."""
+    """Return a scene with the moduli of its soft bonds times exp(``log_factor``)."""
     if log_factor == 0:
         return scene
     values = list_values(scene)
@@ -186,11 +214,12 @@ def scale_bonds(scene: Scene, log_factor: float) -> Scene:
 
 
 def find_bond_log_sd(scene: Scene) -> float:
-    """Return the standard deviation of ln of the bonds' moduli before a calibration, the largest of all; 0 without bonds."""
-    if scene.probe.film is None:
+    """Return the standard deviation of ln of the soft bonds' moduli before a calibration, the largest of all; 0 without bonds."""
+    film = scene.probe.film
+    if film is None:
         return 0.0
-    bonds = [layer for film in scene.probe.film.by_block for layer in film.stack if isinstance(layer, Bond)]
-    return max((_find_log_sd(bond) for bond in bonds if not bond.is_rigid), default=0.0)
+    bonds = [bond for part in film.by_block for bond in part.bonds if (bond.youngs_modulus or math.inf) <= film.soft_limit]
+    return max(map(_find_log_sd, bonds), default=0.0)
 
 
 def _find_log_sd(bond: Bond) -> float:
@@ -199,10 +228,10 @@ def _find_log_sd(bond: Bond) -> float:
 
 
 def find_film_tolerance(name: str, value: float, workshop: Workshop) -> float:
-    """Return the standard deviation of a number of a film or bond, SI; 0 for a bond's modulus, which a calibration determines."""
+    """Return the standard deviation of a number of a film or bond but a bond's modulus, SI."""
     is_bond = ".bond_to_" in name
-    if is_bond_modulus(name):
-        return 0.0
+    if name.endswith(PIEZO_KEYS):
+        return abs(value) * workshop.film_piezo
     if name.endswith("thickness"):
         return value * (workshop.bond_thickness if is_bond else workshop.film_thickness)
     if name.endswith("youngs_modulus"):

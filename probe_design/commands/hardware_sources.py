@@ -12,11 +12,11 @@ from pathlib import Path
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.files import check_writable_file
 from geometry.common.resources import get_limits
-from geometry.scenes.quantities import LENGTH_QUANTITY
+from geometry.scenes.quantities import CHARGE_QUANTITY, LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.units import MODULUS_QUANTITY, read_number
-from geometry.scenes.variables import list_values
+from geometry.scenes.variables import PIEZO_KEYS, list_values
 from hw.common.limits import ReadLimits
 from hw.common.samples import Floats, Samples
 from hw.files.columns import ColumnMap, read_rate
@@ -266,4 +266,5 @@ def _read_change(scene: Scene, text: str) -> tuple[str, float]:
         raise InputError("built", text, f"KEY=VALUE with a key that is {describe_choices(key.strip(), names)}")
     if key.strip().endswith("poisson_ratio"):
         return key.strip(), read_number("built", value, "a number from 0 to below 0.5")
-    return key.strip(), (MODULUS_QUANTITY if key.strip().endswith("modulus") else LENGTH_QUANTITY).read("built", value.strip())
+    quantity = MODULUS_QUANTITY if key.strip().endswith("modulus") else LENGTH_QUANTITY
+    return key.strip(), (CHARGE_QUANTITY if key.strip().endswith(PIEZO_KEYS) else quantity).read("built", value.strip())

@@ -58,6 +58,8 @@ def _format_nominal(line: BudgetLine) -> str:
         return f"{1e3 * line.value:.4g} mm"
     if line.kind == "temperature":
         return f"{line.value:g} K"
+    if line.kind == "charge":
+        return f"{1e12 * line.value:.4g} pC/N"
     return format_modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
 
 
@@ -67,7 +69,7 @@ def _format_sd(line: BudgetLine, sd: float) -> str:
         return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"
     if line.kind == "temperature":
         return f"{sd:.2g} K"
-    return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / line.value:.2g} %"
+    return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / abs(line.value):.2g} %"
 
 
 def write_rounding_lines(rounding: Rounding) -> list[str]:

@@ -34,7 +34,6 @@ from probe_design.tolerances.uncertain_numbers import UncertainNumber, list_unce
 from solver import evaluator
 from solver.closed_form.evaluator import ClosedForm
 from solver.planning.load_check import add_load_warning
-from solver.results.film_charges import reads_film_states
 from solver.results.record import Record
 from solver.results.result import Result
 from solver.results.warnings import select_notes
@@ -196,8 +195,6 @@ def tolerances(
     derivatives = compute_derivatives(scene, variables, NOMINAL_ACCURACY)
     contributions = derivatives * [item.sd for item in variables]
     refusal = ClosedForm().refusal(scene)
-    if refusal is None and reads_film_states(scene):
-        refusal = "no charges of many probes at once, only stresses"
     statistics = sample_probes(scene, variables, samples, seed) if refusal is None else None
     notes = tuple(str(item) for item in result.warnings)
     if statistics is None:

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
-from probe_design.built_probe.block_predictions import differentiate_area_ratio
+from probe_design.built_probe.block_derivatives import differentiate_area_ratio
 from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME, list_shared_moduli, list_tape_moduli
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.axisymmetric.evaluator import Axisymmetric

@@ -1,7 +1,8 @@
 """Scatter and Sobol indices beyond first order, from samples of built probes with the closed form.
 
-Samples and derivatives come from the same model, so that their quotient q measures what nonlinearity and interactions add. With
-y an output, x the uncertain numbers as functions of standard normal variables eta (eq. TO.1):
+Ratios are those of the films' charges where the scene reads charges. Samples and derivatives come from the same model, so that
+their quotient q measures what nonlinearity and interactions add. With y an output, x the uncertain numbers as functions of
+standard normal variables eta (eq. TO.1):
 
     q = sd(y(x(eta))) / (sum_j (dy/d eta_j)^2)^(1/2),   dy/d eta_j by complex steps.   (TO.2)
 """
@@ -19,8 +20,17 @@ from scipy.stats import bootstrap, norm, qmc, sobol_indices, t
 from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
+from geometry.scenes.variables import BLOCK_NAMES, find_film_part
+from probe_design.tolerances.film_numbers import (
+    TAPE_COEFFICIENT_PER_K,
+    TEMPERATURE_NAME,
+    list_shared_moduli,
+    list_tape_moduli,
+)
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, UncertainNumber
-from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_forces
+from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_products
+from solver.closed_form.film_membrane import FILM_PARAMETERS
+from solver.results.film_charges import reads_film_states
 
 OUTPUT_NAMES = ("ln_ratio", "ln_ratio_over_drawn_areas", "ln_stiffness", "log_sensitivity")
 DESIGN_PARAMETERS = {  # parameters of the closed form that each uncertain number changes
@@ -30,6 +40,11 @@ DESIGN_PARAMETERS = {  # parameters of the closed form that each uncertain numbe
     "probe.inner.poisson_ratio": ("inner_poisson",), "probe.outer.youngs_modulus": ("outer_modulus",),
     "probe.outer.poisson_ratio": ("outer_poisson",),
 }  # fmt: skip
+FILM_PARAMETER_NAMES = {
+    "thickness": "thickness", "youngs_modulus": "modulus", "poisson_ratio": "poisson", "electrode_inset": "inset",
+    "d31": "lateral_charge", "d32": "lateral_charge", "d33": "normal_charge",
+}  # fmt: skip
+LATERAL_KEYS = (".d31", ".d32")
 CONFIDENCE_LEVEL = 0.95  # of all intervals
 BOOTSTRAP_RESAMPLES = 300  # for the intervals of indices
 MIN_SEQUENCE_LENGTH = 128  # points: a shorter Sobol sequence samples ten dimensions poorly
@@ -179,24 +194,48 @@ def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, F
 def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:
     """Return the function that computes the four outputs, shape (4, n), at eta of shape (v, n), real or complex."""
     shape, nominal = build_parameters(scene)
+    parameters = {variable.name: list_parameters(scene, variable.name, len(nominal)) for variable in variables}
+    read = slice(2, 4) if reads_film_states(scene) else slice(0, 2)
 
     def compute_outputs(eta: Any) -> Any:
         """Return the outputs of n built probes."""
         columns = np.repeat(nominal[:, None], eta.shape[1], axis=1).astype(eta.dtype)
         gains = np.zeros((2, eta.shape[1]), dtype=eta.dtype)
         for variable, row in zip(variables, eta, strict=True):
+            drawn = variable.draw(row)
+            for index in parameters[variable.name]:
+                if variable.kind == "temperature":
+                    columns[index] = columns[index] * np.exp(-TAPE_COEFFICIENT_PER_K * drawn)  # eq. TO.7
+                elif variable.name.endswith(LATERAL_KEYS):  # the parameter is (d31 + d32) / 2
+                    columns[index] = columns[index] + (drawn - variable.value) / 2
+                else:
+                    columns[index] = columns[index] * (drawn / variable.value)
             if variable.kind == "gain":
-                gains[GAIN_NAMES.index(variable.name)] = np.log(variable.draw(row))
-            for key in DESIGN_PARAMETERS.get(variable.name, ()):
-                columns[PROBE_PARAMETERS.index(key)] = variable.draw(row)
+                gains[GAIN_NAMES.index(variable.name)] = np.log(drawn)
         radius, gap = PROBE_PARAMETERS.index("inner_radius"), PROBE_PARAMETERS.index("gap")
         # the gap is the hole's radius less the inner block's, both of which vary on their own (eq. TO.6)
         columns[gap] = keep_gap_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
         with np.errstate(all="ignore"):  # designs without a result become NaN
-            matrix, derivatives = compute_forces(shape, columns)
-            return _compute_readings(matrix, derivatives, columns, gains)
+            products, derivatives = compute_products(shape, columns)
+            stiffness = (products[:, :2].sum(axis=2).T * np.exp(gains)).sum(axis=0)
+            return _compute_readings(products[:, read], derivatives[:, read], stiffness, columns, gains)
 
     return compute_outputs
+
+
+def list_parameters(scene: Scene, name: str, count: int) -> list[int]:
+    """List the indices of the closed form's parameters, ``count`` in all, that an uncertain number changes; none for gains."""
+    if name == TEMPERATURE_NAME:
+        return sorted({index for key in list_tape_moduli(scene) for index in list_parameters(scene, key, count)})
+    if shared := list_shared_moduli(scene).get(name, ()):
+        return sorted({index for key in shared for index in list_parameters(scene, key, count)})
+    part, blocks = find_film_part(scene.probe.film, name)
+    if not blocks:
+        return [PROBE_PARAMETERS.index(key) for key in DESIGN_PARAMETERS.get(name, ())]
+    prefix = "" if part == "film" else f"{part.removeprefix('bond_to_')}_bond_"
+    within = FILM_PARAMETERS.index(prefix + FILM_PARAMETER_NAMES[name.rpartition(".")[2]])
+    start = count - len(BLOCK_NAMES) * len(FILM_PARAMETERS)  # those of the films are the last
+    return [start + BLOCK_NAMES.index(block) * len(FILM_PARAMETERS) + within for block in blocks]
 
 
 def keep_gap_open(gap: Any) -> Any:
@@ -208,23 +247,27 @@ def keep_gap_open(gap: Any) -> Any:
     return np.where(np.real(gap) < 1.0, np.exp(closing_gap - 1.0), gap)
 
 
-def _compute_readings(matrix: Any, derivatives: Any, columns: Any, gains: Any) -> Any:
+def _compute_readings(products: Any, derivatives: Any, stiffness: Any, columns: Any, gains: Any) -> Any:
     """Compute the four outputs of n built probes, shape (4, n).
 
     Parameters
     ----------
-    matrix
-        Film forces in the base states (one block's base displaced by one unit, the other held), shape (n, 2, 2): film, state.
+    products
+        Film forces, or charges, in the base states (one block's base displaced by one unit, the other held), shape (n, 2, 2):
+        film, state.
     derivatives
-        Of ``matrix`` with respect to ln E_object.
+        Of ``products`` with respect to ln E_object.
+    stiffness
+        Of both films together, each with its gain, shape (n,).
     columns
         Parameters of the designs; inner radius, gap and outer radius are the first three.
     gains
         Logarithms of the films' gains, shape (2, n).
     """
     inner, gap, outer = columns[:3]
-    totals, change = matrix.sum(axis=2).T, derivatives.sum(axis=2).T
-    ln_force_ratio = np.log(totals[0]) - np.log(totals[1]) + gains[0] - gains[1]
+    totals, change = products.sum(axis=2).T, derivatives.sum(axis=2).T
+    # of one sign each, so that their magnitudes have the same derivatives
+    signs = np.sign(np.real(totals))
+    ln_read_ratio = np.log(signs[0] * totals[0]) - np.log(signs[1] * totals[1]) + gains[0] - gains[1]
     areas = np.log(outer**2 - (inner + gap) ** 2) - 2 * np.log(inner)
-    stiffness = np.log((totals * np.exp(gains)).sum(axis=0))
-    return np.stack([ln_force_ratio + areas, ln_force_ratio, stiffness, change[0] / totals[0] - change[1] / totals[1]])
+    return np.stack([ln_read_ratio + areas, ln_read_ratio, np.log(stiffness), change[0] / totals[0] - change[1] / totals[1]])

@@ -3,7 +3,7 @@
 With eta standard normal, x0 (nu0) the drawn value, t its standard deviation and a = ln(2 nu0 / (1 - 2 nu0)), each number is
 distributed so that no draw is impossible and its first order is t eta:
 
-    x = x0 e^(t eta / x0)  of lengths, moduli and gains;   nu = 1 / (2 + 2 e^(-a - s eta)),  s = t / (nu0 (1 - 2 nu0))   (TO.1)
+    x = x0 e^(t eta / x0)  of lengths, moduli, gains and d;   nu = 1 / (2 + 2 e^(-a - s eta)),  s = t / (nu0 (1 - 2 nu0))   (TO.1)
 
 The temperature of tapes, which counts from the one at which their moduli hold, is t eta.
 """
@@ -35,7 +35,7 @@ from probe_design.tolerances.film_numbers import (
 )
 from solver.results.film_charges import reads_film_states
 
-Kind = Literal["length", "modulus", "poisson_ratio", "gain", "temperature"]
+Kind = Literal["length", "modulus", "poisson_ratio", "gain", "temperature", "charge"]
 GAIN_NAMES = ("film.inner.gain", "film.outer.gain")
 RADIUS_KEY, GAP_KEY = "probe.inner_radius", "probe.gap"
 TEMPERATURE_QUANTITY = Quantity("temperature deviation", "K", "K", 0.0, 30.0)
@@ -54,7 +54,7 @@ class UncertainNumber:
         Its key in the scene file; for the gain of a film one of ``GAIN_NAMES``, for the temperature of tapes
         ``TEMPERATURE_NAME``; else see ``film_numbers.list_shared_moduli``.
     kind
-        Length, modulus, Poisson's ratio, gain or temperature.
+        Length, modulus, Poisson's ratio, gain, temperature, or charge per force (d31, d32, d33).
     value
         As drawn, SI; 1 for a gain, 0 for a temperature.
     sd
@@ -73,7 +73,7 @@ class UncertainNumber:
         """Return the value at standard normal ``eta``, eq. TO.1; real or complex, any shape."""
         if self.kind == "temperature":
             return self.sd * eta
-        if self.kind != "poisson_ratio":
+        if self.kind != "poisson_ratio" and self.value != 0.0:
             return self.value * np.exp(self.sd / self.value * eta)
         if self.sd == 0.0 or self.value == 0.0:
             return self.value + 0.0 * eta  # of eta's shape
@@ -195,4 +195,4 @@ def _read_sd(number: UncertainNumber, entry: object) -> float:
     sd = read_fraction(key, entry, allowed)
     if not 0 <= sd <= max_sd:
         raise InputError(key, entry, allowed)
-    return sd if number.kind == "poisson_ratio" else sd * number.value
+    return sd if number.kind == "poisson_ratio" else sd * abs(number.value)

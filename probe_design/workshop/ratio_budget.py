@@ -108,11 +108,13 @@ def _build_scatter(line: BudgetLine) -> Scatter:
         nominal = f"0 \N{PLUS-MINUS SIGN} {line.sd:g} K"
     elif line.kind == "length":
         nominal = f"{MM_PER_M * line.value:.4g} mm"
+    elif line.kind == "charge":
+        nominal = f"{1e12 * line.value:.4g} pC/N"
     return Scatter(
         line.name,
         _describe_number(line.name),
         nominal,
-        line.sd / line.value if line.value else 0.0,
+        line.sd / abs(line.value) if line.value else 0.0,
         line.outputs["ln_ratio"].contribution,
         line.source,
     )

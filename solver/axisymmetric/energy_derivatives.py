@@ -31,7 +31,7 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.film_states import COMPLEX_STEP
+from solver.axisymmetric.film_states import CHARGE_VARIABLES, COMPLEX_STEP
 from solver.axisymmetric.state_forms import StateForms
 from solver.elements.shape_functions import Shapes
 from solver.materials.linear import Isotropic
@@ -40,12 +40,13 @@ MAX_TENSOR_BYTES = 2e7  # tensors in memory at once
 
 
 def list_variables(model: MeridianModel) -> tuple[str, ...]:
-    """Return the names of a section's variables: ln of each length and modulus, and each Poisson's ratio itself."""
+    """Return the names of a section's variables: ln of each length and modulus, Poisson's ratios and, of films, d_p and d33."""
     bodies = [body.name.lower() for body in model.materials]
     return (
         *model.section.lengths,
         *(f"{body}_youngs_modulus" for body in bodies),
         *(f"{body}_poisson_ratio" for body in bodies),
+        *(CHARGE_VARIABLES if model.films is not None else ()),
     )
 
 
@@ -150,7 +151,10 @@ def _differentiate_elements(model: MeridianModel, states: Floats, chosen: Ints, 
     lengths, energy, volume = (np.concatenate(part) for part in zip(*parts, strict=True))  # (k, 2, ...)
     # chain rule: lengths also act through the corner size, the last column
     lengths = lengths[..., :-1] + lengths[..., -1:] * corner_size_derivatives
-    combined = np.concatenate([lengths, *_differentiate_by_materials(model, chosen, energy, volume)], axis=-1).transpose(2, 1, 0)
+    # energies do not depend on d_p and d33
+    no_charges = np.zeros((*lengths.shape[:-1], 0 if model.films is None else len(CHARGE_VARIABLES)))
+    by_materials = _differentiate_by_materials(model, chosen, energy, volume)
+    combined = np.concatenate([lengths, *by_materials, no_charges], axis=-1).transpose(2, 1, 0)
     # column 0 is of S with S, column 1 twice of S with D, see ``EnergyPoints.compute_tensors``
     total, difference = combined[:, 0] / 2, combined[:, 1] / 4
     return np.stack([total + difference, total - difference], axis=1)

@@ -31,6 +31,7 @@ from geometry.scenes.film import Film
 
 Films = tuple[Film, Film]  # of the inner and of the outer block
 COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
+CHARGE_VARIABLES = tuple(f"{body.name.lower()}_{key}_charge" for body in FILMS for key in ("lateral", "normal"))  # d_p and d33
 CHARGE_UNIT = 1e-9  # C: in it film states are about as large as base states, and neither is lost beside the other
 
 
@@ -52,38 +53,45 @@ def build_film_lift(section: Section, mesh: Topology, skeleton: int, films: Film
         Values of u_r and u_z on corners and edges, of n elements, shape (n, 2 skeleton, 2); zero outside the film's electrode.
     """
     lift = np.zeros((len(mesh.body), 2, skeleton, 2))
-    for k, (chosen, corners) in enumerate(_compute_actuations(section, mesh, films)):
-        lift[chosen, :, :4, k] = corners  # linear displacements are those of the corners' functions alone
+    for k, (chosen, corners) in enumerate(_compute_actuations(section, mesh)):
+        # linear displacements are those of the corners' functions alone
+        lift[chosen, :, :4, k] = get_coefficients(films[k])[:, None] * corners
     return lift.reshape(len(mesh.body), -1, 2)
 
 
 def differentiate_film_lift(section: Section, mesh: Topology, skeleton: int, films: Films) -> list[tuple[Ints, Floats]]:
-    """Return derivatives of the films' lifts, see ``build_film_lift``, by ln of each length of the section.
+    """Return derivatives of the films' lifts, see ``build_film_lift``, by ln of each length, and by d_p and d33 of both films.
 
     Returns
     -------
     list[tuple[Ints, Floats]]
         For each film, the numbers of the c elements under its electrode, and the derivatives of their values, shape
-        (lengths, c, 2 skeleton).
+        (lengths + 4, c, 2 skeleton), the last four by ``CHARGE_VARIABLES``, per C/N.
     """
     names = section.lengths
     steps = 1 + 1j * COMPLEX_STEP * np.eye(len(names))  # row k: a complex step of ln of each length in column k alone
     moved = replace(section, **{name: getattr(section, name) * steps[k] for k, name in enumerate(names)})
     changes = []
-    for chosen, corners in _compute_actuations(moved, mesh, films):
-        by_length = np.zeros((len(names), len(chosen), 2, skeleton))
-        by_length[..., :4] = np.imag(corners) / COMPLEX_STEP
-        changes.append((chosen, by_length.reshape(len(names), len(chosen), -1)))
+    for k, (chosen, corners) in enumerate(_compute_actuations(moved, mesh)):
+        changed = np.zeros((len(names) + len(CHARGE_VARIABLES), len(chosen), 2, skeleton))
+        changed[: len(names), ..., :4] = get_coefficients(films[k])[:, None] * np.imag(corners) / COMPLEX_STEP
+        for component in (0, 1):
+            changed[len(names) + 2 * k + component, :, component, :4] = np.real(corners[0, :, component])
+        changes.append((chosen, changed.reshape(len(changed), len(chosen), -1)))
     return changes
 
 
-def _compute_actuations(section: Section, mesh: Topology, films: Films) -> Iterator[tuple[Ints, Numeric]]:
-    """Yield for each film its elements under the electrode and -u* at their corners, u_r and u_z, shape (..., c, 2, 4)."""
+def get_coefficients(film: Film) -> Floats:
+    """Return d_p and d33 of a film, C/N, which multiply the displacements u_r and u_z of its actuation."""
+    return np.array([film.mean_lateral_charge, film.d33])
+
+
+def _compute_actuations(section: Section, mesh: Topology) -> Iterator[tuple[Ints, Numeric]]:
+    """Yield for each film its elements under the electrode and -u* at their corners, shape (..., c, 2, 4), for d_p = d33 = 1."""
     columns = mesh.vertices[..., 0]
-    for body, film, (start, end) in zip(FILMS, films, mesh.layout.electrodes, strict=True):
+    for body, (start, end) in zip(FILMS, mesh.layout.electrodes, strict=True):
         under_electrode = (columns.min(axis=1) >= start) & (columns.max(axis=1) <= end)
         chosen = np.flatnonzero((mesh.body == body) & under_electrode)
         thickness = np.asarray(getattr(section, body.name.lower()))[..., None, None, None]
         corners = np.swapaxes(compute_nodes(section, mesh, UNIT_SQUARE, chosen), -1, -2)
-        coefficients = np.array([film.mean_lateral_charge, film.d33])[:, None]
-        yield chosen, -coefficients * corners / (thickness * CHARGE_UNIT)
+        yield chosen, -corners / (thickness * CHARGE_UNIT)

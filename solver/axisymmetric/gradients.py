@@ -11,10 +11,10 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, describe_choices
 from geometry.meridian.section import LAYERS, STACKS, Body
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import compute_length_derivatives, find_film_part, list_values
+from geometry.scenes.variables import PIEZO_KEYS, compute_length_derivatives, find_film_part, list_values
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
-from solver.axisymmetric.film_states import CHARGE_UNIT, differentiate_film_lift
+from solver.axisymmetric.film_states import CHARGE_UNIT, CHARGE_VARIABLES, differentiate_film_lift
 from solver.axisymmetric.modulus_response import StateCurve, compute_tangent
 from solver.axisymmetric.sample import MeshSample
 
@@ -49,8 +49,7 @@ class Gradients:
 def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = None) -> Gradients:
     """Differentiate the outputs of a sample exactly, as discretised, at a fixed topology of the mesh.
 
-    Derivatives of log_sensitivity take one more solve: u' = -K^-1 K' u of all states. Lengths of a base stay constant, as do
-    d31, d32 and d33.
+    Derivatives of log_sensitivity take one more solve: u' = -K^-1 K' u of all states. Lengths of a base stay constant.
 
     Parameters
     ----------
@@ -131,7 +130,7 @@ def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
     E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
 
     A charge is the energy of the film state s_i with the sum U of both base states. It is the total of the first of the pair
-    (s_i, U - s_i), and changes, too, as the film's lift does with the film's nodes (``differentiate_film_lift``).
+    (s_i, U - s_i), and changes, too, as the film's lift does with the film's nodes and its d (``differentiate_film_lift``).
     """
     model, t, curve = sample.states.model, sample.modulus_ratios[:, None, None], sample.curve
     if curve is None:
@@ -179,15 +178,21 @@ def _differentiate_lifts(model: MeridianModel, curve: StateCurve, states: tuple[
     ``states`` are the coefficients of all states on the curve's vectors, and their derivatives by ln E, (k, m, s) each.
     """
     assert model.films is not None
-    variables, lengths = len(list_variables(model)), len(model.section.lengths)
-    out = np.zeros((2, len(states[0]), variables, 2))
+    rows = list_lift_variables(model)
+    out = np.zeros((2, len(states[0]), len(list_variables(model)), 2))
     lifts = differentiate_film_lift(model.section, model.mesh, model.shapes.skeleton, model.films)
-    for film, (chosen, by_length) in enumerate(lifts):
+    for film, (chosen, by_variable) in enumerate(lifts):
         vectors = model.system.stiffness[chosen] @ curve.edges[chosen]
         for kind, part in enumerate(states):
             loads = vectors @ (part[..., 0] + part[..., 1]).T  # of U at each modulus, (c, 8 p, k)
-            out[kind, :, :lengths, film] = np.einsum("vcp,cpk->kv", by_length, loads)
+            out[kind, :, rows, film] = np.einsum("vcp,cpk->vk", by_variable, loads)
     return out[0], out[1]
+
+
+def list_lift_variables(model: MeridianModel) -> list[int]:
+    """List the numbers of the section's variables that ``differentiate_film_lift`` differentiates by."""
+    names = list_variables(model)
+    return [*range(len(model.section.lengths)), *range(len(names) - len(CHARGE_VARIABLES), len(names))]
 
 
 def _differentiate_stiffness(totals: Floats, logs: Floats) -> Floats:
@@ -213,13 +218,18 @@ def differentiate_areas(scene: Scene, model: MeridianModel) -> Floats:
 
 
 def differentiate_by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
-    """Return derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's, (v,)."""
+    """Return derivatives of the section's variables, see ``list_variables``, by one of the scene's, (v,)."""
     section_variables = list_variables(model)
     out = np.zeros(len(section_variables))
     for length, change in compute_length_derivatives(scene).get(name, {}).items():
         if length in section_variables:
             out[section_variables.index(length)] = change / getattr(model.section, length)
     owner, _, quantity = name.rpartition(".")
+    if quantity in PIEZO_KEYS:
+        for block in find_film_part(scene.probe.film, name)[1] if model.films is not None else ():
+            charge, change = ("normal", 1.0) if quantity == "d33" else ("lateral", 0.5)
+            out[section_variables.index(f"{block}_film_{charge}_charge")] = change
+        return out
     for body in BODIES_OF_MATERIAL.get(owner, ()) or _list_stack_bodies(scene, name):
         if body not in model.materials or quantity not in ("youngs_modulus", "poisson_ratio"):
             continue

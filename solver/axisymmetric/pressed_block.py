@@ -59,6 +59,8 @@ class PressedBlock:
         A flat rigid punch, ``frictionless`` or ``stuck`` to the face, or an even ``pressure``.
     pressed
         Radii from which and to which the face is pressed, m; None for the whole face.
+    varied
+        Whether ``bond_derivative`` varies the modulus of the bond towards the block, and of that towards the base.
     """
 
     inner_radius: float
@@ -68,6 +70,7 @@ class PressedBlock:
     film: Film
     load: Load = "frictionless"
     pressed: tuple[float, float] | None = None
+    varied: tuple[bool, bool] = (True, True)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -91,7 +94,7 @@ class PressedCharge:
     stiffness_error
         Relative bound on its error.
     bond_derivative
-        Derivative of ln |charge_per_force| with respect to ln of the moduli of all bonds together.
+        Derivative of ln |charge_per_force| with respect to ln of the moduli of the varied bonds together.
     """
 
     charge_per_force: float
@@ -220,7 +223,10 @@ def _solve(block: PressedBlock, order: int) -> PressedCharge:
     loads = solution.loads[..., 0]  # of u
     # in the toolkit's sign: that of d33 under compression, where the lower face moves towards the base, to +z
     charge = float(np.sum(actuation[is_under_electrode, :, 0] * loads[is_under_electrode]))
-    bonds = np.isin(grid.layer, [k + 1 for k, layer in enumerate(layers) if isinstance(layer, Bond)])
+    is_varied = [
+        on for layer, on in zip(block.film.stack, (block.varied[0], False, block.varied[1]), strict=True) if layer.thickness > 0
+    ]
+    bonds = np.isin(grid.layer, 1 + np.flatnonzero(is_varied))
     charge_derivative, energy = -float(np.sum(s[bonds] * loads[bonds])), float(np.sum(u * loads))
     if block.load == "pressure":
         force, force_derivative = 1.0, 0.0

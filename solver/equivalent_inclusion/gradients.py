@@ -36,6 +36,7 @@ from solver.axisymmetric.gradients import (
     differentiate_areas,
     differentiate_by_scene,
     list_differentiable,
+    list_lift_variables,
 )
 from solver.axisymmetric.sections import Sections
 from solver.equivalent_inclusion.gradient_points import STRAIN_METRIC, QuadraturePoints
@@ -228,12 +229,12 @@ def _differentiate_by_section(solution: FirstOrder) -> Floats:
     derivatives = explicit - np.concatenate(changes, axis=-1).transpose(1, 0, 2)
     derivatives[:, 0] += np.concatenate(energies, axis=-1)
     if s > 2:
-        derivatives[: len(model.section.lengths), :, 2:] += _differentiate_lifts(solution, adjoints)
+        derivatives[list_lift_variables(model), :, 2:] += _differentiate_lifts(solution, adjoints)
     return derivatives
 
 
 def _differentiate_lifts(solution: FirstOrder, adjoints: Sequence[Floats]) -> Floats:
-    """Return what the change of the films' lifts adds to derivatives of charges, see eq. EI.4, shape (lengths, 2, 2).
+    """Return what the change of the films' lifts adds to derivatives of charges, see eq. EI.4, shape (lengths + 4, 2, 2).
 
     ``adjoints`` are the values of l and l' in all elements, shape (n, 2 functions, s) each.
     """
@@ -246,7 +247,7 @@ def _differentiate_lifts(solution: FirstOrder, adjoints: Sequence[Floats]) -> Fl
     ]
     loaded = np.stack([fields[0] - fields[1], -fields[2]], axis=-1)  # U - l and -l' on corners and edges, (n, 8 p, 2)
     lifts = differentiate_film_lift(model.section, model.mesh, skeleton, model.films)
-    parts = [np.einsum("vcp,cpk->vk", by_length, model.system.stiffness[chosen] @ loaded[chosen]) for chosen, by_length in lifts]
+    parts = [np.einsum("vcp,cpk->vk", changes, model.system.stiffness[chosen] @ loaded[chosen]) for chosen, changes in lifts]
     return np.stack(parts, axis=-1)
 
 

@@ -13,8 +13,11 @@ from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import list_values
+from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.tolerances.budget import ToleranceBudget, tolerances
 from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME
+from probe_design.tolerances.sample_statistics import sample_probes
+from probe_design.tolerances.uncertain_numbers import list_uncertain_numbers
 from probe_design.workshop.ratio_budget import build_budget
 from solver import evaluate
 from tests.support.paths import EXAMPLES
@@ -73,13 +76,34 @@ def test_one_product_deviates_as_one_and_temperature_moves_it() -> None:
     assert abs(per_kelvin) == pytest.approx(0.01, abs=2e-3)  # FILM.md: 1 % of the ratio per kelvin
 
 
-def test_parts_add_up_and_what_is_missing_is_said() -> None:
+def test_parts_add_up() -> None:
     shares = [line.outputs["ln_ratio"].share for line in budget().lines]
     assert sum(shares) == pytest.approx(1)
     assert budget().observable == "charge"
     assert budget().nominal["ratio"] == pytest.approx(evaluate(build(FILM), "axisymmetric").charge_ratio, rel=0.01)
-    assert budget().samples == 0
-    assert any("no charges of many probes" in note for note in budget().warnings)
+    assert budget().samples > 0
+
+
+@pytest.mark.parametrize("name", [*MOVED, "probe.film.d31", "probe.film.d33", SHARED, TEMPERATURE_NAME])
+def test_samples_are_of_the_closed_form_s_charges(name: str) -> None:
+    """Their derivatives against differences of ``evaluate``; of all tapes at once where these are one product."""
+    scene = express_by_outer_radius(build(FILM))
+    variables = list_uncertain_numbers(scene)
+    index = [variable.name for variable in variables].index(name)
+    number, values = variables[index], list_values(scene)
+    tapes = [key for key in values if ".bond_to_" in key and key.endswith("youngs_modulus")]
+    keys = tapes if name in (SHARED, TEMPERATURE_NAME) else [name]
+    log_sd = -TAPE_COEFFICIENT_PER_K * number.sd if name == TEMPERATURE_NAME else number.sd / number.value
+    step = 1e-3
+    high, low = (
+        evaluate(scene.replace({key: values[key] * (1 + change) for key in keys}), "closed-form", linear=True).charge_ratio
+        for change in (step, -step)
+    )
+    statistics = sample_probes(scene, variables, 64, seed=0)
+    assert statistics is not None
+    assert high is not None
+    assert low is not None
+    assert statistics.derivatives[0, index] == pytest.approx(log_sd * math.log(high / low) / (2 * step), rel=1e-4, abs=1e-9)
 
 
 def test_measured_bonds_and_glue_deviate_on_their_own() -> None:
