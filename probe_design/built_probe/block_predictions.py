@@ -104,7 +104,8 @@ class BlockPrediction:
             return self
         limit, is_known = find_largest_load(self.rule, LINEARITY_ACCURACY, promise=False), self.rule.is_known(force)
         if force > limit.force and not (linear and is_known):
-            remedy = f", {LINEAR_REMEDY}" if is_known else ""
+            remedy = "; press more lightly, or on a stiffer block, whose limit is as many times higher"
+            remedy += f", {LINEAR_REMEDY}" if is_known else ""
             allowed = f"up to {limit.force:.3g} N ({explain_limit(limit, LINEARITY_ACCURACY)}){remedy}"
             raise Refusal("load", Words(f"{force:.3g} N on the {name}"), allowed)
         # finite strain may reduce the ratio to (1 - change) times itself: -ln(1 - change) is added to the bound on ln ratio
@@ -237,7 +238,7 @@ def predict_blocks(
             known = Derivatives(ratio, previous.load_factors[k].derivatives[:-1])
         if reference.on == "tissue":
             block_scene = build_block_scene(by_radius, reference)
-            block, factor = _predict_block(block_scene, names, reference.tolerance, unit, known, limit_loads)
+            block, factor = _predict_block(block_scene, names, reference.tolerance, unit, known, limit_loads=limit_loads)
             blocks.append(block)
             factors.append(factor)
         elif reads_charges:
@@ -311,7 +312,7 @@ def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
 
 
 def _predict_block(
-    scene: Scene, names: tuple[str, ...], tolerance: float, unit: float, known: Derivatives | None, limit_loads: bool
+    scene: Scene, names: tuple[str, ...], tolerance: float, unit: float, known: Derivatives | None, *, limit_loads: bool
 ) -> tuple[BlockPrediction, LoadFactor]:
     """Predict ln(F_inner / F_outer) and ln sigma on one block, with their derivatives.
 

@@ -203,7 +203,8 @@ def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
     if noise.calibration is None:
         return 2 * noise.gain**2
     matrix, entries, by_bonds = _read_calibration(noise.calibration)
-    fractions = blank[:2] / np.abs(blank[:2]).sum()
+    read = blank[-2:]  # charges, which come after the forces, where they are read
+    fractions = read / np.abs(read).sum()
     first, second = matrix @ fractions
     gradient = np.concatenate([fractions / first, -fractions / second, by_bonds])
     return float(gradient @ entries @ gradient)
