@@ -223,9 +223,8 @@ def _solve(block: PressedBlock, order: int) -> PressedCharge:
     loads = solution.loads[..., 0]  # of u
     # in the toolkit's sign: that of d33 under compression, where the lower face moves towards the base, to +z
     charge = float(np.sum(actuation[is_under_electrode, :, 0] * loads[is_under_electrode]))
-    is_varied = [
-        on for layer, on in zip(block.film.stack, (block.varied[0], False, block.varied[1]), strict=True) if layer.thickness > 0
-    ]
+    layers_varied = zip(block.film.stack, (block.varied[0], False, block.varied[1]), strict=True)
+    is_varied = [varied for layer, varied in layers_varied if layer.thickness > 0]
     bonds = np.isin(grid.layer, 1 + np.flatnonzero(is_varied))
     charge_derivative, energy = -float(np.sum(s[bonds] * loads[bonds])), float(np.sum(u * loads))
     if block.load == "pressure":
