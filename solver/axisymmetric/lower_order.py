@@ -38,7 +38,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh import find_interface_ends
-from geometry.meridian.section import Body, Section
+from geometry.meridian.section import STACKS, Body, Section
 from solver.axisymmetric.base_states import (
     MeridianModel,
     approximate_lower_order,
@@ -137,7 +137,8 @@ def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
     None for several moduli, or where Poisson's ratio is too near to 1/2 (``MAX_LAMBDA_OVER_TWO_MU``).
     """
     model, full = sample.states.model, sample.state_curve
-    if full.rational is not None or np.any(model.law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * model.law.two_mu):
+    in_bulk = ~np.isin(model.mesh.body, STACKS)  # thin layers hold little of the change's energy, whatever their moduli
+    if full.rational is not None or np.any((model.law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * model.law.two_mu) & in_bulk):
         return None
     values, loads = approximate_lower_order(sample.states, model.shapes.order - 1)
     return _build_errors(sample, _Change(model, values - full.edges, loads, StateCurve(values), full), *_get_factors(model))

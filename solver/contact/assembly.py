@@ -50,6 +50,10 @@ class Assembly:
         n = numbering.unknowns
         # the elements' entries are stored by columns: starts gives each column's first entry, rows the row of each
         element_keys = np.repeat(np.arange(n), np.diff(numbering.starts)) * n + numbering.rows
+        if not pairs:  # the same entries as without contact, whose pattern may be analysed already
+            places = np.arange(len(element_keys))
+            rows, starts = (x.astype(np.int32) for x in (numbering.rows, numbering.starts))
+            return cls(numbering, element_keys, places, rows, starts, numbering.pattern)
         keys = [element_keys]
         for pair in pairs:
             free = _find_unknowns(numbering, pair)

@@ -80,6 +80,7 @@ class ContactModel:
         *,
         spring: float = 1.0,
         dense: bool = False,
+        tied: bool = False,
         films: Films | None = None,
     ) -> ContactModel:
         """Mesh a section and prepare it to be deformed.
@@ -98,6 +99,8 @@ class ContactModel:
             Factor of the stiffness of the springs through which friction acts.
         dense
             Whether there are twice the usual number of contact points; see ``find_pairs``.
+        tied
+            Whether nothing touches and faces stay tied as in linear elasticity: for loads that change little.
         films
             The inner and the outer film, if their charges are wanted.
 
@@ -109,12 +112,16 @@ class ContactModel:
         mesh, functions = _mesh(find_kind(section), fineness), build_shapes(fineness.order)
         element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
         elements = Elements.from_geometry(element_geometry, functions, _build_laws(materials, mesh))
-        numbers = number_unknowns(mesh, fineness.order, "bonded" if interface == "bonded" else "apart")
+        numbers = number_unknowns(
+            mesh, fineness.order, "bonded" if interface == "bonded" else "frictionless" if tied else "apart"
+        )
         lift = numbers.lift.copy()
         # a block's unknowns are relative to its rigid shift downwards (-z), which is added here
         for side, block_elements in enumerate(_find_block_elements(section, mesh)):
             lift[block_elements, :, side] -= numbers.vertical
-        pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction, dense=dense)
+        pairs: tuple[Pair, ...] = ()
+        if not tied:
+            pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction, dense=dense)
         pairs = tuple(replace(pair, spring=spring * FRICTION_SPRING_RELATIVE) for pair in pairs)
         outputs = lift.reshape(-1, 2)
         if films is not None:
@@ -324,6 +331,14 @@ class ContactModel:
         if not np.all(unbalanced <= MAX_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
             raise SolveError("the equations of the tangent cannot be solved")
         return changes, np.asarray(self.outputs.T @ whole)
+
+    def predict_outputs(self, equations: Linearised) -> Floats:
+        """Return the film forces and charges of ``compute_outputs`` after one step of Newton's method, to first order in it."""
+        factor = self.factorise_tangent(equations).factor
+        assert factor is not None
+        step = -factor.solve(np.ascontiguousarray(equations.residual[:, None]))
+        forces = self._apply_tangent(equations, self.numbering.gather @ step)
+        return self.compute_outputs(equations) + (self.outputs.T @ forces)[:, 0]
 
     def _apply_tangent(self, equations: Linearised, displacements: Floats) -> Floats:
         """Return the tangent times ``displacements``, changes of the elements' values; shape (n (8 p), k) both."""
