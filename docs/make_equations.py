@@ -28,6 +28,7 @@ ROOMS = {
     "AX": "solver/axisymmetric",
     "MS": "solver/multiple_scattering",
     "EI": "solver/equivalent_inclusion",
+    "RT": "solver/reading_tables",
     "CT": "solver/contact",
     "SO": "solver/solid",
     "PH": "solver/phase",

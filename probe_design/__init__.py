@@ -16,6 +16,7 @@ public functions take a scene or the name of its file:
     sweep          evaluate thousands of designs, each once
     fit_material   a law at finite strain from a measured curve of stress and stretch
     export         write the files for the workshop: STEP, drawings, film patterns, moulds, lists
+    predict_readings  how tumours change the readings of a scan, for many candidates at once
     plot           draw the result of curve, press, scan or detectability
 
     >>> from probe_design import evaluate
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from probe_design.sweeps.run import sweep
     from solver.batch import evaluate_many
     from solver.evaluation import curve, evaluate, plan, press
+    from solver.reading_tables.predict import predict_readings
 
 __all__ = [
     "Scene",
@@ -57,6 +59,7 @@ __all__ = [
     "optimize",
     "plan",
     "plot",
+    "predict_readings",
     "press",
     "scan",
     "sweep",
@@ -67,6 +70,7 @@ _MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands
 _MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "optimize")}
 _MODULE_NAMES |= {"fit_material": "probe_design.commands.material", "Scene": "geometry.scenes.scene"}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
+_MODULE_NAMES |= {"predict_readings": "solver.reading_tables.predict"}
 
 
 def __getattr__(name: str) -> object:

@@ -20,9 +20,9 @@ from rich.console import Console
 
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
+from geometry.common.cached_arrays import CACHE_VARIABLE
 from geometry.common.resources import Limits, use_limits
 from geometry.scenes.scene_tables import Layer
-from geometry.tetra.cache import CACHE_VARIABLE
 from solver.linalg.workspace import Workspace
 from solver.results.result import Result
 from solver.solid.evaluator import SolidEvaluator

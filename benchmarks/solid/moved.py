@@ -23,9 +23,9 @@ from benchmarks.evaluators.solid_references import scenes
 from benchmarks.solid.changes import processor, replace_first
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene
+from geometry.common.cached_arrays import CACHE_VARIABLE
 from geometry.common.errors import InputError
 from geometry.common.resources import Limits, use_limits
-from geometry.tetra.cache import CACHE_VARIABLE
 from solver.linalg.workspace import Workspace
 from solver.solid.evaluator import SolidEvaluator
 

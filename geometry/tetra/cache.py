@@ -9,9 +9,6 @@ time the first to write it wins, and all use its mesh: pytetwild makes different
 from __future__ import annotations
 
 import hashlib
-import io
-import os
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
@@ -20,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry import mesh_programs
-from geometry.common.files import write_whole
+from geometry.common.cached_arrays import find_cache_folder, read_arrays, write_arrays
 from geometry.scenes.scene import Scene
 from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.layout import build_layout, find_extent
@@ -28,11 +25,9 @@ from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 
-CACHE_VARIABLE = "PROBE_DESIGN_CACHE"  # the environment variable
 SOURCE_FOLDER = Path(__file__).parent
 PROGRAM_FOLDER = Path(mesh_programs.__file__).parent
 MESHER_PACKAGES = "netgen-mesher", "pytetwild"
-_CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 def read_or_make_mesh(
@@ -78,21 +73,13 @@ def read_or_make_mesh(
         Ctrl-C, at once.
     """
     layout = build_layout(scene, half, find_extent(scene, tissue_extent), reference_radius)
-    path = find_cache_folder() / f"{compute_key(layout, fineness)}.mesh"
+    path = find_cache_folder("meshes") / f"{compute_key(layout, fineness)}.mesh"
     mesh = _read_mesh(path)
     if mesh is None:
         mesh, _ = mesh_layout(layout, fineness)
         _write_mesh(path, mesh)
         mesh = _read_mesh(path) or mesh  # that of another process if it was the first to write
     return mesh
-
-
-def find_cache_folder() -> Path:
-    """Return the folder of the mesh cache."""
-    import platformdirs
-
-    override = os.environ.get(CACHE_VARIABLE)
-    return Path(override) if override else Path(platformdirs.user_cache_dir("probe-design", appauthor=False)) / "meshes"
 
 
 def compute_key(layout: BodyLayout, fineness: TetraFineness) -> str:
@@ -131,28 +118,11 @@ def _update_digest(digest: hashlib._Hash, value: object) -> None:
 
 
 def _read_mesh(path: Path) -> TetMesh | None:
-    """Read the mesh in a file; None if there is none, or its checksum does not match: then the file is removed."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    if hashlib.sha256(content[_CHECKSUM_BYTES:]).digest() != content[:_CHECKSUM_BYTES]:
-        with suppress(OSError):
-            path.unlink()
-        return None
-    with np.load(io.BytesIO(content[_CHECKSUM_BYTES:]), allow_pickle=False) as arrays:
-        parts = {name: arrays[name] for name in ("nodes", "elements", "body", "beyond", "layer")}
-        return TetMesh(**parts, half=bool(arrays["half"]))
+    """Read the mesh in a file; None if there is none that is whole."""
+    arrays = read_arrays(path)
+    return arrays and TetMesh(**arrays | {"half": bool(arrays["half"])})
 
 
 def _write_mesh(path: Path, mesh: TetMesh) -> None:
-    """Write a mesh to a file, its checksum first, unless the file is there or cannot be written."""
-    buffer = io.BytesIO()
-    arrays = {field.name: np.asarray(getattr(mesh, field.name)) for field in fields(mesh)}
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    content = buffer.getvalue()
-    try:
-        with write_whole(path, once=True) as draft:
-            draft.write_bytes(hashlib.sha256(content).digest() + content)
-    except OSError:  # a full disk or a folder that is not ours: the mesh is there all the same
-        return
+    """Write a mesh to a file, unless the file is there or cannot be written."""
+    write_arrays(path, {field.name: np.asarray(getattr(mesh, field.name)) for field in fields(mesh)})

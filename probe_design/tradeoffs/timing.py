@@ -13,10 +13,10 @@ from dataclasses import replace
 from statistics import median
 from time import perf_counter
 
+from geometry.common.cached_arrays import CACHE_VARIABLE
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
-from geometry.tetra.cache import CACHE_VARIABLE
 from probe_design.tradeoffs.rows import Row, Setting
 from solver import Result, Workspace, evaluator
 from solver.linalg.workspace import use_workspace

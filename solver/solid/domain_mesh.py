@@ -11,9 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
+from geometry.common.cached_arrays import find_cache_folder
 from geometry.common.resources import check_memory, check_time
 from geometry.tetra.body_layout import BodyLayout
-from geometry.tetra.cache import compute_key, find_cache_folder, read_or_make_mesh
+from geometry.tetra.cache import compute_key, read_or_make_mesh
 from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesher import estimate_elements
 from geometry.tetra.sizing import TetraFineness
@@ -86,7 +87,7 @@ def _find_latest_mesh(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh
 
 def is_meshed(domain: Domain, fineness: TetraFineness) -> bool:
     """Return whether the cache has a mesh of the domain."""
-    return (find_cache_folder() / f"{compute_key(build_domain_layout(domain), fineness)}.mesh").exists()
+    return (find_cache_folder("meshes") / f"{compute_key(build_domain_layout(domain), fineness)}.mesh").exists()
 
 
 def build_domain_layout(domain: Domain) -> BodyLayout:

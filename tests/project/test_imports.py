@@ -75,6 +75,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.results",
         *MESHES,
     },
+    "solver.reading_tables": {"geometry", "solver.equivalent_inclusion", "solver.inclusions", "solver.materials", *ANSWERS},
     "solver.solid": {
         "solver.axisymmetric",
         "solver.linalg",

@@ -15,7 +15,7 @@ from typing import IO
 
 import pytest
 
-from geometry.tetra.cache import CACHE_VARIABLE
+from geometry.common.cached_arrays import CACHE_VARIABLE
 from probe_design.commands.main import main
 
 Ended = subprocess.CompletedProcess[str]

@@ -3,6 +3,7 @@ import shutil
 import numpy as np
 import pytest
 
+from geometry.common.cached_arrays import CACHE_VARIABLE, find_cache_folder
 from geometry.tetra import cache as mesh_cache
 from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS
 from geometry.tetra.tet_mesh import TetMesh, build_quadratic
@@ -11,7 +12,7 @@ from tests.support.scenes import block_scene as scene
 
 @pytest.fixture
 def made(monkeypatch, tmp_path):
-    monkeypatch.setenv(mesh_cache.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     calls = []
 
     def mesh_layout(layout, fineness):
@@ -24,7 +25,7 @@ def made(monkeypatch, tmp_path):
 
 
 def files():
-    return list(mesh_cache.find_cache_folder().iterdir())
+    return list(find_cache_folder("meshes").iterdir())
 
 
 def test_a_mesh_is_made_once(made):
@@ -112,6 +113,6 @@ def test_a_damaged_file_is_made_again(made, damage):
 
 def test_a_folder_that_cannot_be_written_costs_time_only(made, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    monkeypatch.setenv(mesh_cache.CACHE_VARIABLE, str(tmp_path / "file" / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "file" / "cache"))
     assert mesh_cache.read_or_make_mesh(scene()).body[0] == 1
     assert mesh_cache.read_or_make_mesh(scene()).body[0] == 2

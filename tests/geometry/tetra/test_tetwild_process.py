@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from geometry import SolveError
+from geometry.common.cached_arrays import CACHE_VARIABLE
 from geometry.mesh_programs.tetwild import tetrahedralize
 from geometry.processes import child as child_process
 from geometry.processes.child import Failure, TooLong
 from geometry.tetra import mesher as volume_mesh
-from geometry.tetra.cache import CACHE_VARIABLE
 from geometry.tetra.layout import build_layout
 from geometry.tetra.sizing import ROUGH_FINENESS
 from tests.support.paths import ROOT

@@ -1,0 +1,168 @@
+"""Describe the tumours that a table covers, and map them to the cube on which their effects are expanded.
+
+The coordinates, each from -1 to 1, are such that effects of first order are smooth in them:
+
+- the logarithm of the depth between the shallowest depth for the diameter, a straight line, and the largest depth;
+- the logarithm of the diameter;
+- the strength q = (c - 1) / (1 + beta (c - 1)) of the contrast c = mu_object / mu_host of the shear moduli, in which the effect
+  of the deviatoric strain is linear (Eshelby), with beta = 2 (4 - 5 nu) / (15 (1 - nu)) of the host.                       (RT.1)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.probe import Material, format_mm
+from geometry.scenes.scene_tables import Tissue
+from solver.materials.linear import Isotropic
+
+MIN_COVER_PER_DIAMETER = 0.1  # of a tumour's diameter: closer to a face its reflections are not resolved by the table's nodes
+ROUNDING_RELATIVE = 1e-6  # of the ranges: numbers that are on a limit but for rounding are allowed
+
+
+@dataclass(frozen=True)
+class TumourRanges:
+    """Lowest and highest numbers of the tumours, SI units.
+
+    Attributes
+    ----------
+    depth, diameter, youngs_modulus
+        Lower and upper limits; equal ones for a single value.
+    poisson_ratio
+        Of all tumours.
+    min_cover
+        Smallest distance of a tumour from the surface and from interfaces of layers, m; a tenth of the diameter at any rate.
+    """
+
+    depth: tuple[float, float]
+    diameter: tuple[float, float]
+    youngs_modulus: tuple[float, float]
+    poisson_ratio: float = 0.45
+    min_cover: float = 0.5e-3
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises
+        ------
+        InputError
+            A limit is not positive and finite, or the lower one is above the upper one.
+        """
+        for name in ("depth", "diameter", "youngs_modulus"):
+            low, high = getattr(self, name)
+            if not 0 < low <= high < np.inf:
+                raise InputError(name, (low, high), "a lower and an upper limit, positive and in this order")
+        if not -1 < self.poisson_ratio < 0.5:
+            raise InputError("poisson_ratio", self.poisson_ratio, "a number above -1 and below 0.5")
+        if not 0 <= self.min_cover < np.inf:
+            raise InputError("min_cover", self.min_cover, "a length, m, not negative")
+
+
+@dataclass(frozen=True)
+class TumourCube:
+    """Ranges within one layer of a tissue, and their map to the cube [-1, 1]^3.
+
+    Attributes
+    ----------
+    ranges
+        Of the tumours.
+    host
+        The material around them.
+    ceiling, floor
+        Depths of the interface above the tumours (0: the surface) and of the face below them, m; inf in a half-space.
+    """
+
+    ranges: TumourRanges
+    host: Material
+    ceiling: float
+    floor: float
+
+    @classmethod
+    def from_tissue(cls, ranges: TumourRanges, tissue: Tissue) -> TumourCube:
+        """Find the layer of the tumours.
+
+        Raises
+        ------
+        Refusal
+            The deepest and largest tumour does not fit below the surface or interface above it, or reaches the face below it.
+        """
+        deepest, largest = ranges.depth[1], ranges.diameter[1]
+        faces = (0.0, *tissue.interfaces, np.inf if tissue.shape == "half-space" else tissue.depth)
+        layer = int(np.searchsorted(tissue.interfaces, deepest, side="right"))
+        cube = cls(ranges, tissue.find_material(deepest), faces[layer], faces[layer + 1])
+        if cube.compute_shallowest(largest) > deepest * (1 + ROUNDING_RELATIVE):
+            face = "the surface" if layer == 0 else f"the interface {format_mm(cube.ceiling)} deep"
+            shallowest = format_mm(float(cube.compute_shallowest(largest)))
+            allowed = f"{shallowest} or more, so that the largest tumour lies below {face}"
+            raise Refusal("population.depth", format_mm(deepest), allowed)
+        lowest = cube.floor - largest / 2 - MIN_COVER_PER_DIAMETER * largest
+        if deepest > lowest:
+            allowed = f"up to {format_mm(max(float(lowest), 0.0))}, so that the largest tumour lies above the face below it"
+            raise Refusal("population.depth", format_mm(deepest), allowed)
+        return cube
+
+    def compute_cover(self, diameter: Any) -> Any:
+        """Return the smallest allowed distance between a tumour and the face above it, m."""
+        return np.maximum(self.ranges.min_cover, MIN_COVER_PER_DIAMETER * diameter)
+
+    def compute_shallowest(self, diameter: Any) -> Any:
+        """Return the smallest allowed depth of a tumour's centre, m."""
+        return np.maximum(self.ranges.depth[0], self.ceiling + diameter / 2 + self.compute_cover(diameter))
+
+    def compute_strength(self, youngs_modulus: Any) -> Any:
+        """Return the strength of tumours, eq. RT.1."""
+        beta, host_modulus = self._deviatoric
+        contrast = youngs_modulus / (2 * (1 + self.ranges.poisson_ratio) * host_modulus)
+        return (contrast - 1) / (1 + beta * (contrast - 1))
+
+    def map_from_cube(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return depths and diameters, m, and Young's moduli, Pa, of points of the cube, shape (n, 3)."""
+        shares = (points.T + 1) / 2
+        (low, high), deepest = self.ranges.diameter, self.ranges.depth[1]
+        diameter = low * (high / low) ** shares[1]
+        top = self._compute_top(diameter)
+        weakest, strongest = (self.compute_strength(value) for value in self.ranges.youngs_modulus)
+        strength, (beta, host_modulus) = weakest + (strongest - weakest) * shares[2], self._deviatoric
+        contrast = 1 + strength / (1 - beta * strength)
+        return top * (deepest / top) ** shares[0], diameter, 2 * (1 + self.ranges.poisson_ratio) * host_modulus * contrast
+
+    def map_to_cube(self, depth: Floats, diameter: Floats, youngs_modulus: Floats) -> Floats:
+        """Return the points of the cube of tumours, shape (..., 3)."""
+        (low, high), deepest, top = self.ranges.diameter, self.ranges.depth[1], self._compute_top(diameter)
+        weakest, strongest = (self.compute_strength(value) for value in self.ranges.youngs_modulus)
+        pairs = (
+            (np.log(depth / top), np.log(deepest / top)),
+            (np.log(diameter / low), np.log(high / low)),
+            (self.compute_strength(youngs_modulus) - weakest, strongest - weakest),
+        )
+        columns = [2 * np.divide(part, whole, out=np.full_like(depth, 0.5), where=whole > 1e-12) - 1 for part, whole in pairs]
+        return np.stack(columns, axis=-1)
+
+    @property
+    def _deviatoric(self) -> tuple[float, float]:
+        """Return beta of eq. RT.1 and the host's shear modulus, Pa."""
+        nu, law = self.host.poisson_ratio, Isotropic.from_material(self.host)
+        return 2 * (4 - 5 * nu) / (15 * (1 - nu)), law.shear_modulus
+
+    def _compute_top(self, diameter: Any) -> Any:
+        """Return the depth at which the cube begins, a straight line in the diameter at or above the smallest allowed depth.
+
+        The smallest allowed depth has kinks, which an expansion in polynomials would resolve slowly.
+        """
+        lowest, (low, high) = self.ranges.depth[0], self.ranges.diameter
+        if self.compute_shallowest(high) <= lowest * (1 + ROUNDING_RELATIVE):
+            return lowest + 0 * diameter
+        cover, share = self.ranges.min_cover, 0.5
+        if cover < MIN_COVER_PER_DIAMETER * low:
+            cover, share = 0.0, 0.5 + MIN_COVER_PER_DIAMETER
+        return self.ceiling + cover + share * diameter
+
+
+def list_ranges(ranges: TumourRanges) -> str:
+    """Return all numbers of ranges as a text, which a cache's key contains."""
+    return repr([(part.name, getattr(ranges, part.name)) for part in fields(ranges)])
