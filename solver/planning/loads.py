@@ -128,11 +128,10 @@ def compute_law_factor(scene: Scene) -> float:
     smallest number so that s x includes it for every x up to 0.3 / s.
     """
     probe, tissue = scene.probe, scene.tissue
-    x = np.geomspace(MIN_TESTED_X, MAX_X, TESTED_COUNT)
     outer, inner = (_list_laws(bodies) for bodies in ((tissue, *tissue.layer), (probe.inner, probe.outer, *scene.inclusion)))
     if not outer and not inner:
         return 1.0
-    added = np.zeros(TESTED_COUNT)
+    x, added = np.geomspace(MIN_TESTED_X, MAX_X, TESTED_COUNT), np.zeros(TESTED_COUNT)
     for weight, laws in ((1.0, outer), (INNER_BODY_SHARE, inner)):
         for law in laws:
             change = np.maximum.accumulate(np.abs(2 * law.evaluate(DISTORTION_COEFFICIENT * x**2)[1] - 1))

@@ -1,0 +1,1 @@
+"""Measure locating: the forward model of scans."""
