@@ -120,7 +120,7 @@ def _update_digest(digest: hashlib._Hash, value: object) -> None:
 def _read_mesh(path: Path) -> TetMesh | None:
     """Read the mesh in a file; None if there is none that is whole."""
     arrays = read_arrays(path)
-    return arrays and TetMesh(**arrays | {"half": bool(arrays["half"])})
+    return None if arrays is None else TetMesh(**arrays | {"half": bool(arrays["half"])})
 
 
 def _write_mesh(path: Path, mesh: TetMesh) -> None:

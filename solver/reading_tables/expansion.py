@@ -47,7 +47,7 @@ class OffsetGrid:
     @property
     def points(self) -> Floats:
         """Offsets of the expansion's points, m, shape (count,)."""
-        return self.scale * np.sinh(np.arcsinh(self.end / self.scale) * build_points(2 * self.count)[: self.count])
+        return np.asarray(self.scale * np.sinh(np.arcsinh(self.end / self.scale) * build_points(2 * self.count)[: self.count]))
 
     def evaluate_basis(self, offsets: Floats) -> Floats:
         """Return the even functions at offsets, m, shape (n, count)."""

@@ -14,7 +14,7 @@ from geometry.scenes.scene_file import load_scene
 from solver.reading_tables.build import read_or_build_table
 from solver.reading_tables.tumour_ranges import TumourRanges
 
-SUPERPOSITION_ERROR_RELATIVE = 0.02  # of the effects of several tumours 0.5 mm apart or more: their sum leaves out their exchange
+SUPERPOSITION_ERROR_RELATIVE = 0.02  # of effects of tumours 0.5 mm apart or more; measured rms 0.013 (benchmarks.locating)
 
 
 @dataclass(frozen=True)
