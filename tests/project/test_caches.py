@@ -38,6 +38,7 @@ CONSTANT = {  # one value, or one for each of a few numbers of points
     "solver.linalg.threads._get_controller": "the libraries' names",
     "solver.linalg.workspace.get_process_workspace": "the workspace",
     "solver.multiple_scattering.solve._share_modes": "at most 64 names of modes, 0.1 MB each with all their labels",
+    "solver.reading_tables.build._compute_source_digest": "one digest",
     "solver.solid.tetrahedron.build_rule": "two rules",
 }
 LARGEST = SolidHarmonics(DEGREE_LIMITS[1] + 2, MAX_MODE_ORDER + 2)
