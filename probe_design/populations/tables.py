@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -20,12 +21,14 @@ from probe_design.populations.entries import NUMBER_QUANTITY, DesignVariable, Ra
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
 FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
-DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS = 64, 4096, 101
+DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS, MAX_TUMOURS = 64, 4096, 101, 3
 
 Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
 Moduli = Annotated[Range, Ranged(MODULUS_QUANTITY)]
 Places = Annotated[Range, Ranged(POSITION_QUANTITY, log=False)]
 Charge = Annotated[float, CHARGE_QUANTITY]
+Distance = Annotated[float, replace(LENGTH_QUANTITY, low=0.0)]
+Weights = Annotated[tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...], Field(strict=False, max_length=MAX_TUMOURS + 1)]
 ChannelSet = Literal["ratio", "stiffness", "both"]
 CHANNEL_INDICES: dict[ChannelSet, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of a scan's channels
 
@@ -69,8 +72,27 @@ class PopulationRanges(Frozen):
     )
     x: Places | None = Field(
         default=None,
-        description="where the tumour lies along the line of readings, spread evenly; left out: the scene's",
+        description="where the tumour lies along the line of readings, spread evenly; left out: the scene's, and for `locate` and `survey` "
+        "from the first to the last reading",
         examples=[["-4 mm", "4 mm"]],
+    )
+    y: Places | None = Field(
+        default=None,
+        description="the same along y, for `locate` and `survey` alone; left out: as x where readings lie at several y",
+        examples=[["-16 mm", "16 mm"]],
+    )
+    margin: Distance = Field(
+        default=0.0, description="how far beyond the ranges of x and y tumours may lie, for `locate` and `survey` alone"
+    )
+    tumours: Annotated[int, Field(ge=1, le=MAX_TUMOURS)] = Field(
+        default=MAX_TUMOURS,
+        description=f"largest number of tumours in one patient, 1 to {MAX_TUMOURS}, for `locate` and `survey` alone; before the "
+        "readings every number from none to this one is equally probable, unless weights says otherwise",
+    )
+    weights: Weights = Field(
+        default=(),
+        description="probability of no tumour, of one and so on before the readings, up to a common factor; left out: all equal",
+        examples=[[0.9, 0.08, 0.015, 0.005]],
     )
     layer: Layers = Field(default=(), description="tables [[population.layer]] of thickness and modulus, as the scene has layers")
     least_cover: Length = Field(
@@ -82,6 +104,20 @@ class PopulationRanges(Frozen):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = Field(
         default=0, description="of the draw, a whole number from 0: other tumours of the same kind"
     )
+
+    @model_validator(mode="after")
+    def _check_weights(self) -> Self:
+        """Refuse weights of other numbers of tumours, and weights that are all 0."""
+        if self.weights and (len(self.weights) != self.tumours + 1 or not sum(self.weights) > 0):
+            allowed = f"{self.tumours + 1} numbers, of none to {self.tumours} tumours, of which one is above 0"
+            raise InputError("weights", list(self.weights), allowed)
+        return self
+
+    @property
+    def number_prior(self) -> Floats:
+        """Probability of each number of tumours before the readings, from none on, shape (tumours + 1,)."""
+        weights = np.array(self.weights or (1.0,) * (self.tumours + 1))
+        return np.asarray(weights / weights.sum())
 
     @property
     def is_varied(self) -> bool:
@@ -176,6 +212,11 @@ class NoiseModel(Frozen):
         description="of each channel's charge, a charge with its unit, such as '0.01 pC', one standard deviation",
     )
     tilt: Relative = Field(default=0.0, description=_describe_relative("of each reading of the ratio by the probe's tilt at it"))
+    pose: Distance = Field(
+        default=0.0,
+        description="of the probe's place at each reading along x and along y, a length, one standard deviation, for `locate` and "
+        "`survey` alone; a reading's own x_sd and y_sd replace it",
+    )
     calibration: str | None = Field(
         default=None,
         description="the name of a file that `probe-design calibrate` has written, whose gains take the place of gain",
