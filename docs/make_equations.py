@@ -35,6 +35,7 @@ ROOMS = {
     "PL": "solver/planning",
     "LG": "probe_design/inference",
     "PO": "probe_design/populations",
+    "LO": "probe_design/locating",
     "DS": "probe_design/design_search",
     "MA": "probe_design/maps",
     "MF": "probe_design/material_fit",

@@ -12,6 +12,7 @@ public functions take a scene or the name of its file:
     scan           readings of the probe along a line over the tissue
     detectability  which tumours the probe detects, and which it resolves in stiffness
     estimate       modulus, diameter or depth from readings
+    locate         number, place, depth and size of tumours from a scan
     optimize       search a better probe for a population of tumours, or for the tumour of a scene
     sweep          evaluate thousands of designs, each once
     fit_material   a law at finite strain from a measured curve of stress and stretch
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
     from probe_design.commands.estimate import estimate
     from probe_design.commands.export import export
+    from probe_design.commands.locate import locate
     from probe_design.commands.maps import detectability, scan
     from probe_design.commands.material import fit_material
     from probe_design.commands.optimize import optimize
@@ -56,6 +58,7 @@ __all__ = [
     "evaluate_many",
     "export",
     "fit_material",
+    "locate",
     "optimize",
     "plan",
     "plot",
@@ -67,8 +70,8 @@ __all__ = [
 
 _MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "plan", "press"), "solver.evaluation")
 _MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands.maps")
-_MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "optimize")}
 _MODULE_NAMES |= {"fit_material": "probe_design.commands.material", "Scene": "geometry.scenes.scene"}
+_MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "locate", "optimize")}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
 _MODULE_NAMES |= {"predict_readings": "solver.reading_tables.predict"}
 

@@ -48,6 +48,7 @@ COMMANDS = {
     "scan": CommandName(MODEL, "maps:ScanRequest", "Readings of the probe along a line over the tissue."),
     "detectability": CommandName(MODEL, "maps:DetectabilityRequest", "Which tumours are detected, over depth and diameter."),
     "estimate": CommandName(MODEL, "estimate:EstimateRequest", "Modulus, diameter or depth from readings."),
+    "locate": CommandName(MODEL, "locate:LocateRequest", "Where tumours lie, how deep and how large, from a scan."),
     "tradeoff": CommandName(MODEL, "sweep:TradeoffRequest", "Time and error of every evaluator on your scenes."),
     "optimize": CommandName(DESIGN, "optimize:OptimizeRequest", "Search a better probe, verify it and export it."),
     "sweep": CommandName(DESIGN, "sweep:SweepRequest", "Evaluate thousands of designs, each once."),

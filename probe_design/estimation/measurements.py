@@ -13,7 +13,12 @@ A readings file is TOML, one table a reading,
     ratio_phase_sd = "0.1 deg"  # its standard deviation
     blank = true            # baseline reading, over tumour-free tissue; default: false
 
-or CSV with the same keys in any order: the first row names them, and an empty cell stands for the default.
+or CSV with the same keys in any order: the first row names them, and an empty cell stands for the default. A scan for `locate`
+states every place, and may have
+
+    x_sd = "0.5 mm"         # standard deviation of the probe's place along x; default: pose of the design file's [noise]
+    y_sd = "0.5 mm"         # likewise along y
+    force = "10 mN"         # on the probe; default: the scene's load
 """
 
 from __future__ import annotations
@@ -38,6 +43,7 @@ from geometry.scenes.units import Quantity, read_fraction, read_number
 from probe_design.data.noise import ALLOWED_NOISE, check_noise
 
 READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
+SCAN_KEYS = (*READING_KEYS, "x_sd", "y_sd", "force")  # of scans, whose places are uncertain
 DATUM_KEYS = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")  # of ``Measurements``, shape (k,) each
 MAX_READINGS = 1000
 MAX_FILE_BYTES = 200_000  # bytes
@@ -47,6 +53,11 @@ SI_QUANTITIES = {  # entries that may be numbers without unit
     "stiffness": Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15),
     "ratio_phase": Quantity("phase", "rad", "deg", -1.5, 1.5),
     "ratio_phase_sd": Quantity("phase", "rad", "deg", 1e-7, 1.5),
+}
+SCAN_QUANTITIES = {
+    "x_sd": Quantity("length", "m", "mm", 0.0, 0.1),
+    "y_sd": Quantity("length", "m", "mm", 0.0, 0.1),
+    "force": Quantity("force", "N", "mN", 1e-9, 1e9),
 }
 
 
@@ -72,6 +83,10 @@ class Reading:
         Phase by which the inner film leads the outer one, rad; a negative ratio counts as phase 0. None if not measured.
     ratio_phase_sd
         Its standard deviation, rad.
+    x_sd, y_sd
+        Standard deviations of the position, m; None if not stated.
+    force
+        On the probe, N; None if not stated.
     """
 
     x: float
@@ -83,6 +98,9 @@ class Reading:
     blank: bool = False
     ratio_phase: float | None = None
     ratio_phase_sd: float | None = None
+    x_sd: float | None = None
+    y_sd: float | None = None
+    force: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,7 +200,9 @@ def build_single_reading(
     return (_check_reading("", row, scene, None, None),)
 
 
-def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
+def read_readings(
+    path: Path, scene: Scene, noise: Any = None, stiffness_noise: Any = None, *, is_scan: bool = False
+) -> tuple[Reading, ...]:
     """Return the readings of a file in the format of this module's docstring.
 
     Parameters
@@ -195,6 +215,8 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
         Relative standard deviation of ratios for which the file states none.
     stiffness_noise
         Relative standard deviation of stiffnesses for which the file states none.
+    is_scan
+        Whether every reading has to state its place, and may have the further keys of scans.
 
     Raises
     ------
@@ -207,7 +229,17 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     rows = parsers[path.suffix.lower()](read_text(path, "readings", "a file", MAX_FILE_BYTES), str(path))
     if not 0 < len(rows) <= MAX_READINGS:
         raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MAX_READINGS} readings")
-    return tuple(_check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
+    readings = []
+    for index, row in enumerate(rows):
+        key_prefix = f"reading[{index}]."
+        for key in ("x", "y") if is_scan else ():
+            if row.get(key) is None:
+                raise InputError(key_prefix + key, Words("missing"), POSITION_QUANTITY.allowed)
+        extra = {key: row[key] for key in SCAN_QUANTITIES if is_scan and row.get(key) is not None}
+        reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, noise, stiffness_noise)
+        numbers = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
+        readings.append(replace(reading, **numbers))
+    return tuple(readings)
 
 
 def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:
@@ -249,7 +281,12 @@ def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noi
     """
     for key in row:
         if key not in READING_KEYS:
-            raise InputError(f"{key_prefix}{key}", row[key], describe_choices(key, READING_KEYS))
+            what = (
+                "nothing: the places of these readings count as exact"
+                if key in SCAN_KEYS
+                else describe_choices(key, READING_KEYS)
+            )
+            raise InputError(f"{key_prefix}{key}", row[key], what)
     entries = {"noise": noise, "stiffness_noise": stiffness_noise, "blank": False}
     entries |= {key: value for key, value in row.items() if value is not None}
     ratio = read_number(f"{key_prefix}ratio", entries.get("ratio"), ALLOWED_RATIO)

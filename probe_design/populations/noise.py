@@ -84,7 +84,7 @@ def build_difference_noise(
     channels = CHANNEL_INDICES[channel_set or protocol.channel_set]
     white_variances, gain_variances = (
         _compute_channel_variances(noise, channels, scene, places),
-        _compute_common_variances(noise, channels, blank),
+        compute_common_variances(noise, channels, blank),
     )
     common = white_variances[:, 0] if protocol.blank else gain_variances
     shared = np.repeat(np.diag(np.sqrt(common)), p, axis=0)
@@ -114,7 +114,7 @@ def build_full_noise(
     channels = CHANNEL_INDICES[channel_set or protocol.channel_set]
     white_variances, common = (
         _compute_channel_variances(noise, channels, scene, np.vstack([blank, tumour_forces])),
-        _compute_common_variances(noise, channels, blank),
+        compute_common_variances(noise, channels, blank),
     )
     variances = np.concatenate([white_variances[:, 1:].ravel(), white_variances[:, 0]])
     gains = np.diag(np.sqrt(common))
@@ -125,7 +125,7 @@ def build_full_noise(
 
 def compute_reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
     """Return the standard deviations of one reading of ratio and stiffness, less the baseline reading if any, shape (2,)."""
-    variances = np.maximum(_compute_both_variances(noise, scene, blank[None])[:, 0], MIN_NOISE**2)
+    variances = np.maximum(compute_reading_variances(noise, scene, blank[None])[:, 0], MIN_NOISE**2)
     return np.asarray(np.sqrt((1 + protocol.blank) * variances))
 
 
@@ -148,7 +148,7 @@ def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], sce
     InputError
         A reading would have less noise than ``MIN_NOISE``.
     """
-    variances = _compute_both_variances(noise, scene, places)
+    variances = compute_reading_variances(noise, scene, places)
     for channel in channels:
         variance = float(variances[channel].min())
         if not variance >= MIN_NOISE**2:
@@ -157,14 +157,14 @@ def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], sce
     return variances[list(channels)]
 
 
-def _compute_both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
+def compute_reading_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
     """Return the variances w_c^2 of ratio and stiffness at k places with film forces and charges (k, 2 or 4), shape (2, k)."""
     charges = compute_film_charges(scene, places) if noise.charge else np.ones((len(places), 2))
     ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
     return np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])
 
 
-def _compute_common_variances(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
+def compute_common_variances(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
     """Return the variance of the gain of some channels, shape (c,)."""
     return np.array([_compute_ratio_gain_variance(noise, blank), noise.stiffness_gain**2])[list(channels)]
 

@@ -160,7 +160,7 @@ class ScenePopulation:
         counts = [len(part) for part in np.array_split(np.arange(n), len(tissue_scenes))]
         bodies, misfits = self._draw_bodies(tissue_scenes, counts, seed)
         depth, diameter, modulus, x = bodies.T
-        numbers, nu = np.repeat(np.arange(len(tissue_scenes)), counts), self._poisson_ratio
+        numbers, nu = np.repeat(np.arange(len(tissue_scenes)), counts), self.poisson_ratio
         return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissue_scenes, misfits)
 
     def _draw_bodies(self, tissues: tuple[Scene, ...], counts: list[int], seed: int) -> tuple[Floats, int]:
@@ -244,7 +244,7 @@ class ScenePopulation:
         return self.scene.inclusion[0].y if self.scene.inclusion else self.scene.placement.y
 
     @property
-    def _poisson_ratio(self) -> float:
+    def poisson_ratio(self) -> float:
         """Poisson's ratio of every tumour: that of the scene's inclusion, or without one that of the tissue."""
         return self.scene.inclusion[0].poisson_ratio if self.scene.inclusion else self.scene.tissue.poisson_ratio
 

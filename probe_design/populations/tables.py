@@ -72,8 +72,8 @@ class PopulationRanges(Frozen):
     )
     x: Places | None = Field(
         default=None,
-        description="where the tumour lies along the line of readings, spread evenly; left out: the scene's, and for `locate` and `survey` "
-        "from the first to the last reading",
+        description="where the tumour lies along the line of readings, spread evenly; left out: the scene's, and for `locate` "
+        "and `survey` from the first to the last reading",
         examples=[["-4 mm", "4 mm"]],
     )
     y: Places | None = Field(
@@ -214,8 +214,8 @@ class NoiseModel(Frozen):
     tilt: Relative = Field(default=0.0, description=_describe_relative("of each reading of the ratio by the probe's tilt at it"))
     pose: Distance = Field(
         default=0.0,
-        description="of the probe's place at each reading along x and along y, a length, one standard deviation, for `locate` and "
-        "`survey` alone; a reading's own x_sd and y_sd replace it",
+        description="of the probe's place at each reading along x and along y, a length, one standard deviation, for `locate` "
+        "and `survey` alone; a reading's own x_sd and y_sd replace it",
     )
     calibration: str | None = Field(
         default=None,

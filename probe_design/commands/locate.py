@@ -1,0 +1,129 @@
+"""The command `locate`: from a scan of readings to number, place, depth and size of the tumours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from geometry.common.errors import InputError, Words
+from probe_design.commands.fields import LimitedRequest, Picture
+from probe_design.commands.output import check_picture, print_result
+from probe_design.commands.request import Number, Option, use_request
+
+if TYPE_CHECKING:
+    from probe_design.estimation.measurements import Reading
+    from probe_design.locating.location import Location
+    from probe_design.populations.design_file import Design, DesignSource
+
+MAX_OUTLIER_RATE = 0.3  # above it "wild" readings would be as good as the others
+
+
+class LocateRequest(LimitedRequest):
+    """Infer from a scan how many tumours there are, and where, how deep, how large and how stiff each one is.
+
+    DESIGN is a design file (`optimize --template` prints one). Its scene is the probe and the tissue, [population] says what is
+    known of tumours before the readings, [noise] how uncertain a reading is. The result is conditional on that population: it is
+    no diagnosis. Before the readings every number of tumours from none to [population] tumours is equally probable, unless
+    weights says otherwise. Where the readings do not narrow a quantity, the result says so.
+
+    \b
+    probe-design locate DESIGN.toml --readings scan.csv -o out
+    probe-design locate DESIGN.toml --readings scan.csv --next --json
+
+    \b
+    scan.csv holds one press a line (or scan.toml, tables [[reading]] with these keys):
+    x,     y,     ratio, stiffness, x_sd,   y_sd,   blank
+    30 mm, 0 mm,  0.51,  78 N/m,    0 mm,   0 mm,   true
+    -8 mm, -8 mm, 0.55,  79 N/m,    0.5 mm, 0.5 mm, false
+    x and y are the probe's axis in the scene's frame. blank is true for the baseline reading, over tumour-free tissue, which has
+    the gain of the scan. noise and stiffness_noise, where a column states them, replace those of the design file, x_sd and y_sd
+    its pose. --outliers states the fraction of wild readings that is expected: these then count less, and intervals widen.
+    """  # noqa: D301
+
+    design: Annotated[Path, Option("Design file.", is_argument=True)]
+    readings: Annotated[Path, Option("Readings of the scan: a .toml or .csv file, see below.")]
+    output: Annotated[Path | None, Option("Folder for a report with pictures and numbers.", "-o/--output")] = None
+    advise: Annotated[bool, Option("Report which place is expected to say the most about the tumours.", "--next")] = False
+    outliers: Annotated[
+        float,
+        Number(f"a fraction from 0 to {MAX_OUTLIER_RATE:g}", lambda rate: 0 <= rate <= MAX_OUTLIER_RATE, percent=True),
+        Option("Expected fraction of wild readings."),
+    ] = 0.0
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1), Option("Of the random numbers; the same seed gives the same result.")] = 0
+    picture: Annotated[Picture, Option("Draw the map and the residuals to this .png, .svg or .pdf file.", "--plot")] = None
+
+    def run(self) -> None:
+        """Locate the tumours, draw and write what is requested, and print the result."""
+        from geometry.common.files import check_writable
+        from probe_design.locating.figures import draw_location
+        from probe_design.locating.report import build_tables, list_lines, write_files
+        from probe_design.reporting.picture_files import save_figure
+        from probe_design.terminal.console import show_spinner, warn, write_message
+
+        check_picture(self.picture)
+        if self.output is not None:
+            check_writable(self.output)
+        with show_spinner(f"locating tumours in {self.readings}"):
+            result = self.call(locate)
+        if self.picture is not None:
+            save_figure(draw_location(result), self.picture)
+        if self.output is not None:
+            write_files(result, self.output)
+        print_result(result.as_dict, lambda: build_tables(result), self.as_json, lambda: list_lines(result))
+        if not self.as_json:
+            warn(result.warnings)
+            if self.output is not None:
+                write_message(f"wrote {self.output / 'report.html'}")
+
+
+@use_request(LocateRequest)
+def locate(
+    design: DesignSource,
+    *,
+    readings: tuple[Reading, ...] | Path | str,
+    outliers: float = 0.0,
+    seed: int = 0,
+    advise: bool = False,
+) -> Location:
+    """Infer number, place, depth, size and contrast of tumours from a scan.
+
+    Parameters
+    ----------
+    design : Design, mapping, or the name of a design file
+        Probe, tissue, population and noise.
+    readings : tuple of Reading, or the name of a .toml or .csv file
+        The scan; see ``probe-design locate --help``.
+
+    Returns
+    -------
+    Location
+        Probabilities of the number of tumours, and the posterior of each tumour, conditional on the population.
+
+    Raises
+    ------
+    InputError
+        A reading is not allowed, there are too few of them, or all lie at one place.
+    Refusal
+        ``equivalent-inclusion`` cannot model the scene.
+    """
+    from probe_design.locating.run import run_locate
+
+    return run_locate(read_locate_design(design), _convert_to_path(readings), outliers, seed, advise=advise)
+
+
+def read_locate_design(source: DesignSource) -> Design:
+    """Return a design; raise ``InputError`` for a scene, which has no population."""
+    from probe_design.populations.design_file import Design, read_design_source
+
+    design = read_design_source(source)
+    if not isinstance(design, Design):
+        allowed = "a design file, with [population] and [noise]; `probe-design optimize --template` prints one"
+        raise InputError("design", Words("a scene file"), allowed)
+    return design
+
+
+def _convert_to_path(readings: tuple[Reading, ...] | Path | str) -> tuple[Reading, ...] | Path:
+    """Return readings, or the path of their file."""
+    return Path(readings) if isinstance(readings, str) else readings

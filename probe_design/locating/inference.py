@@ -1,0 +1,273 @@
+"""Infer number and posterior of the tumours from the readings of a scan."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtr, softmax
+from scipy.stats import chi2
+
+from geometry.common.arrays import Floats
+from probe_design.locating.likelihood import Likelihood
+from probe_design.locating.location import Location, NumberResult, Residual, Tumour
+from probe_design.locating.next_position import NextPosition, build_candidates, choose_position
+from probe_design.locating.posterior import compute_quantiles, compute_region, summarise
+from probe_design.locating.sampling import CONVERGED_SIZE, Sample, draw_posterior
+from probe_design.locating.scan_data import TumourFree
+
+MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
+TESTED_SETS = 200  # most probable sets of each number, among which the residuals are the smallest
+STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
+MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
+DETECTABLE_SAMPLES = 1024  # tumours of the prior whose deflections are computed
+CHANNEL_NAMES = ("ratio", "stiffness")
+WILD_PROBABILITY = 0.5  # above it a reading counts as wild and is left out of the residual test
+MAX_DEVIATION = 4.0  # standard deviations of one residual above which a warning names it
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Samples of all numbers of tumours.
+
+    Attributes
+    ----------
+    samples
+        Of one tumour, two and so on.
+    log_evidence
+        Of no tumour, one and so on, up to a common constant.
+    probability
+        The same weighted by their prior; sums to 1.
+    """
+
+    samples: tuple[Sample, ...]
+    log_evidence: Floats
+    probability: Floats
+
+    @classmethod
+    def from_likelihood(cls, likelihood: Likelihood, seed: int) -> Posterior:
+        """Draw samples of every number of tumours that is probable before the readings."""
+        numbers = likelihood.prior.numbers
+        samples = tuple(draw_posterior(likelihood, number, seed) for number in range(1, len(numbers)))
+        none = float(likelihood.evaluate_tumours(np.zeros((1, 0, 5)))[0])
+        log_evidence = np.array([none, *(sample.log_evidence for sample in samples)])
+        with np.errstate(divide="ignore"):  # a number that is excluded before the readings
+            return cls(samples, log_evidence, softmax(log_evidence + np.log(numbers)))
+
+    def resample(self, likelihood: Likelihood, seed: int) -> tuple[Floats, ...]:
+        """Return equally probable sets of tumours of each number above 0, shape (n, number, 5) each."""
+        rng = np.random.default_rng((seed, 0))
+        return tuple(likelihood.prior.transform(sample.resample(STORED_SETS, rng)) for sample in self.samples)
+
+
+def infer(likelihood: Likelihood, tumour_free: TumourFree, seed: int, *, advise: bool, evaluator: str) -> Location:
+    """Return the result of `locate`.
+
+    Parameters
+    ----------
+    likelihood
+        Of the readings, with model and prior.
+    tumour_free
+        The probe on tumour-free tissue.
+    seed
+        Of the random numbers.
+    advise
+        Whether to choose the next place.
+    evaluator
+        Name of the model of the readings.
+    """
+    start = time.perf_counter()
+    posterior = Posterior.from_likelihood(likelihood, seed)
+    sets = posterior.resample(likelihood, seed)
+    log_factors = (posterior.log_evidence[1:] - posterior.log_evidence[0]).tolist()
+    by_number = tuple(_describe_number(likelihood, *parts) for parts in zip(posterior.samples, sets, log_factors, strict=True))
+    p_value, best = _test_residuals(likelihood, posterior, sets)
+    residuals = _list_residuals(likelihood, best)
+    result = Location(
+        probability=tuple(posterior.probability.tolist()),
+        prior=tuple(likelihood.prior.numbers.tolist()),
+        by_number=by_number,
+        nuisances=_describe_gains(likelihood, posterior, sets),
+        explained=p_value >= MIN_P_VALUE,
+        p_value=p_value,
+        residuals=residuals,
+        next=_advise(likelihood, posterior, sets) if advise else None,
+        warnings=(),
+        evaluator=evaluator,
+        model_error=float(np.max(likelihood.model.error)),
+        seconds=time.perf_counter() - start,
+        seed=seed,
+        tumour_prior=likelihood.prior,
+        data=likelihood.data,
+        scene=tumour_free.scene,
+    )
+    return _with_warnings(result, likelihood)
+
+
+def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_factor: float) -> NumberResult:
+    """Return the posterior of one number of tumours, those first which change the readings most."""
+    prior = likelihood.prior
+    positions = likelihood.data.positions[~likelihood.data.is_baseline]
+    strengths = [
+        np.abs(likelihood.model.predict(sets[:200, [index]], positions)).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])
+    ]
+    tumours = tuple(
+        Tumour(summary, compute_region(prior, sample.points[:, index], sample.weights))
+        for index, summary in enumerate(summarise(prior, sample))
+    )
+    order = np.argsort(strengths)[::-1]
+    return NumberResult(
+        number=len(tumours),
+        tumours=tuple(tumours[index] for index in order),
+        log_bayes_factor=log_factor,
+        log_bayes_factor_error=sample.evidence_error,
+        effective_sample_size=sample.size,
+        converged=sample.is_converged,
+        sets=sets[:, order],
+    )
+
+
+def _test_residuals(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> tuple[float, Floats]:
+    """Return the p-value of the residuals, and the most likely set of tumours of the most probable number, (1, m, 5).
+
+    The misfit is the smallest over the most likely sets of all numbers; the degrees of freedom are all readings, so that the test
+    errs to the side of an explanation. The largest single residual is tested, too; the gain counts as a reading.
+    """
+    best_sets, p_values = [np.zeros((1, 0, 5))], []
+    for sample in posterior.samples:
+        likely = np.argsort(sample.log_weights)[-TESTED_SETS:]
+        tumours = likelihood.prior.transform(sample.points[likely])
+        values = likelihood.evaluate_tumours(tumours)
+        best_sets.append(tumours[[int(np.argmax(values))]])
+    for tumours in best_sets:
+        deviations = _compute_deviations(likelihood, tumours)
+        chi_square, largest = (deviations**2).sum(), np.abs(deviations).max(initial=0.0)
+        single = 1 - (1 - 2 * ndtr(-largest)) ** max(len(deviations), 1)
+        p_values.append(min(1.0, 2 * min(float(chi2.sf(chi_square, len(deviations))), float(single))))
+    return max(p_values), best_sets[int(np.argmax(posterior.probability))]
+
+
+def _compute_deviations(likelihood: Likelihood, tumours: Floats) -> Floats:
+    """Return the residuals of one set of tumours and the gains, in standard deviations, without wild readings, shape (k,)."""
+    residuals, variance = likelihood.compute_residuals(tumours)
+    is_used, gain = likelihood.data.is_read, likelihood.estimate_gain(residuals, variance)[0]
+    if likelihood.outlier_rate:
+        gain = likelihood.find_gain(residuals, variance)[0]
+        is_used = is_used & (likelihood.compute_wild_probability(residuals, variance)[0] < WILD_PROBABILITY)
+    deviations = (residuals[0] - gain) / np.sqrt(variance[0])
+    gains = (gain / likelihood.data.gain_sd)[likelihood.data.is_read.any(axis=0)]
+    return np.concatenate([deviations[is_used], gains])
+
+
+def _list_residuals(likelihood: Likelihood, tumours: Floats) -> tuple[Residual, ...]:
+    """Return each reading against the prediction of one set of tumours, shape (1, m, 5)."""
+    data = likelihood.data
+    residuals, variance = likelihood.compute_residuals(tumours)
+    if likelihood.outlier_rate:
+        gain = likelihood.find_gain(residuals, variance)[0]
+        wild = likelihood.compute_wild_probability(residuals, variance)[0].max(axis=-1).tolist()
+    else:
+        gain, wild = likelihood.estimate_gain(residuals, variance)[0], [None] * len(data)
+    deviations, changes, predicted = (residuals[0] - gain) / np.sqrt(variance[0]), data.values - gain, data.values - residuals[0]
+
+    def pick(values: Floats, index: int, channel: int) -> float | None:
+        """Return a reading's value of a channel, None where it is not read."""
+        return float(values[index, channel]) if data.is_read[index, channel] else None
+
+    return tuple(
+        Residual(
+            x=float(data.positions[index, 0]),
+            y=float(data.positions[index, 1]),
+            blank=bool(data.is_baseline[index]),
+            ratio=pick(deviations, index, 0),
+            stiffness=pick(deviations, index, 1),
+            ratio_change=pick(changes, index, 0),
+            stiffness_change=pick(changes, index, 1),
+            predicted_ratio_change=pick(predicted, index, 0),
+            predicted_stiffness_change=pick(predicted, index, 1),
+            wild=wild[index],
+        )
+        for index in range(len(data))
+    )
+
+
+def _describe_gains(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> dict[str, object]:
+    """Return the posterior of ln gain of each channel that is read, over all numbers of tumours."""
+    groups = [np.zeros((1, 0, 5)), *(part[:200] for part in sets)]
+    means, spreads, weights = [], [], []
+    for tumours, probability in zip(groups, posterior.probability, strict=True):
+        residuals, variance = likelihood.compute_residuals(tumours)
+        estimate = likelihood.find_gain if likelihood.outlier_rate else likelihood.estimate_gain
+        means.append(estimate(residuals, variance))
+        spreads.append(1 / np.sqrt((1 / variance).sum(axis=1) + likelihood.data.gain_sd**-2.0))
+        weights.append(np.full(len(tumours), probability / len(tumours)))
+    mean, spread, weight = np.concatenate(means), np.concatenate(spreads), np.concatenate(weights)
+    nodes = np.linspace(-3, 3, 61)
+    node_weights = np.exp(-(nodes**2) / 2) / np.exp(-(nodes**2) / 2).sum()
+    gains: dict[str, object] = {}
+    for channel, name in enumerate(CHANNEL_NAMES):
+        if not likelihood.data.is_read[:, channel].any():
+            continue
+        values = (mean[:, channel, None] + spread[:, channel, None] * nodes).ravel()
+        low, lower, median, upper, high = compute_quantiles(
+            values, (weight[:, None] * node_weights).ravel(), (0.05, 0.25, 0.5, 0.75, 0.95)
+        ).tolist()
+        gains[f"ln_gain_{name}"] = {"median": median, "interval_50": (lower, upper), "interval_90": (low, high)}
+    return gains
+
+
+def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> NextPosition:
+    """Return the best place of the next reading, for the most probable number of tumours above 0 against none."""
+    prior, data = likelihood.prior, likelihood.data
+    best = int(np.argmax(posterior.probability[1:]))
+    x_region, y_region = ((min(part.values), max(part.values)) for part in prior.ranges[:2])
+    candidates = build_candidates((x_region, y_region))
+    variance = np.median(np.where(data.is_read, data.variance, np.inf), axis=0)
+    return choose_position(likelihood.model, sets[best], float(posterior.probability[0]), candidates, variance)
+
+
+def _with_warnings(result: Location, likelihood: Likelihood) -> Location:
+    """Return the result with its warnings."""
+    notes = []
+    if not result.explained:
+        notes.append(
+            f"no tumour of this population explains these readings (p = {result.p_value:.1g}): another probe, calibration or "
+            "tissue, a wild reading (--outliers), or tumours beyond the population"
+        )
+    for index, residual in enumerate(result.residuals):
+        for name in CHANNEL_NAMES:
+            deviation = getattr(residual, name)
+            if deviation is None or abs(deviation) < MAX_DEVIATION or (residual.wild or 0) > WILD_PROBABILITY:
+                continue
+            what = "baseline reading" if residual.blank else "reading"
+            place = f"x = {residual.x * 1e3:.4g} mm, y = {residual.y * 1e3:.4g} mm"
+            cause = ": a tumour may lie below it" if residual.blank else ""
+            notes.append(
+                f"the {name} of {what} {index} at {place} is {deviation:+.1f} standard deviations off its prediction{cause}"
+            )
+    for part, probability in zip(result.by_number, result.probability[1:], strict=True):
+        if not part.converged:
+            notes.append(
+                f"not converged: {part.number} tumours, probability {probability:.2g}, rest on an effective sample of "
+                f"{part.effective_sample_size:.0f} below {CONVERGED_SIZE:.0f}; ln evidence ± {part.log_bayes_factor_error:.1f}"
+            )
+    share = compute_detectable_share(likelihood)
+    if share < 0.1:
+        notes.append(
+            f"with this noise {100 * share:.0f} of 100 tumours of the population change the readings by more than "
+            f"{MIN_DEFLECTION:g} standard deviations: the map is little more than the population"
+        )
+    return replace(result, warnings=tuple(notes))
+
+
+def compute_detectable_share(likelihood: Likelihood) -> float:
+    """Return the fraction of single tumours of the prior whose deflection of the readings is above ``MIN_DEFLECTION``."""
+    tumours = likelihood.prior.transform(likelihood.prior.draw(DETECTABLE_SAMPLES, 1, 1))
+    tumours = tumours[likelihood.prior.find_allowed(tumours)]
+    residuals, variance = likelihood.compute_residuals(tumours)
+    signal = likelihood.data.values - residuals
+    S0, S1, S2 = (((signal**power) / variance).sum(axis=1) for power in range(3))
+    squared = (S2 - S1**2 / (S0 + likelihood.data.gain_sd**-2.0)).sum(axis=-1)
+    return float(np.mean(squared > MIN_DEFLECTION**2)) if len(squared) else math.nan

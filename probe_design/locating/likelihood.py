@@ -1,0 +1,176 @@
+"""Compute the likelihood of tumours given the readings of a scan.
+
+With r_k the residual of reading k after subtracting the signal that the tumours cause, in each channel
+
+    r_k = b + w_k,   b ~ N(0, g^2),   w_k ~ N(0, v_k),   v_k = white^2 + sum_j (pose_j d signal / d x_j)^2 + (e signal)^2   (LO.1)
+
+where b is the logarithm of the gain, common to the scan and the baseline reading, g its standard deviation, pose_j the standard
+deviation of the probe's place along axis j, and e the relative error of the model. With b integrated out,
+
+    ln L = -1/2 sum over channels [S_2 - S_1^2 / (S_0 + g^-2) + ln(1 + g^2 S_0) + sum_k ln v_k],   S_i = sum_k r_k^i / v_k  (LO.2)
+
+With a rate q of wild readings each density N(r_k - b, v_k) becomes (1 - q) N(r_k - b, v_k) + q N(r_k - b, v_k + s^2); b is then
+integrated by Laplace's method about its most probable value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import Refusal
+from probe_design.locating.prior import ForwardModel, TumourPrior
+from probe_design.locating.scan_data import ScanData
+
+TUMOUR_SETS_AT_ONCE = 4096  # sets of tumours predicted at once, which limits memory
+WILD_SD = 0.5  # of ln reading: standard deviation s of a wild reading, a factor of 1.6
+GAIN_STEPS = 8  # of Newton's method for the gain with wild readings: it converges in 4
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Eq. LO.2 of n sets of tumours: all that streaming has to store.
+
+    Attributes
+    ----------
+    moments
+        S_0, S_1, S_2 of each channel, shape (3, n, 2).
+    log_variance
+        Sum of ln v_k, shape (n, 2).
+    """
+
+    moments: Floats
+    log_variance: Floats
+
+    def __add__(self, other: Sums) -> Sums:
+        """Return the sums over the readings of both."""
+        return Sums(self.moments + other.moments, self.log_variance + other.log_variance)
+
+    def compute_log_likelihood(self, gain_sd: Floats) -> Floats:
+        """Return ln L, shape (n,), up to a constant that is the same for all tumours."""
+        S0, S1, S2 = self.moments
+        terms = S2 - S1**2 / (S0 + gain_sd**-2.0) + np.log1p(gain_sd**2 * S0) + self.log_variance
+        return np.asarray(-terms.sum(axis=-1) / 2)
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """The likelihood of tumours given a scan.
+
+    Attributes
+    ----------
+    data
+        The readings.
+    model
+        Predicts readings.
+    prior
+        Turns points of a cube into tumours.
+    outlier_rate
+        Fraction of wild readings, from 0.
+    """
+
+    data: ScanData
+    model: ForwardModel
+    prior: TumourPrior
+    outlier_rate: float = 0.0
+
+    def evaluate(self, points: Floats) -> Floats:
+        """Return ln L of sets of tumours given as points of the cube, shape (n, m, d); -inf where they do not fit. Shape (n,)."""
+        result = np.full(len(points), -np.inf)
+        for start in range(0, len(points), TUMOUR_SETS_AT_ONCE):
+            tumours = self.prior.transform(points[start : start + TUMOUR_SETS_AT_ONCE])
+            allowed = self.prior.find_allowed(tumours)
+            if np.any(allowed):
+                result[start : start + TUMOUR_SETS_AT_ONCE][allowed] = self._evaluate_predictable(tumours[allowed])
+        return result
+
+    def _evaluate_predictable(self, tumours: Floats) -> Floats:
+        """Return ln L of tumours, -inf where they would take all of a film's load and the model refuses them."""
+        try:
+            return self.evaluate_tumours(tumours)
+        except Refusal:
+            if len(tumours) == 1:
+                return np.full(1, -np.inf)
+            return np.concatenate([self._evaluate_predictable(part) for part in np.array_split(tumours, 2)])
+
+    def evaluate_tumours(self, tumours: Floats) -> Floats:
+        """Return ln L of sets of tumours, shape (n, m, 5); m may be 0. Shape (n,)."""
+        residuals, variance = self.compute_residuals(tumours)
+        if self.outlier_rate:
+            return self._integrate_gain(residuals, variance)
+        return self._sum(residuals, variance).compute_log_likelihood(self.data.gain_sd)
+
+    def sum_readings(self, tumours: Floats) -> Sums:
+        """Return the sums of eq. LO.2 for sets of tumours, shape (n, m, 5)."""
+        return self._sum(*self.compute_residuals(tumours))
+
+    def compute_residuals(self, tumours: Floats) -> tuple[Floats, Floats]:
+        """Return residuals r_k and variances v_k, inf where nothing is read, for tumours (n, m, 5); shape (n, k, 2) each."""
+        data, n = self.data, len(tumours)
+        signal, variance = np.zeros((n, len(data), 2)), np.repeat(data.variance[None], n, axis=0)
+        over_tissue = ~data.is_baseline
+        if tumours.shape[1] and np.any(over_tissue):
+            positions = data.positions[over_tissue]
+            signal[:, over_tissue] = self.model.predict(tumours, positions)
+            variance += (self.model.error * signal) ** 2
+            if np.any(data.pose_sd[over_tissue]):
+                slopes = self.model.slopes(tumours, positions)
+                variance[:, over_tissue] += ((slopes * data.pose_sd[over_tissue][:, None, :]) ** 2).sum(axis=-1)
+        return data.values - signal, variance
+
+    def estimate_gain(self, residuals: Floats, variance: Floats) -> Floats:
+        """Return the posterior mean of ln gain for each set of tumours, shape (n, 2)."""
+        S0, S1 = (1 / variance).sum(axis=1), (residuals / variance).sum(axis=1)
+        return np.asarray(S1 / (S0 + self.data.gain_sd**-2.0))
+
+    def compute_wild_probability(self, residuals: Floats, variance: Floats) -> Floats:
+        """Return the probability that each reading is wild, shape (n, k, 2), with the gain at its most probable value."""
+        gain = self.find_gain(residuals, variance)
+        return self._compare_densities(residuals - gain[:, None], variance)[1]
+
+    @cached_property
+    def _is_read(self) -> Bools:
+        return self.data.is_read
+
+    def _sum(self, residuals: Floats, variance: Floats) -> Sums:
+        """Return the sums over all readings."""
+        weights = 1 / variance
+        moments = np.stack([weights.sum(axis=1), (residuals * weights).sum(axis=1), (residuals**2 * weights).sum(axis=1)])
+        log_variance = np.log(variance, where=np.isfinite(variance), out=np.zeros_like(variance)).sum(axis=1)
+        return Sums(moments, log_variance)
+
+    def _compare_densities(self, deviations: Floats, variance: Floats) -> tuple[Floats, Floats]:
+        """Return the logarithm of the mixed density of each reading, and the probability that it is wild, shape (n, k, 2)."""
+        finite = np.where(self._is_read, variance, 1.0)
+        wide, q = finite + WILD_SD**2, self.outlier_rate
+        good = np.log1p(-q) - deviations**2 / finite / 2 - np.log(finite) / 2
+        wild = np.log(q) - deviations**2 / wide / 2 - np.log(wide) / 2
+        total = np.logaddexp(good, wild)
+        return np.where(self._is_read, total, 0.0), np.where(self._is_read, np.exp(wild - total), 0.0)
+
+    def find_gain(self, residuals: Floats, variance: Floats) -> Floats:
+        """Return the most probable ln gain with wild readings, shape (n, 2), by reweighting from the median."""
+        read = np.where(self._is_read, residuals, np.nan)
+        gain = np.zeros((len(residuals), 2))
+        for channel in np.flatnonzero(self._is_read.any(axis=0)):
+            gain[:, channel] = np.nanmedian(read[:, :, channel], axis=1)
+        for _ in range(GAIN_STEPS):
+            wild = self._compare_densities(residuals - gain[:, None], variance)[1]
+            weights = (1 - wild) / variance + wild / (variance + WILD_SD**2)
+            gain = (weights * residuals).sum(axis=1) / (weights.sum(axis=1) + self.data.gain_sd**-2.0)
+        return gain
+
+    def _integrate_gain(self, residuals: Floats, variance: Floats) -> Floats:
+        """Return ln L with wild readings, shape (n,)."""
+        gain = self.find_gain(residuals, variance)
+        deviations, wide = residuals - gain[:, None], variance + WILD_SD**2
+        densities, wild = self._compare_densities(deviations, variance)
+        # second derivative of the logarithm of a mixture: the mean of both, less the variance of the first derivative
+        mean = ((1 - wild) / variance + wild / wide).sum(axis=1)
+        scores = deviations / variance - deviations / wide
+        curvature = np.maximum(mean - (wild * (1 - wild) * scores**2).sum(axis=1), mean / 10)
+        terms = densities.sum(axis=1) - gain**2 / self.data.gain_sd**2 / 2 - np.log1p(self.data.gain_sd**2 * curvature) / 2
+        return np.asarray(terms.sum(axis=-1))

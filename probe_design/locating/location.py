@@ -1,0 +1,205 @@
+"""Define the result of `locate`: how probable each number of tumours is, and what is known of each tumour."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+from geometry.common.arrays import Floats
+from geometry.common.json_types import JsonObject
+from geometry.scenes.scene import Scene
+from probe_design.locating.next_position import NextPosition
+from probe_design.locating.posterior import Summary
+from probe_design.locating.prior import TumourPrior
+from probe_design.locating.scan_data import ScanData
+from solver.results.record import Record
+
+
+@dataclass(frozen=True)
+class Tumour:
+    """Posterior of one tumour.
+
+    Attributes
+    ----------
+    quantities
+        Of x, y, depth, diameter, youngs_modulus and ln_contrast; SI units.
+    place_region_90
+        Area of the smallest region of x and y that holds the tumour's centre with a probability of 0.9, m^2.
+    """
+
+    quantities: dict[str, Summary]
+    place_region_90: float
+
+    def as_dict(self) -> JsonObject:
+        """Return the quantities and the area as a JSON object."""
+        return {name: asdict(summary) for name, summary in self.quantities.items()} | {"place_region_90": self.place_region_90}
+
+
+@dataclass(frozen=True)
+class NumberResult:
+    """The posterior of one number of tumours, above 0.
+
+    Attributes
+    ----------
+    number
+        Number of tumours.
+    tumours
+        Each tumour's posterior, the most strongly read first.
+    log_bayes_factor
+        Ln of the evidence of this number over that of no tumour.
+    log_bayes_factor_error
+        Its standard deviation by the sampling.
+    effective_sample_size
+        Of the posterior sample.
+    converged
+        Whether this size suffices.
+    sets
+        Equally probable sets of tumours, shape (n, number, 5): x, y, depth, diameter, Young's modulus.
+    """
+
+    number: int
+    tumours: tuple[Tumour, ...]
+    log_bayes_factor: float
+    log_bayes_factor_error: float
+    effective_sample_size: float
+    converged: bool
+    sets: Floats
+
+    @property
+    def place_region_90(self) -> float:
+        """Area of the regions of all tumours' places, m^2."""
+        return sum(tumour.place_region_90 for tumour in self.tumours)
+
+    def as_dict(self) -> JsonObject:
+        """Return the JSON object, without the sets."""
+        values: JsonObject = {name: value for name, value in self.__dict__.items() if name != "sets"}
+        tumours = [tumour.as_dict() for tumour in self.tumours]
+        return values | {"tumours": tumours, "place_region_90": self.place_region_90}
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One reading against the best prediction.
+
+    Attributes
+    ----------
+    x, y
+        Of the probe's axis, m.
+    blank
+        Whether it is a baseline reading.
+    ratio, stiffness
+        Ln reading less the prediction, the gain included, in standard deviations; None where it is not read.
+    ratio_change, stiffness_change
+        Ln reading less that of tumour-free tissue, the gain removed; None where it is not read.
+    predicted_ratio_change, predicted_stiffness_change
+        What the most probable tumours change.
+    wild
+        Probability that the reading is wild; None unless a rate of wild readings is stated.
+    """
+
+    x: float
+    y: float
+    blank: bool
+    ratio: float | None
+    stiffness: float | None
+    ratio_change: float | None
+    stiffness_change: float | None
+    predicted_ratio_change: float | None
+    predicted_stiffness_change: float | None
+    wild: float | None
+
+
+@dataclass(frozen=True)
+class Location(Record):
+    """Result of `locate`, conditional on the population of the design file; SI units.
+
+    Attributes
+    ----------
+    probability
+        Of no tumour, one, two and so on, shape (tumours + 1,).
+    prior
+        The same before the readings.
+    by_number
+        Posterior of every number of tumours above 0.
+    nuisances
+        Posterior of ln gain of each channel that is read.
+    explained
+        False where no tumours of the population, and not their absence either, explain the readings.
+    p_value
+        Probability of residuals as large as the smallest that the population reaches; ``explained`` is false below 0.001.
+    residuals
+        Each reading against the best prediction.
+    next
+        The best place of the next reading; None if not requested.
+    warnings
+        What the user has to know.
+    evaluator
+        Model of the readings.
+    model_error
+        Relative error of the predicted changes, which the posterior contains.
+    seconds
+        Time of the inference.
+    seed
+        Of the random numbers.
+    tumour_prior, data, scene
+        What the pictures need.
+    """
+
+    INTERNAL: ClassVar[tuple[str, ...]] = ("tumour_prior", "data", "scene", "by_number", "next")
+
+    probability: tuple[float, ...]
+    prior: tuple[float, ...]
+    by_number: tuple[NumberResult, ...]
+    nuisances: dict[str, Any]
+    explained: bool
+    p_value: float
+    residuals: tuple[Residual, ...]
+    next: NextPosition | None
+    warnings: tuple[str, ...]
+    evaluator: str
+    model_error: float
+    seconds: float
+    seed: int
+    tumour_prior: TumourPrior
+    data: ScanData
+    scene: Scene
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Effective sample size of the most probable number above 0."""
+        return self.best.effective_sample_size
+
+    @property
+    def number(self) -> int:
+        """The most probable number of tumours above 0 whose sample has converged; one where none has."""
+        converged = [part.number for part in self.by_number if part.converged] or [1]
+        return max(converged, key=lambda number: self.probability[number])
+
+    @property
+    def best(self) -> NumberResult:
+        """Posterior of the most probable number of tumours above 0."""
+        return self.by_number[self.number - 1]
+
+    @property
+    def tumours(self) -> tuple[Tumour, ...]:
+        """The tumours of the most probable number above 0."""
+        return self.best.tumours
+
+    def compute_probability_at_least(self, number: int) -> float:
+        """Return the probability of this number of tumours or more."""
+        return sum(self.probability[number:])
+
+    def as_dict(self) -> JsonObject:
+        """Return the JSON object of the command."""
+        best = self.best.as_dict()
+        log_factors = [0.0, *(part.log_bayes_factor for part in self.by_number)]
+        return super().as_dict() | {
+            "tumours": best["tumours"],
+            "place_region_90": best["place_region_90"],
+            "effective_sample_size": self.effective_sample_size,
+            "by_number": [part.as_dict() for part in self.by_number],
+            "log_bayes_factors": log_factors,
+            "bayes_factors": [min(float(pow(2.718281828459045, min(value, 700.0))), 1e300) for value in log_factors],
+            "population": self.tumour_prior.describe(),
+            "next": None if self.next is None else asdict(self.next),
+        }

@@ -1,0 +1,142 @@
+"""Summarise a sample of tumours: quantiles, what the readings add to the prior, the region of the place, maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from geometry.common.arrays import Floats
+from probe_design.locating.prior import TUMOUR_QUANTITIES, TumourPrior
+from probe_design.locating.sampling import Sample
+
+LEARNT_SD_RELATIVE = 0.9  # of the prior's standard deviation: above it a quantity counts as not learnt
+REGION_CELL_M = 0.5e-3  # of the grid on which the region of a place is computed
+MAX_CELLS = 200  # of that grid, along x and along y
+PRIOR_SAMPLES = 2**13  # for the prior's standard deviations and quantiles
+SUMMARY_NAMES = (*TUMOUR_QUANTITIES, "ln_contrast")
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the readings say of one quantity of one tumour, SI units.
+
+    Attributes
+    ----------
+    median
+        Posterior median.
+    interval_50, interval_90
+        Central posterior intervals.
+    sd_relative
+        Posterior over prior standard deviation; None where the population has a single value.
+    is_learnt
+        Whether the readings narrow the prior, see ``LEARNT_SD_RELATIVE``.
+    """
+
+    median: float
+    interval_50: tuple[float, float]
+    interval_90: tuple[float, float]
+    sd_relative: float | None
+    is_learnt: bool
+
+
+def compute_quantiles(values: Floats, weights: Floats, fractions: tuple[float, ...]) -> Floats:
+    """Return weighted quantiles of values (n,) with weights that sum to 1, shape (fractions,)."""
+    order = np.argsort(values)
+    cumulative = np.cumsum(weights[order]) - weights[order] / 2
+    return np.interp(fractions, cumulative, values[order])
+
+
+def list_values(prior: TumourPrior, tumours: Floats) -> Floats:
+    """Return the columns named in ``SUMMARY_NAMES`` of tumours (..., 5), shape (..., 6)."""
+    return np.concatenate([tumours, prior.compute_contrast(tumours)[..., None]], axis=-1)
+
+
+def summarise(prior: TumourPrior, sample: Sample) -> tuple[dict[str, Summary], ...]:
+    """Return the summaries of all quantities of each tumour of a sample, by ``SUMMARY_NAMES``."""
+    values, weights = list_values(prior, prior.transform(sample.points)), sample.weights
+    prior_sd = _scale(list_values(prior, prior.transform(prior.draw(PRIOR_SAMPLES, 1, 0))))[:, 0].std(axis=0)
+    scaled = _scale(values)
+    mean = np.einsum("n,nmq->mq", weights, scaled)
+    sd = np.sqrt(np.einsum("n,nmq->mq", weights, (scaled - mean) ** 2))
+    tumours = []
+    for number in range(values.shape[1]):
+        summaries = {}
+        for column, name in enumerate(SUMMARY_NAMES):
+            low, lower, median, upper, high = compute_quantiles(
+                values[:, number, column], weights, (0.05, 0.25, 0.5, 0.75, 0.95)
+            ).tolist()
+            relative = float(sd[number, column] / prior_sd[column]) if prior_sd[column] > 1e-12 else None
+            is_learnt = relative is not None and relative < LEARNT_SD_RELATIVE
+            summaries[name] = Summary(median, (lower, upper), (low, high), relative, is_learnt)
+        tumours.append(summaries)
+    return tuple(tumours)
+
+
+def _scale(values: Floats) -> Floats:
+    """Return values with the logarithms of depth, diameter and modulus in their place, by which the prior is spread."""
+    scaled = values.copy()
+    scaled[..., 2:5] = np.log(values[..., 2:5])
+    return scaled
+
+
+def compute_region(prior: TumourPrior, points: Floats, weights: Floats, probability: float = 0.9) -> float:
+    """Return the area, m^2, of the smallest region that holds the place of a tumour with a probability (HPD region).
+
+    Parameters
+    ----------
+    prior
+        Turns points into tumours.
+    points, weights
+        Of one tumour, shapes (n, d) and (n,).
+    probability
+        Of the place to lie within the region.
+    """
+    x, y = prior.transform(points)[:, :2].T
+    edges = [_build_edges(coordinates) for coordinates in (x, y)]
+    density, *_ = np.histogram2d(x, y, edges, weights=weights)
+    density = np.sort(gaussian_filter(density, 0.7, mode="constant").ravel())[::-1]
+    cells = int(np.searchsorted(np.cumsum(density), probability * density.sum())) + 1
+    return float(cells * (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0]))
+
+
+def _build_edges(coordinates: Floats) -> Floats:
+    """Return the edges of cells about some coordinates, m."""
+    low, high = float(coordinates.min()), float(coordinates.max())
+    cells = int(np.clip((high - low) / REGION_CELL_M, 1, MAX_CELLS))
+    half = max((high - low) / 2, REGION_CELL_M / 2)
+    middle = (low + high) / 2
+    return np.linspace(middle - half, middle + half, cells + 1)
+
+
+def compute_plan(tumours: Floats, x: Floats, y: Floats) -> Floats:
+    """Return the probability that a tumour lies below each point of a plan.
+
+    Parameters
+    ----------
+    tumours
+        Equally probable sets, shape (n, m, 5).
+    x, y
+        Coordinates of the plan's columns and rows, m.
+
+    Returns
+    -------
+    Floats
+        Probabilities, shape (len(y), len(x)).
+    """
+    covered = np.zeros((len(y), len(x)))
+    for bodies in tumours:
+        squared = (x - bodies[:, 0, None, None]) ** 2 + (y[:, None] - bodies[:, 1, None, None]) ** 2
+        covered += np.any(squared < (bodies[:, 3, None, None] / 2) ** 2, axis=0)
+    return covered / max(len(tumours), 1)
+
+
+def compute_section(tumours: Floats, x: Floats, depth: Floats, y: float) -> Floats:
+    """Return the probability that each point of the section at ``y`` lies in a tumour, shape (len(depth), len(x))."""
+    inside = np.zeros((len(depth), len(x)))
+    for bodies in tumours:
+        squared = (x - bodies[:, 0, None, None]) ** 2 + (depth[:, None] - bodies[:, 2, None, None]) ** 2
+        squared = squared + (y - bodies[:, 1, None, None]) ** 2
+        inside += np.any(squared < (bodies[:, 3, None, None] / 2) ** 2, axis=0)
+    return inside / max(len(tumours), 1)

@@ -1,0 +1,146 @@
+"""Show what `locate` has inferred: tables and sentences for the terminal, and a page with pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from geometry.common.files import write_together
+from geometry.provenance.block import build_provenance
+from geometry.scenes.units import MM_PER_M
+from probe_design.locating.figures import LEGENDS, draw_fit, draw_marginals, draw_plan, draw_section
+from probe_design.locating.location import Location, NumberResult
+from probe_design.locating.posterior import Summary
+from probe_design.reporting.page import Chapter, Items, Picture, Text, build_page
+from probe_design.reporting.scene_sections import build_scene_section
+from probe_design.reporting.table import Table
+
+CONDITION = (
+    "Conditional on the population, the noise and the priors of the design file. It is no diagnosis: other causes of a stiff or "
+    "soft place are not considered."
+)
+SHOWN_UNITS = {  # unit that is shown, and its number in an SI unit
+    "x": ("mm", MM_PER_M), "y": ("mm", MM_PER_M), "depth": ("mm", MM_PER_M), "diameter": ("mm", MM_PER_M),
+    "youngs_modulus": ("kPa", 1e-3), "ln_contrast": ("", 1.0),
+}  # fmt: skip
+QUANTITY_NAMES = {"youngs_modulus": "Young's modulus", "ln_contrast": "ln contrast"}
+FILE_NAMES = ("report.html", "locate.json", "plan.png", "section.png", "marginals.png", "fit.png")
+
+
+def format_probability(value: float) -> str:
+    """Return a probability with the digits that its sampling supports."""
+    return f"{value:.1g}" if value < 0.01 else f"{value:.2f}"
+
+
+def build_tables(result: Location) -> list[Table]:
+    """Return the tables of a result: the number of tumours, and the tumours of the most probable number above 0."""
+    return [_build_number_table(result), _build_tumour_table(result, result.best)]
+
+
+def _build_number_table(result: Location) -> Table:
+    """Return the table of the numbers of tumours."""
+    rows = []
+    for number, (before, after) in enumerate(zip(result.prior, result.probability, strict=True)):
+        part = result.by_number[number - 1] if number else None
+        factor = "0" if part is None else f"{part.log_bayes_factor:.1f} ± {max(part.log_bayes_factor_error, 0.05):.1f}"
+        size = "" if part is None else f"{part.effective_sample_size:.0f}{'' if part.converged else ', not converged'}"
+        at_least = format_probability(result.compute_probability_at_least(number)) if number else ""
+        rows.append((str(number) if number else "none", f"{before:.2f}", format_probability(after), at_least, factor, size))
+    headings = ("tumours", "before", "after", "this or more", "ln Bayes factor", "effective sample")
+    return Table(headings, rows, f"{result.evaluator}, {result.seconds:.2g} s", left=(0,))
+
+
+def _build_tumour_table(result: Location, part: NumberResult) -> Table:
+    """Return the table of the tumours of one number, each with its quantities."""
+    rows = []
+    for index, tumour in enumerate(part.tumours):
+        for name, summary in tumour.quantities.items():
+            unit, scale = SHOWN_UNITS[name]
+            label = f"{QUANTITY_NAMES.get(name, name)}{', ' if unit else ''}{unit}"
+            label = label if len(part.tumours) == 1 else f"{index + 1}: {label}"
+            rows.append((label, *_format_summary(summary, scale), _describe_learning(summary)))
+    noun = "tumour" if part.number == 1 else "tumours"
+    title = f"if {part.number} {noun} (probability {format_probability(result.probability[part.number])})"
+    return Table(("quantity", "median", "50 %", "90 %", "readings"), rows, title, left=(0, 4))
+
+
+def _format_summary(summary: Summary, scale: float) -> tuple[str, ...]:
+    """Return median and both intervals as texts."""
+    pairs = (summary.interval_50, summary.interval_90)
+    return f"{scale * summary.median:.3g}", *(f"{scale * low:.3g} to {scale * high:.3g}" for low, high in pairs)
+
+
+def _describe_learning(summary: Summary) -> str:
+    """Say how far the readings narrow a quantity."""
+    if summary.sd_relative is None:
+        return "given"
+    return f"sd {summary.sd_relative:.2f} of before" if summary.is_learnt else "as before the scan"
+
+
+def list_lines(result: Location) -> Iterator[str]:
+    """Yield the sentences below the tables."""
+    yield build_headline(result)
+    if (unlearnt := list_unlearnt(result)) and result.probability[0] < 0.5:
+        yield f"Not learnt: {', '.join(unlearnt)}: as before the scan."
+    yield CONDITION
+    if result.next is not None:
+        x, y = result.next.x * MM_PER_M, result.next.y * MM_PER_M
+        yield f"next: x = {x:.3g} mm, y = {y:.3g} mm, expected information {result.next.information:.2g} nats"
+
+
+def list_unlearnt(result: Location) -> list[str]:
+    """List the quantities of the most strongly read tumour that the readings do not narrow."""
+    quantities = result.tumours[0].quantities
+    return [
+        QUANTITY_NAMES.get(name, name) for name, part in quantities.items() if part.sd_relative is not None and not part.is_learnt
+    ]
+
+
+def build_headline(result: Location) -> str:
+    """Return the result in a sentence."""
+    if not result.explained:
+        return f"No tumour of this population explains these readings (p = {result.p_value:.1g}); the numbers mean nothing then."
+    none, many = result.probability[0], result.compute_probability_at_least(2)
+    number = f"No tumour: probability {format_probability(none)}; two or more: {format_probability(many)}."
+    if none > 0.5:
+        return number
+    tumour = result.tumours[0]
+    x, y = (MM_PER_M * tumour.quantities[name].median for name in "xy")
+    area = tumour.place_region_90 * MM_PER_M**2
+    return f"{number} The clearest lies at x = {x:.1f} mm, y = {y:.1f} mm, within {area:.2g} mm^2 with a probability of 0.9."
+
+
+def write_files(result: Location, folder: Path) -> list[Path]:
+    """Write the page, its pictures and the JSON object into ``folder``, all or none; return their paths.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written.
+    """
+    files = [folder / name for name in FILE_NAMES]
+    summary = result.as_dict() | {
+        "files": [str(file) for file in files],
+        "provenance": build_provenance(evaluator=result.evaluator, seed=result.seed),
+    }
+    drawings = {
+        "plan.png": draw_plan(result), "section.png": draw_section(result), "marginals.png": draw_marginals(result),
+        "fit.png": draw_fit(result),
+    }  # fmt: skip
+    with write_together(folder, FILE_NAMES) as draft:
+        for name, figure in drawings.items():
+            figure.savefig(draft / name, dpi=110)
+        (draft / "locate.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        chapters = [
+            Chapter("How many tumours", (*build_tables(result), *(Text(line) for line in list_lines(result)))),
+            *(
+                Chapter(title, (Picture.from_file(draft / name, title), Text(LEGENDS[name])))
+                for name, title in zip(drawings, ("Where", "How deep", "What is learnt", "Predicted and read"), strict=True)
+            ),
+            Chapter("What to keep in mind", (Items(result.warnings or ("nothing",)),)),
+            build_scene_section(result.scene, "The scene without tumours"),
+        ]
+        page = build_page("Tumours located", build_headline(result), chapters, summary, is_positive=result.explained)
+        (draft / "report.html").write_text(page, encoding="utf-8")
+    return files
