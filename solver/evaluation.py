@@ -127,9 +127,9 @@ def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
     from solver.contact.evaluator import ContactEvaluator
     from solver.contact.load_curve import LoadEnds, find_load_ends
 
-    reason = ContactEvaluator().refusal(scene)
+    reason = ContactEvaluator().refusal_of_mesh(scene)
     if reason is not None:
-        text = f"loads are bounded, not computed: contact cannot take the scene ({reason})"
+        text = f"loads are bounded, not computed, for this scene; contact computes them for {reason}"
         return replace(result, warnings=(*result.warnings, Note("linear", text)))
     ends: LoadEnds = find_load_ends(scene, accuracy)
     limits = combine_computed_limits(ends, compute_load_limits(scene, accuracy), accuracy)

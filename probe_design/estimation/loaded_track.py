@@ -28,8 +28,9 @@ from geometry.scenes.scene_tables import Load, Placement
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
 from probe_design.estimation.profile import Track
-from solver.contact.evaluator import DECISION_FEATURE, ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.loaded_scene import LoadedScene, solve_neighbour
+from solver.contact.tumours_anywhere import DECISION_FEATURE
 from solver.planning.load_check import LINEAR_REMEDY
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision

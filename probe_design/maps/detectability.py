@@ -21,11 +21,13 @@ from probe_design.data.noise import choose_accuracy
 from probe_design.maps.scan import Progress
 from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
 from probe_design.maps.target_grid import Spheres, check_spheres, find_target
+from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.equivalent_inclusion.readings import compute_readings
+from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluators import check_accuracy
-from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, check_load, compute_budget
+from solver.inclusions.tumours import Tumours
+from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, compute_budget, is_load_linear
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
@@ -118,7 +120,7 @@ def detectability(
     InputError
         The scene has no target, or a size is not positive.
     Refusal
-        The evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
+        The evaluator cannot model the scene, or its load is beyond what ``contact`` knows of tumours off the axis.
     """
     start = perf_counter()
     thresholds = thresholds or Thresholds()
@@ -127,22 +129,33 @@ def detectability(
     find_target(scene)
     check_spheres(scene, "detectability")
     rule = build_load_rule(scene)
-    if not linear:
-        check_load(scene, rule, accuracy, True)  # before anything is computed; again with the stiffness over the tumours
-    check_known_load(scene, rule)
+    if linear:
+        check_known_load(scene, rule)
     base = EquivalentInclusion().prepare(scene, compute_budget(rule, rule.compute_force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
     tumours, index, readings_without = spheres.tumours, scene.target or 0, compute_readings(base, spheres.other_tumours)
-    effects = compute_effects(scene, base.films, compute_readings(base, tumours, index, reflect=False), readings_without)
+    readings = compute_readings(base, tumours, index, reflect=False)
+    load = LoadChanges.from_stiffness(scene, rule, np.append(readings.stiffness, readings_without.stiffness))
+    is_linear = linear or is_load_linear(scene, load.weakest, accuracy, True)
+    pressed = None if is_linear else ContactEvaluator().press_tissue(scene, base.accuracy)
+    films = base.films if pressed is None else pressed.bare.films
+    if pressed is not None:
+        load, readings_without = LoadChanges.from_contact(load), pressed.compute_readings(readings_without, spheres.other_tumours)
+
+    def compare_readings(readings: Readings, tumours: Tumours) -> SphereEffects:
+        """Return the effects of spheres from their linear readings, with that of the load."""
+        loaded = readings if pressed is None else pressed.compute_readings(readings, tumours, index)
+        return compute_effects(scene, films, loaded, readings_without)
+
+    effects = compare_readings(readings, tumours)
     open_spheres = np.flatnonzero(effects.find_open(thresholds))  # to first order the verdict is open: reflections decide it
     if len(open_spheres):
-        reflected_readings = compute_readings(base, tumours.select(open_spheres), index, progress=progress, reflect=True)
-        effects = effects.replace_rows(open_spheres, compute_effects(scene, base.films, reflected_readings, readings_without))
+        opened = tumours.select(open_spheres)
+        reflected_readings = compute_readings(base, opened, index, progress=progress, reflect=True)
+        effects = effects.replace_rows(open_spheres, compare_readings(reflected_readings, opened))
     read_without = readings_without.get_observable(scene)
-    load = LoadChanges.from_stiffness(scene, rule, np.append(effects.stiffness, readings_without.stiffness))
-    if not linear:
-        check_load(scene, load.weakest, accuracy, True)
     effects = effects.add_load_changes(load)
+    evaluator = EquivalentInclusion().name if is_linear else ContactEvaluator().name
     maps = _build_maps(spheres.fits, effects, thresholds)
     return Detectability(
         depth=tuple(depths.tolist()),
@@ -153,13 +166,17 @@ def detectability(
         resolved_threshold=thresholds.resolved,
         ratio_without=float(read_without.ratio[0]) if read_without.resolved[0] else None,
         observable=scene.observable,
-        evaluator=EquivalentInclusion().name,
+        evaluator=evaluator,
         seconds=perf_counter() - start,
         load_limits=build_limits(rule, accuracy, promise=True),
         plan=(*base.plan, _build_reflection_decision(base, len(open_spheres), len(effects.change))),
-        warnings=(*base.notes, *_iterate_warnings(effects, thresholds), *build_load_notes(scene, load.weakest, accuracy, True)),
+        warnings=(
+            *base.notes,
+            *_iterate_warnings(effects, thresholds),
+            *(build_load_notes(scene, load.weakest, accuracy, True) if is_linear else ()),
+        ),
         scene=scene,
-        provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
+        provenance=build_provenance(scene, evaluator=evaluator, accuracy=accuracy),
     )
 
 

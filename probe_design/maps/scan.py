@@ -9,20 +9,19 @@ from time import perf_counter
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import Refusal
 from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Observable
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
+from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluators import check_accuracy
-from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget
+from solver.planning.load_check import LoadChanges, build_load_notes, compute_budget, is_load_linear
 from solver.planning.load_limits import build_limits, build_load_rule
-from solver.planning.loads import LoadRule
 from solver.results.film_charges import compute_charge_ratio_fields
 from solver.results.film_forces import FilmForces, compute_ratio_fields, compute_sensitivity_tolerance
 from solver.results.load_limits import LoadedRecord, LoadLimits
@@ -129,8 +128,8 @@ def scan(
     InputError
         The probe would leave the tissue.
     Refusal
-        The evaluator cannot model the scene, or it is too extreme for double precision, or its load is beyond the range of linear
-        elasticity.
+        The evaluator cannot model the scene, or it is too extreme for double precision, or its load is beyond what ``contact``
+        knows of tumours off the axis.
     """
     start = perf_counter()
     check_accuracy(accuracy)
@@ -141,8 +140,6 @@ def scan(
     line = ScanLine(scene, along, float(getattr(scene.placement, cross_axis) if offset is None else offset), model_accuracy)
     positions = np.asarray(positions, dtype=float)
     line.check_positions(positions)
-    if not linear:
-        _check_load_at_placement(scene, rule, accuracy, promise)
     nearest_scene = line.place_probe(float(np.abs(positions).min()))
     base = EquivalentInclusion().prepare(
         nearest_scene, model_accuracy
@@ -152,9 +149,16 @@ def scan(
     film_readings = line.add_bounds(base, plain_readings, positions)
     farthest = line.solve_alone(float(np.abs(positions).max()))
     is_outside = base.move_inside(tumours)[1]  # whether each tumour lies outside the modelled tissue, shape (n, inclusions)
-    load = LoadChanges.from_stiffness(scene, rule, film_readings.stiffness)
-    if not linear:
-        check_load(scene, load.weakest, accuracy, promise)
+    load, films, evaluator = (
+        LoadChanges.from_stiffness(scene, rule, film_readings.stiffness),
+        base.films,
+        EquivalentInclusion().name,
+    )
+    is_linear = linear or is_load_linear(scene, load.weakest, accuracy, promise)
+    if not is_linear:
+        pressed = ContactEvaluator().press_tissue(nearest_scene, model_accuracy)
+        film_readings = pressed.compute_readings(film_readings, tumours, scene.target or 0)
+        load, films, evaluator = LoadChanges.from_contact(load), pressed.bare.films, ContactEvaluator().name
     stress = film_readings.totals * _compute_indentations(scene, film_readings)[:, None] / film_readings.areas
     return Scan(
         along=along,
@@ -166,20 +170,20 @@ def scan(
         stress_outer=tuple(stress[:, 1].tolist()),
         log_sensitivity=_build_log_sensitivities(scene, film_readings, is_outside),
         error_estimate=_build_column(load.add_to_errors(film_readings.error_estimate), film_readings.resolved & load.is_known),
-        ratio_without=compute_ratio_fields(scene, base.films)["ratio"],
-        **_build_charge_columns(scene, base.films, film_readings, load, is_outside=is_outside),
+        ratio_without=compute_ratio_fields(scene, films)["ratio"],
+        **_build_charge_columns(scene, films, film_readings, load, is_outside=is_outside),
         observable=scene.observable,
         response=scene.load.response,
-        evaluator=EquivalentInclusion().name,
+        evaluator=evaluator,
         seconds=perf_counter() - start,
         load_limits=build_limits(rule, accuracy, promise),
         plan=(*farthest.plan, *_list_reflection_decisions(base, film_readings)),
         warnings=(
             *dict.fromkeys(_iterate_warnings(scene, farthest, film_readings, is_outside, accuracy)),
-            *build_load_notes(scene, load.weakest, accuracy, promise),
+            *(build_load_notes(scene, load.weakest, accuracy, promise) if is_linear else ()),
         ),
         scene=scene,
-        provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
+        provenance=build_provenance(scene, evaluator=evaluator, accuracy=accuracy),
     )
 
 
@@ -244,15 +248,6 @@ def _list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> It
     size = f"changes the ratio by at most about {effect:.2g}"
     reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
     yield Decision(REFLECTIONS_FEATURE, count > 0, effect, base.accuracy, reason)
-
-
-def _check_load_at_placement(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:
-    """Refuse a load beyond linear elasticity before anything is computed; see ``check_load`` for the arguments."""
-    try:
-        check_load(scene, rule, accuracy, promise)
-    except Refusal as fault:
-        allowed = f"{fault.allowed}; that is the limit at the scene's placement, and it may be some per cent less along the line"
-        raise Refusal(fault.key, fault.value, allowed) from None
 
 
 def _iterate_warnings(

@@ -16,27 +16,45 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Contact
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.law_ranges import list_range_notes
+from solver.contact.limits import describe_load
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
+from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import StoppedError
+from solver.contact.tumours_anywhere import build_decision, prepare_tissue, solve_tumours
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
-from solver.results.result import Decision
+from solver.results.refusals import find_refusal, is_round
 from solver.results.warnings import Note, select_notes
 
-DECISION_FEATURE = "finite strain and contact"
+ONE_SPHERE = "at most one inclusion, a sphere on the axis of an upright probe"  # what is part of the mesh
 
 
 @dataclass(frozen=True)
 class ContactEvaluator(FilmEvaluator):
-    """Evaluate with finite strain and contact in the meridian plane: any kind of faces, at most one sphere on the axis."""
+    """Evaluate with finite strain and contact in the meridian plane.
+
+    At most one sphere on the axis is part of the mesh, under any kind of faces. Others, off the axis or several, act by what the
+    load changes of their first-order effects; faces are then bonded or frictionless.
+    """
 
     name: str = "contact"
-    summary: str = "2D, finite strain, walls in contact; tumour on the probe's axis; 5e-3 to 2e-2 in 2 to 20 s"
+    summary: str = "2D, finite strain, walls in contact; tumours anywhere; 5e-3 to 2e-2 in 2 to 20 s"
 
     def refusal(self, scene: Scene) -> str | None:
         """Return the reason for a refusal, a feature of the scene that this evaluator does not model, or None."""
+        if is_round(scene):
+            return self.refusal_of_mesh(scene)
+        if find_refusal(scene, ("contact",)) is not None or scene.load.preload:
+            return f"{ONE_SPHERE} where faces open, edges are round or there is a preload"
+        return EquivalentInclusion().refusal(scene)
+
+    def refusal_of_mesh(self, scene: Scene) -> str | None:
+        """Return the reason why the scene's tumour cannot be part of the mesh, or None."""
+        if not is_round(scene):
+            return ONE_SPHERE
         if scene.contact.interface != "bonded" and scene.tissue.shape == "half-space":
             return f"tissue of finite size for contact.interface = '{scene.contact.interface}' at finite strain"
         return Axisymmetric().refusal(scene.model_copy(update={"contact": Contact()}))
@@ -52,6 +70,8 @@ class ContactEvaluator(FilmEvaluator):
             The scene is not supported or too extreme, or no step converges at its load.
         """
         with limit_to_one_thread(), self._convert_errors(scene):
+            if not is_round(scene):
+                return solve_tumours(scene, accuracy, moduli)
             result, loaded, notes = press_refined(
                 self.prepare_scene(scene, accuracy), lambda films: _is_accurate(films, scene, accuracy)
             )
@@ -63,13 +83,27 @@ class ContactEvaluator(FilmEvaluator):
         with limit_to_one_thread(), self._convert_errors(scene):
             return press_refined(self.prepare_scene(scene, accuracy), lambda films: films.compute_max_error(scene) <= accuracy)[1]
 
+    @use_own_workspace
+    def press_tissue(self, scene: Scene, accuracy: float) -> PressedTissue:
+        """Press a scene's probe on its tissue without tumours to its force, ready for tumours anywhere.
+
+        Raises
+        ------
+        Refusal
+            The scene is not supported or too extreme, its load is an indentation, or it is larger than is known.
+        """
+        if scene.load.force is None:
+            raise Refusal(*describe_load(scene), "load.force in its place, where contact reads many tumours or positions")
+        with limit_to_one_thread(), self._convert_errors(scene):
+            return prepare_tissue(scene, accuracy).press(scene.load.force)
+
     @contextmanager
     def _convert_errors(self, scene: Scene) -> Iterator[None]:
         """Convert solver errors to refusals: the load is too large, or the scene is too extreme."""
         try:
             yield
         except StoppedError as fault:
-            raise self.build_stop_refusal(_find_load_key(scene), fault) from fault
+            raise self.build_stop_refusal(describe_load(scene), fault) from fault
         except SolveError as fault:
             raise self._build_extreme_refusal(fault) from fault
 
@@ -91,10 +125,7 @@ class ContactEvaluator(FilmEvaluator):
         """
         films = tuple(result.films for result in results)
         worst = max(films, key=lambda result: result.compute_max_error(scene))
-        # relative change of the ratio that is read from its linear value
-        ratios = [_compute_log_ratio(films.get_observable(scene)) for films in (worst, loaded.linear.films[0])]
-        change = float(np.exp(np.abs(ratios[0] - ratios[1])) - 1)
-        decision = Decision(DECISION_FEATURE, True, change, accuracy, f"their change of the ratio of {scene.load.response}")
+        decision = build_decision(scene, worst, loaded.linear.films[0], accuracy)
         stopped = (*select_notes(loaded.linear.notes, "limit"), *limits)
         notes = find_shortfalls(worst, worst.compute_max_error(scene), accuracy, stopped)
         state, model = results[0].point.equilibrium.state, loaded.paths[1].model
@@ -132,7 +163,7 @@ class ContactEvaluator(FilmEvaluator):
         Refusal
             The scene is not supported, or too extreme.
         """
-        reason = self.refusal(scene)
+        reason = self.refusal_of_mesh(scene)
         if reason is not None:
             raise Refusal("evaluator", self.name, reason)
         try:
@@ -141,24 +172,10 @@ class ContactEvaluator(FilmEvaluator):
             raise self._build_extreme_refusal(fault) from fault
 
 
-def _find_load_key(scene: Scene) -> tuple[str, object]:
-    """Return the key and the value of the scene's load."""
-    if scene.load.indentation is not None:
-        return "load.indentation", format_mm(scene.load.indentation)
-    if scene.load.preload:
-        return "load.preload", Words(f"{scene.load.preload:g} N")
-    return "load.force", Words(f"{scene.load.force:g} N")
-
-
 def _is_accurate(films: FilmForces, scene: Scene, accuracy: float) -> bool:
     """Return whether stresses, ratio and log-sensitivity, those of charges included if they are read, are within tolerances."""
     read = films.get_observable(scene)
     return films.compute_max_error(scene) <= accuracy and films.meets_sensitivity(accuracy) and read.meets_sensitivity(accuracy)
-
-
-def _compute_log_ratio(films: FilmForces) -> float:
-    """Return ln |inner / outer|, of forces on the films or of their charges."""
-    return float(np.log(np.abs(films.totals)) @ [1.0, -1.0])
 
 
 def press_refined(

@@ -75,6 +75,8 @@ class LoadedScene:
         because the path began at a loaded state of another modulus.
     dense
         Whether lines that touch have twice the usual number of contact points.
+    finenesses
+        Of the meshes from which ``paths`` are taken, rising.
     """
 
     scene: Scene
@@ -83,10 +85,11 @@ class LoadedScene:
     paths: tuple[Path, Path]
     known: tuple[MeshDifferences, ...] = ()
     dense: bool = False
+    finenesses: tuple[MeridianFineness, ...] = MESH_FINENESSES
 
     @classmethod
-    def from_scene(cls, scene: Scene, accuracy: float) -> LoadedScene:
-        """Solve a scene at rest, linearly and on two meshes.
+    def from_scene(cls, scene: Scene, accuracy: float, finenesses: tuple[MeridianFineness, ...] = MESH_FINENESSES) -> LoadedScene:
+        """Solve a scene at rest, linearly and on the first two meshes of ``finenesses``, which rise.
 
         Raises
         ------
@@ -96,8 +99,8 @@ class LoadedScene:
             A limit of memory or time is exceeded.
         """
         linear = compute_converged_forces(_tie_faces(scene), LINEAR_SHARE * accuracy)
-        first, second = (_build_path(scene, linear, fineness) for fineness in MESH_FINENESSES[:2])
-        return cls(scene, accuracy, linear, (first, second))
+        first, second = (_build_path(scene, linear, fineness) for fineness in finenesses[:2])
+        return cls(scene, accuracy, linear, (first, second), finenesses=finenesses)
 
     @property
     def may_open(self) -> bool:
@@ -106,10 +109,10 @@ class LoadedScene:
 
     def refine(self) -> LoadedScene | None:
         """Return the scene on the finer mesh and the next finer one; None if there is none."""
-        following = MESH_FINENESSES.index(self.paths[1].model.mesh.layout.fineness) + 1
-        if following == len(MESH_FINENESSES):
+        following = self.finenesses.index(self.paths[1].model.mesh.layout.fineness) + 1
+        if following == len(self.finenesses):
             return None
-        return replace(self, paths=(self.paths[1], _build_path(self.scene, self.linear, MESH_FINENESSES[following], self.dense)))
+        return replace(self, paths=(self.paths[1], _build_path(self.scene, self.linear, self.finenesses[following], self.dense)))
 
     def add_contact_points(self) -> LoadedScene | None:
         """Return the scene at rest with twice the contact points; None if it has them, or has faces that slide or open.

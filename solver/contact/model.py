@@ -340,6 +340,28 @@ class ContactModel:
         forces = self._apply_tangent(equations, self.numbering.gather @ step)
         return self.compute_outputs(equations) + (self.outputs.T @ forces)[:, 0]
 
+    def compute_adjoints(self, equations: Linearised) -> Floats:
+        """Return the adjoint displacements of all k outputs on the elements' corners and edges, shape (k, n, 8 p).
+
+        The work of small forces on an adjoint displacement is the change of its output at constant indentation. The tangent is
+        factorised, and symmetric: there is no friction.
+
+        Raises
+        ------
+        SolveError
+            The residual of a solution is too large.
+        """
+        factor, scatter = equations.factor, self.numbering.scatter
+        assert factor is not None
+        assert not self.has_friction
+        driven = self._apply_tangent(equations, self.outputs)
+        adjoints = self.outputs - self.numbering.gather @ factor.solve(np.ascontiguousarray(scatter @ driven))
+        whole = self._apply_tangent(equations, adjoints)
+        unbalanced = np.linalg.norm(scatter @ whole, axis=0)
+        if not np.all(unbalanced <= MAX_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
+            raise SolveError("the equations of the tangent cannot be solved")
+        return np.asarray(adjoints.T.reshape(-1, *self.lift.shape[:2]))
+
     def _apply_tangent(self, equations: Linearised, displacements: Floats) -> Floats:
         """Return the tangent times ``displacements``, changes of the elements' values; shape (n (8 p), k) both."""
         n, width, _ = self.lift.shape

@@ -93,6 +93,11 @@ class Path:
         return point
 
     @property
+    def light(self) -> Equilibrium:
+        """The state under a load so light that all is linear, and the equations about it."""
+        return Equilibrium(self._light_state, self.model.linearise(self._light_state), ())
+
+    @property
     def radius(self) -> float:
         """Outer radius of the probe, m."""
         return float(self.model.section.tube_radius)

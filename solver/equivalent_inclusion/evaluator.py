@@ -42,7 +42,19 @@ class EquivalentInclusion(FilmEvaluator):
             The scene is of another kind, or so extreme that its equations cannot be solved in double precision; a curve of a
             scene with ellipsoids.
         """
-        base, target, tumours = self.prepare(scene, accuracy), scene.target or 0, Tumours.from_scene(scene)
+        return self.solve_readings(self.prepare(scene, accuracy), scene, accuracy, moduli)[0]
+
+    def solve_readings(
+        self, base: Undisturbed, scene: Scene, accuracy: float, moduli: Floats | None = None
+    ) -> tuple[FilmSolution, Readings]:
+        """Return the solution of a scene and its readings, one set for each modulus, from the ``base`` shared with others.
+
+        Raises
+        ------
+        Refusal
+            See ``solve``.
+        """
+        target, tumours = scene.target or 0, Tumours.from_scene(scene)
         if moduli is None:
             read = compute_readings(base, tumours, target, sensitive=scene.target is not None)
             read = correct_for_ellipsoids(base, scene, read)
@@ -55,7 +67,7 @@ class EquivalentInclusion(FilmEvaluator):
         worst = int(np.argmax(errors))  # the modulus with the largest error
         reached = films[0].compute_max_error(scene) if moduli is None else float(errors[worst])
         notes = (*base.notes, *find_shortfalls(films[worst], reached, accuracy, base.stopped))
-        return FilmSolution(films, base.residual, (*base.plan, *_decide_reflections(base, read, worst)), notes)
+        return FilmSolution(films, base.residual, (*base.plan, *_decide_reflections(base, read, worst)), notes), read
 
     @use_own_workspace
     def prepare(self, scene: Scene, accuracy: float) -> Undisturbed:

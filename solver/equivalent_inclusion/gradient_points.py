@@ -15,7 +15,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.meridian.mesh import compute_bilinear_shares, compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.tissue_field import TissueField, compute_jacobian
+from solver.axisymmetric.tissue_elements import TissueElements, compute_jacobian
 from solver.elements.quadrilateral import Geometry, compute_dilations
 from solver.elements.shape_functions import evaluate_functions, evaluate_pressures
 from solver.equivalent_inclusion.first_order import BALL_POINTS, build_half_ball
@@ -64,7 +64,9 @@ class QuadraturePoints:
         r, z = np.hypot(tumours.offset[:, None] + x, y), height - tumours.depth[:, None]
         # d (r, z) / d ln diameter
         growth = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, height], axis=-1)
-        element, place, _ = TissueField(states).locate(np.stack([r.ravel(), z.ravel()], axis=1))
+        element, place, _ = TissueElements(states.model.section, states.model.mesh).locate(
+            np.stack([r.ravel(), z.ravel()], axis=1)
+        )
         weight = (4 / 3 * np.pi * radius**3 * ball_weights[:, 0]).ravel()
         number = np.repeat(np.arange(len(r)), len(ball))
         descent = np.broadcast_to([0.0, -1.0], (len(weight), 2))

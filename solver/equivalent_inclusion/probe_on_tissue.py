@@ -211,7 +211,7 @@ def solve_undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     """
     get_workspace().begin()
     shallow = any(body.depth < SHALLOW_DEPTH_OUTER_RADII * scene.probe.tube_radius for body in scene.inclusion)
-    return _solve_undisturbed(_remove_tumours(scene), accuracy, shallow)
+    return _solve_undisturbed(remove_tumours(scene), accuracy, shallow)
 
 
 def solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
@@ -223,7 +223,7 @@ def solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
         See ``solve_undisturbed``.
     """
     get_workspace().begin()
-    return _solve_alone(_remove_tumours(scene), accuracy)
+    return _solve_alone(remove_tumours(scene), accuracy)
 
 
 def get_tied_interface(scene: Scene) -> Interface:
@@ -233,7 +233,7 @@ def get_tied_interface(scene: Scene) -> Interface:
     return interface
 
 
-def _remove_tumours(scene: Scene) -> Scene:
+def remove_tumours(scene: Scene) -> Scene:
     """Return the scene without inclusions and load."""
     return scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)})
 
@@ -267,7 +267,7 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
         )
     charges = base.films.charges and FilmForces(CHARGE_UNIT * states.products[2:], base.films.charges.bound)
     films, energies = FilmForces(states.forces, base.films.bound, charges=charges), Energies(TissueField(states))
-    return replace(base, scene=_remove_tumours(scene), films=films, section=section, materials=materials, energies=energies)
+    return replace(base, scene=remove_tumours(scene), films=films, section=section, materials=materials, energies=energies)
 
 
 @keep_within_limits

@@ -70,6 +70,11 @@ class Stress:
     bulk: Floats
 
     @property
+    def shear_stress(self) -> Floats:
+        """The part of ``first_piola`` that is proportional to the shear modulus at constant bulk modulus, mu f' dI/dh, Pa."""
+        return np.asarray(self.weight * (1 + self.change) ** (2 / 3) * self.distortion)
+
+    @property
     def identity_coefficient(self) -> Floats:
         """Coefficient of the identity in the tangent, Pa."""
         return 2 * self.weight
@@ -122,6 +127,11 @@ class Hyperelastic:
         laws = [build_strain_energy(material) for material in materials]
         groups = [(np.flatnonzero([law == other for other in laws]), law) for law in dict.fromkeys(laws) if law is not None]
         return cls.from_moduli(Isotropic.from_materials(materials), tuple(groups))
+
+    def select(self, elements: Ints) -> Hyperelastic:
+        """Return the constants of m of the elements, given by their numbers, which may repeat, shape (m,)."""
+        laws = tuple((np.flatnonzero(np.isin(elements, numbers)), law) for numbers, law in self.laws)
+        return Hyperelastic(self.shear[elements], self.lam[elements], self.bulk[elements], laws)
 
     def compute_dilation(self, p: Floats) -> tuple[Floats, Floats]:
         """Return J*(p) - 1 of eq. LW.3 and its derivative with respect to p, 1/Pa, at pressures p, Pa; shape (n, q) each."""

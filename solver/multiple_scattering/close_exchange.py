@@ -141,7 +141,7 @@ class CloseExchange:
         places_of_spheres, shapes = [], self.field.states.model.shapes
         for sphere in self.spheres:
             x, y, z = sphere.points.T
-            element, places, _ = self.field.locate(np.stack([np.hypot(x, y), z], axis=1))
+            element, places, _ = self.field.elements.locate(np.stack([np.hypot(x, y), z], axis=1))
             value = evaluate_functions(places, shapes.degrees)[0]
             places_of_spheres.append(_SpherePlace(element, value, evaluate_pressures(places, shapes.order), np.arctan2(y, x)))
         return places_of_spheres

@@ -10,8 +10,8 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum
-from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from solver.contact.limits import describe_load
 from solver.planning.charge_changes import SOFT_BOND_FACTOR, add_charges, has_soft_bond
 from solver.planning.load_limits import LOAD_SHARE, build_limits, build_load_rule, find_largest_load
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, SENSITIVITY_GROWTH, LoadRule, bound_closure_force
@@ -46,14 +46,19 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     promise
         Whether the log-sensitivity has to be accurate too, see ``find_largest_load``.
     """
-    limit = find_largest_load(rule, accuracy, promise)
-    if _is_within(rule.compute_force(scene), limit):
+    if is_load_linear(scene, rule, accuracy, promise):
         return
+    limit = find_largest_load(rule, accuracy, promise)
     if limit.force == 0:  # the tilt alone is too much
         raise Refusal("placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), f"a smaller one, {LINEAR_REMEDY}")
     raise Refusal(
-        *_describe_load(scene), f"up to {_format_limit(scene, limit)} ({explain_limit(limit, accuracy)}), {LINEAR_REMEDY}"
+        *describe_load(scene), f"up to {_format_limit(scene, limit)} ({explain_limit(limit, accuracy)}), {LINEAR_REMEDY}"
     )
+
+
+def is_load_linear(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> bool:
+    """Return whether linear elasticity is accurate enough at the scene's load; parameters as of ``check_load``."""
+    return _is_within(rule.compute_force(scene), find_largest_load(rule, accuracy, promise))
 
 
 def check_known_load(scene: Scene, rule: LoadRule) -> None:
@@ -69,7 +74,7 @@ def check_known_load(scene: Scene, rule: LoadRule) -> None:
     if rule.is_known(rule.compute_force(scene)):
         return
     text = f"up to {_format_limit(scene, rule.largest_open_load)}; larger loads have unknown effects, also with --linear"
-    raise Refusal(*_describe_load(scene), text)
+    raise Refusal(*describe_load(scene), text)
 
 
 def explain_limit(limit: LargestLoad, accuracy: float) -> str:
@@ -199,6 +204,11 @@ class LoadChanges:
         weakest = min(stiffnesses) if load.indentation is None else max(stiffnesses)
         return cls(ratio, np.where(is_covered, sensitivity_changes, np.inf), replace(rule, stiffness=weakest))
 
+    @classmethod
+    def from_contact(cls, linear: LoadChanges) -> LoadChanges:
+        """Return no changes in place of those of ``linear`` results: ``contact`` has computed the results under load."""
+        return cls(np.zeros_like(linear.ratio), np.zeros_like(linear.log_sensitivity), linear.weakest)
+
     @property
     def is_known(self) -> Bools:
         """Whether the changes are known, shape (n,)."""
@@ -235,15 +245,6 @@ def _is_within(force: float, limit: LargestLoad) -> bool:
 def _add_notes(result: Result, notes: tuple[Note, ...]) -> Result:
     """Return a result with notes added to its warnings."""
     return replace(result, warnings=(*result.warnings, *notes))
-
-
-def _describe_load(scene: Scene) -> tuple[str, Words]:
-    """Return the load's key and value for a message."""
-    if scene.load.indentation is not None:
-        return "load.indentation", format_mm(scene.load.indentation)
-    if scene.load.preload:
-        return "load.preload", Words(f"{scene.load.preload:g} N")
-    return "load.force", Words(f"{scene.load.force:g} N")
 
 
 def _format_limit(scene: Scene, limit: LargestLoad) -> str:

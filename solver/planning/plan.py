@@ -27,7 +27,7 @@ from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave_out_negligible
 from solver.results.evaluator import OutOfReach
 from solver.results.load_limits import LoadedRecord, LoadLimits
-from solver.results.refusals import GEOMETRY_KINDS, find_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal, is_round
 from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, explain_null_sensitivity
 from solver.solid.domain import choose_domain, compute_reach
@@ -213,7 +213,7 @@ def build_plan(
     limits = build_limits(rule, accuracy, promise)
     if evaluator is None:
         evaluator = _choose_evaluator(reduced.scene, coarse, requested_accuracy)
-        is_beyond_limit = evaluator == AXISYMMETRIC and rule.compute_force(scene) > limits.auto.force
+        is_beyond_limit = evaluator in (AXISYMMETRIC, HARMONICS) and rule.compute_force(scene) > limits.auto.force
         if (
             not linear
             and (is_beyond_limit or find_refusal(scene, ("contact",)) is not None)
@@ -306,7 +306,8 @@ def _describe_model(scene: Scene, evaluator: str | None) -> str:
         return "three dimensions" + (", half by symmetry" if _half(scene) else "")
     return {
         AXISYMMETRIC: "the meridian plane",
-        CONTACT: "the meridian plane, pressed at finite strain",
+        CONTACT: "the meridian plane, pressed at finite strain"
+        + ("" if is_round(scene) else ", tumours by first-order effects under load"),
         HARMONICS: "the meridian plane, tumours by harmonics about the axis",
     }.get(evaluator or "", "none: no evaluator")
 

@@ -1,0 +1,230 @@
+"""Compute readings under load over tumours anywhere: the linear ones, and what the load changes of first-order effects.
+
+With a_j(F) the change of the logarithm of output j by a set of tumours at the force F, and a_j(0) its linear limit with all
+reflections,
+
+    a_j(F) = a_j(0) + f sum_t [s_j,t(F) - s_j,t(0)]                                           (CT.9)
+
+where s_j,t is the first-order effect of tumour t, eq. CT.8 with Eshelby's strengths of eq. IN.2: dK/K = k_v / K and
+dmu/mu = k_d / (2 mu). The factor f is what reflections make, at rest, of the tumours' effect on the stiffness, which never passes
+zero. Outputs are the film forces, the charges that are modelled, and the stiffness; derivatives by ln E of the target follow from
+those of the strengths.
+
+Each s_j is the mean of two meshes. Contact of the folding tissue with a wall begins at one point of a mesh, where s_j jumps by
+some per cent, at another load on each mesh; in truth the contact grows from the corner on, and s_j lies between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.common.arrays import Bools, Floats
+from solver.contact.loaded_scene import LoadedForces, LoadedScene
+from solver.contact.tumour_effects import TumourResponse
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
+from solver.equivalent_inclusion.readings import Readings
+from solver.inclusions.eshelby import compute_strength
+from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import FilmForces
+
+MAX_REFLECTION_FACTOR = 1.5  # of f and of its inverse: beyond it tumours of opposite contrast nearly cancel in the stiffness
+# of a change, per indentation in outer radii: benchmarks/contact/tumours_under_load.py; values, and derivatives by ln E
+MODEL_ERRORS_PER_X = np.array([0.25, 0.5])
+STIFFNESS_ERROR_PER_X = 0.02  # likewise, of the stiffness' change: where an output's own passes zero
+MESH_SAFETY_FACTOR = 1.0  # times the difference of two meshes, of whose results the mean is used
+
+
+@dataclass(frozen=True)
+class LoadedChanges:
+    """Changes of the outputs' logarithms by n sets of tumours at one force, and their derivatives by ln E of the target.
+
+    The first axis has the changes and after them their derivatives; the last the inner and the outer film force, both charges
+    where they are modelled, and the secant stiffness, k + 1 in all. Of ratios it has that of the forces and, where they are
+    modelled, of the charges.
+
+    Attributes
+    ----------
+    changes
+        Eq. CT.9, at constant force, shape (2, n, k + 1).
+    errors
+        Bounds on the errors of what the load adds to them, shape (2, n, k + 1).
+    ratio_errors
+        The same of the logarithms of ratios, inner over outer, shape (2, n, k / 2).
+    """
+
+    changes: Floats
+    errors: Floats
+    ratio_errors: Floats
+
+    @property
+    def ratios(self) -> Floats:
+        """Changes of the logarithms of ratios, inner over outer, shape (2, n, k / 2)."""
+        return _subtract_outer(self.changes)
+
+
+@dataclass(frozen=True)
+class PressedTissue:
+    """A probe pressed on tissue without tumours, on two meshes, with what tumours anywhere change about that state.
+
+    Attributes
+    ----------
+    base
+        The linear solution.
+    bare
+        Film forces without tumours under the load.
+    responses
+        At rest and under the load, of the coarser and of the finer mesh.
+    """
+
+    base: Undisturbed
+    bare: LoadedForces
+    responses: tuple[tuple[TumourResponse, TumourResponse], ...]
+
+    @classmethod
+    def from_loaded(cls, base: Undisturbed, loaded: LoadedScene, force: float) -> PressedTissue:
+        """Press to a force, N, above zero; for errors see ``LoadedScene.press_to_force``."""
+        bare = loaded.press_to_force(force)
+        responses = [
+            (
+                TumourResponse.from_equilibrium(path.model, path.light),
+                TumourResponse.from_equilibrium(path.model, path.press_to_force(force).equilibrium),
+            )
+            for path in loaded.paths
+        ]
+        return cls(base, bare, tuple(responses))
+
+    def compute_readings(self, linear: Readings, tumours: Tumours, target: int = 0, *, shape_error: float = 0.0) -> Readings:
+        """Return the readings at the force, per indentation, from the ``linear`` ones; parameters as of ``compute_changes``."""
+        changes = self.compute_changes(linear, tumours, target, shape_error=shape_error)
+        rise, rise_error = changes.changes[0, :, -1:], changes.errors[0, :, -1:]
+        parts = []
+        for number, (films, bare, part) in enumerate(
+            zip(_list_films(self.base.films), _list_films(self.bare.films), linear.parts, strict=True)
+        ):
+            columns = slice(2 * number, 2 * number + 2)
+            values, derivatives = changes.changes[..., columns]
+            totals = bare.totals * np.exp(values + rise)
+            if number == 0:  # the forces add up to the force, not only to first order
+                totals *= bare.totals.sum() * np.exp(rise) / totals.sum(axis=1, keepdims=True)
+            effect_errors = _bound_effects(part, films) / np.abs(part.totals)
+            errors = bare.relative_errors + effect_errors + changes.errors[0, :, columns] + rise_error
+            log_ratio = bare.bound.log_ratio + part.log_ratio_bound - films.bound.log_ratio + changes.ratio_errors[0, :, number]
+            loaded = replace(
+                part,
+                forces=_build_diagonals(totals),
+                bound=errors * np.abs(totals),
+                log_ratio_bound=log_ratio,
+                first_share=log_ratio,
+                first_totals=totals,
+                derivatives={},
+            )
+            if linear.derivatives:
+                # derivatives at constant indentation, as those of linear readings are
+                slopes = _build_diagonals(totals * (derivatives + changes.changes[1, :, -1:]))
+                sensitivity_error = part.sensitivity_error + changes.ratio_errors[1, :, number]
+                slope_bound = sensitivity_error[:, None] / 2 * np.abs(totals)
+                loaded = replace(loaded, slope_bound=slope_bound, derivatives={"youngs_modulus": slopes})
+            parts.append(loaded)
+        return replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
+
+    @property
+    def x(self) -> float:
+        """Indentation without tumours, in outer radii."""
+        return float(self.bare.point.indentation / self.base.scene.probe.tube_radius)
+
+    def compute_changes(
+        self, readings: Readings, tumours: Tumours, target: int = 0, *, shape_error: float = 0.0
+    ) -> LoadedChanges:
+        """Compute what n sets of t tumours change at the force.
+
+        Parameters
+        ----------
+        readings
+            Linear readings of the sets.
+        tumours
+            The spheres, relative to the probe's axis, arrays of shape (n, t).
+        target
+            Number of the tumour among the t to which the derivatives refer.
+        shape_error
+            Error of what the load adds, relative, where spheres stand for other shapes.
+        """
+        linear = compute_linear_changes(self.base, readings)
+        if not tumours.shape[1]:
+            return LoadedChanges(linear, np.zeros_like(linear), np.zeros_like(_subtract_outer(linear)))
+        inside, left_out = self.base.move_inside(tumours)
+        effects = [
+            [compute_first_order_changes(response, self.base, inside, left_out, target) for response in pair]
+            for pair in self.responses
+        ]
+        at_rest = effects[-1][0][..., -1:]
+        factor = np.divide(linear[..., -1:], at_rest, out=np.ones_like(at_rest), where=at_rest != 0)
+        factor = np.where(np.abs(np.log(np.maximum(factor, 1e-300))) < np.log(MAX_REFLECTION_FACTOR), factor, 1.0)
+        coarse, fine = (factor * (pressed - rest) for rest, pressed in effects)
+        growth, spread = (coarse + fine) / 2, coarse - fine
+        model_errors = self.x * MODEL_ERRORS_PER_X[:, None, None]
+
+        def bound(linear: Floats, growth: Floats, spread: Floats) -> Floats:
+            """Bound the errors of growths."""
+            size = np.abs(linear) + np.abs(growth) + STIFFNESS_ERROR_PER_X * stiffening
+            return model_errors * size + MESH_SAFETY_FACTOR * np.abs(spread) + shape_error * np.abs(growth)
+
+        stiffening = np.abs(linear[..., -1:])
+        parts = linear, growth, spread
+        return LoadedChanges(linear + growth, bound(*parts), bound(*(_subtract_outer(part) for part in parts)))
+
+
+def _subtract_outer(changes: Floats) -> Floats:
+    """Return the changes of ratios' logarithms, (..., k / 2), from those of the outputs and the stiffness, (..., k + 1)."""
+    return np.asarray(changes[..., 0:-1:2] - changes[..., 1:-1:2])
+
+
+def _list_films(films: FilmForces) -> list[FilmForces]:
+    """Return the film forces and, where they are modelled, the charges."""
+    return [films, *([] if films.charges is None else [films.charges])]
+
+
+def _bound_effects(readings: Readings, films: FilmForces) -> Floats:
+    """Return the bounds on the errors of the tumours' effects alone, (n, 2), from bounds with those of the bare ``films``."""
+    return np.asarray(np.maximum(readings.bound - films.bound.totals, 0.0))
+
+
+def _build_diagonals(totals: Floats) -> Floats:
+    """Return matrices with the totals, shape (n, 2), on their diagonals, shape (n, 2, 2)."""
+    return np.asarray(totals[:, :, None] * np.eye(2))
+
+
+def compute_linear_changes(base: Undisturbed, readings: Readings) -> Floats:
+    """Return the linear changes by n sets, as in ``LoadedChanges``; derivatives are zero without a target."""
+    totals, bare = (
+        np.concatenate([part.totals for part in parts], axis=-1) for parts in (readings.parts, _list_films(base.films))
+    )
+    stiffness = readings.stiffness[:, None]
+    rise = np.log(stiffness / bare[:2].sum())
+    values = np.hstack([np.log(np.abs(totals / bare)) - rise, rise])
+    if not readings.derivatives:
+        return np.stack([values, np.zeros_like(values)])
+    slopes = np.concatenate([part.derivatives["youngs_modulus"].sum(axis=2) for part in readings.parts], axis=1)
+    stiffening = slopes[:, :2].sum(axis=1, keepdims=True) / stiffness
+    return np.stack([values, np.hstack([slopes / totals - stiffening, stiffening])])
+
+
+def compute_first_order_changes(
+    response: TumourResponse, base: Undisturbed, tumours: Tumours, left_out: Bools, target: int
+) -> Floats:
+    """Return the sums of first-order effects about one state of n sets of t tumours, (n, t), as in ``LoadedChanges``.
+
+    Tumours that are ``left_out``, (n, t), have none.
+    """
+    flat = tumours.flatten()
+    hosts = base.strata.find_hosts(flat.depth)
+    strength = compute_strength(hosts, flat.youngs_modulus, flat.poisson_ratio)
+    volume, shear = response.integrate(flat)
+
+    def combine(k_v: Floats, k_d: Floats) -> Floats:
+        """Return the changes of logarithms by tumours of these strengths, shape (n, t, k + 1)."""
+        changes = response.convert_to_constant_force(k_v / hosts.bulk_modulus * volume + k_d / hosts.two_mu * shear)
+        return np.moveaxis(np.where(left_out, 0.0, changes.reshape(-1, *tumours.shape)), 0, -1)
+
+    return np.stack([combine(strength.volume, strength.shear).sum(axis=1), combine(*strength.by_log_modulus)[:, target]])
