@@ -71,6 +71,7 @@ class ContactEvaluator(FilmEvaluator):
         """
         with limit_to_one_thread(), self._convert_errors(scene):
             if not is_round(scene):
+                self._check(scene)
                 return solve_tumours(scene, accuracy, moduli)
             result, loaded, notes = press_refined(
                 self.prepare_scene(scene, accuracy), lambda films: _is_accurate(films, scene, accuracy)
@@ -83,6 +84,12 @@ class ContactEvaluator(FilmEvaluator):
         with limit_to_one_thread(), self._convert_errors(scene):
             return press_refined(self.prepare_scene(scene, accuracy), lambda films: films.compute_max_error(scene) <= accuracy)[1]
 
+    def _check(self, scene: Scene) -> None:
+        """Raise ``Refusal`` for a scene that is not supported."""
+        reason = self.refusal(scene)
+        if reason is not None:
+            raise Refusal("evaluator", self.name, reason)
+
     @use_own_workspace
     def press_tissue(self, scene: Scene, accuracy: float) -> PressedTissue:
         """Press a scene's probe on its tissue without tumours to its force, ready for tumours anywhere.
@@ -92,6 +99,7 @@ class ContactEvaluator(FilmEvaluator):
         Refusal
             The scene is not supported or too extreme, its load is an indentation, or it is larger than is known.
         """
+        self._check(scene)
         if scene.load.force is None:
             raise Refusal(*describe_load(scene), "load.force in its place, where contact reads many tumours or positions")
         with limit_to_one_thread(), self._convert_errors(scene):
