@@ -3,9 +3,9 @@
 With a_j(F) the change of the logarithm of output j by a set of tumours at the force F, and a_j(0) its linear limit with all
 reflections,
 
-    a_j(F) = a_j(0) + f sum_t [s_j,t(F) - s_j,t(0)]                                           (CT.9)
+    a_j(F) = a_j(0) + f sum_t [s_j,t(F) - s_j,t(0)]                                           (CT.10)
 
-where s_j,t is the first-order effect of tumour t, eq. CT.8 with Eshelby's strengths of eq. IN.2: dK/K = k_v / K and
+where s_j,t is the first-order effect of tumour t, eq. CT.9 with Eshelby's strengths of eq. IN.2: dK/K = k_v / K and
 dmu/mu = k_d / (2 mu). The factor f is what reflections make, at rest, of the tumours' effect on the stiffness, which never passes
 zero. Outputs are the film forces, the charges that are modelled, and the stiffness; derivatives by ln E of the target follow from
 those of the strengths.
@@ -47,7 +47,7 @@ class LoadedChanges:
     Attributes
     ----------
     changes
-        Eq. CT.9, at constant force, shape (2, n, k + 1).
+        Eq. CT.10, at constant force, shape (2, n, k + 1).
     errors
         Bounds on the errors of what the load adds to them, shape (2, n, k + 1).
     ratio_errors

@@ -3,7 +3,7 @@
 A tumour whose moduli differ little from the tissue's changes the outputs q_i, film forces and charges, at constant indentation by
 an integral over the place where it lay at rest, wherever that is:
 
-    dq_i = Int [dK/K d_v,i + dmu/mu d_s,i] dV,   d_v,i = p_K dJ_i,   d_s,i = mu f' dI/dF : grad a_i          (CT.8)
+    dq_i = Int [dK/K d_v,i + dmu/mu d_s,i] dV,   d_v,i = p_K dJ_i,   d_s,i = mu f' dI/dF : grad a_i          (CT.9)
 
 with the adjoint displacement a_i of output i, the change dJ_i of the volume ratio J that it causes, the pressure p_K of the bulk
 modulus K and the law f of eq. LW.2. Both fields are axisymmetric, so that the densities are functions of r and z alone. In the
@@ -78,7 +78,7 @@ class TumourResponse:
         return cls(model, tissue, state.elements, (adjoints[0], adjoints[1]), state.indentation, outputs, tangent)
 
     def evaluate(self, r: Floats, z: Floats) -> Floats:
-        """Return the densities d_v and d_s of eq. CT.8 at m points of the undeformed tissue, shape (2, k, m).
+        """Return the densities d_v and d_s of eq. CT.9 at m points of the undeformed tissue, shape (2, k, m).
 
         ``r`` and ``z`` are the points' coordinates at rest, m, shape (m,), z out of the tissue. The densities are those at
         constant indentation, in N/m^3 for forces and C/m^3 for charges.

@@ -75,7 +75,7 @@ def test_light_loads_give_the_linear_result() -> None:
 
 
 def test_densities_at_rest_are_the_linear_strain_products() -> None:
-    """Eq. CT.8 without load is eq. EI.1, solved on another mesh by linear elements."""
+    """Eq. CT.9 without load is eq. EI.1, solved on another mesh by linear elements."""
     base = EquivalentInclusion().prepare(SCENE, 0.01)
     path = prepare_path(SCENE)
     response = TumourResponse.from_equilibrium(path.model, path.light)
