@@ -34,7 +34,7 @@ def press(c2: float) -> LoadCurve:
 
 def compute_bias(curve: LoadCurve, log_ratio: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
     """Return the bias of ln E_object by a model with these ln ratios and log-sensitivities at the same forces."""
-    return (np.log(curve.ratio) - log_ratio[: len(curve.ratio)]) / sensitivity[: len(curve.ratio)]
+    return np.asarray((np.log(curve.ratio) - log_ratio[: len(curve.ratio)]) / sensitivity[: len(curve.ratio)])
 
 
 def draw(curves: dict[float, LoadCurve], biases: dict[float, np.ndarray]) -> Figure:
@@ -63,6 +63,9 @@ def print_preloads() -> None:
                 probe_design.evaluate(scene.replace({"load.force": peak, "load.preload": preload}), evaluator="contact")
                 for peak, preload in ((force, 0.0), (2 * force, force))
             )
+            assert pressed.ratio is not None
+            assert tangent.ratio is not None
+            assert pressed.log_sensitivity is not None
             bias = np.log(tangent.ratio / pressed.ratio) / pressed.log_sensitivity
             print(
                 f"{c2:5g}  {force:8.3f}  {pressed.ratio:16.4f}  {tangent.ratio:15.4f}  "

@@ -111,8 +111,8 @@ def measure_tables() -> Iterator[MeasuredTable]:
         "slopes per second, count",
     )
     times = MeasuredTable(f"Tables, and candidates of {PRESSES**2} presses a second", columns)
-    columns = ("prior", "tumours", "signal", "stated, error", "rms, error", "median of worst, error", "worst, error")
-    errors, positions = MeasuredTable("Errors against equivalent-inclusion with reflections", columns), build_positions()
+    error_columns = ("prior", "tumours", "signal", "stated, error", "rms, error", "median of worst, error", "worst, error")
+    errors, positions = MeasuredTable("Errors against equivalent-inclusion with reflections", error_columns), build_positions()
     for name, ranges in RANGES.items():
         start = process_time()
         table = read_or_build_table(SCENE, ranges)

@@ -237,7 +237,7 @@ def read_readings(
                 raise InputError(key_prefix + key, Words("missing"), POSITION_QUANTITY.allowed)
         extra = {key: row[key] for key in SCAN_QUANTITIES if is_scan and row.get(key) is not None}
         reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, noise, stiffness_noise)
-        numbers = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
+        numbers: dict[str, Any] = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
         readings.append(replace(reading, **numbers))
     return tuple(readings)
 

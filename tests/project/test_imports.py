@@ -56,7 +56,16 @@ ALLOWED: dict[str, set[str]] = {
     "solver.tumour_waves": {"solver.closed_form", "solver.inclusions", "solver.layers", "geometry.common"},
     "solver.elements": {"solver.linalg", "solver.materials", "geometry.common"},
     "solver.axisymmetric": {"solver.elements", "solver.linalg", "solver.materials", "solver.results", *MESHES},
-    "solver.contact": {"solver.axisymmetric", "solver.elements", "solver.linalg", "solver.materials", "solver.results", *MESHES},
+    "solver.contact": {
+        "solver.axisymmetric",
+        "solver.elements",
+        "solver.equivalent_inclusion",  # of tumours off the axis, the linear limit
+        "solver.inclusions",
+        "solver.linalg",
+        "solver.materials",
+        "solver.results",
+        *MESHES,
+    },
     "solver.multiple_scattering": {
         "solver.axisymmetric",
         "solver.elements",
@@ -171,6 +180,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.material_fit": {"solver.materials", "hw.common", "hw.files", *SCENES},
     "probe_design.maps": {
         "probe_design.data",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.planning",
@@ -185,6 +195,14 @@ ALLOWED: dict[str, set[str]] = {
         "solver.inclusions",
         "solver.phase",
         "solver.planning",
+        *ANSWERS,
+    },
+    "probe_design.locating": {
+        "probe_design.estimation.measurements",
+        "probe_design.populations",
+        "probe_design.reporting",
+        "solver.equivalent_inclusion",
+        "solver.reading_tables",
         *ANSWERS,
     },
     "probe_design.tolerances": {
@@ -277,6 +295,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.design_search",
         "probe_design.doctor",
         "probe_design.estimation",
+        "probe_design.locating",
         "probe_design.maps",
         "probe_design.material_fit",
         "probe_design.measuring",

@@ -1,0 +1,125 @@
+"""Measure how exact tumours' effects under load are that are added to a loaded state without them (eq. CT.10).
+
+    python -m benchmarks.contact.tumours_under_load [--scenes 40] [--seed 1]
+
+Scenes are drawn with one sphere on the axis: probes of 4 to 12 mm radius on tissue of 2 to 20 kPa, a quarter below a skin, a
+third with films between bonds; spheres of 3 to 14 mm below 0.25 to 2 diameters of tissue, contrasts 0.1 to 100. There ``contact``
+has the tumour in its mesh and computes all of its effects; the same mesh with a sphere of the tissue's modulus is the state
+without it, so that the mesh's error cancels. Each scene is pressed to 0.1, 0.2 and 0.3 outer radii.
+
+The table gives the errors of the change of ln ratio and of the log-sensitivity, relative to the change and per indentation in
+outer radii (``MODEL_ERRORS_PER_X`` bounds them), and how many exceed what is stated.
+
+Duration: twenty minutes for 40 scenes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from math import exp, log
+
+import numpy as np
+from numpy.random import Generator
+
+from benchmarks.tables import MeasuredTable
+from geometry import Scene
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, SolveError
+from solver.contact.loaded_scene import LoadedScene
+from solver.contact.tumours_anywhere import prepare_tissue
+from solver.equivalent_inclusion.readings import compute_readings
+from solver.inclusions.tumours import Tumours
+from solver.results.film_forces import FilmForces
+
+INDENTATIONS_OUTER_RADII = 0.1, 0.2, 0.3
+NEARLY_ONE = 1.001  # contrast of a sphere that keeps the mesh and hardly changes the readings
+ACCURACY = 0.003  # of the linear readings
+
+
+def draw_scene(generator: Generator) -> Scene:
+    """Return a scene with a sphere on the axis."""
+
+    def draw(low: float, high: float) -> float:
+        """Return a number whose logarithm is evenly distributed."""
+        return exp(generator.uniform(log(low), log(high)))
+
+    radius, modulus, diameter = draw(4, 12), draw(2e3, 20e3), draw(3, 14)  # mm, Pa, mm
+    poisson, cover = float(generator.choice([0.4, 0.45, 0.49])), draw(0.25, 2) * diameter
+    tissue: dict[str, object] = {"shape": "cylinder", "youngs_modulus": f"{modulus} Pa", "poisson_ratio": poisson}
+    if generator.random() < 0.25:
+        skin = draw(0.5, 3)
+        tissue["layer"] = [{"thickness": f"{skin} mm", "youngs_modulus": f"{modulus * draw(1, 10)} Pa", "poisson_ratio": poisson}]
+        cover = max(cover, 1.05 * skin + 0.02 * diameter)
+    tissue |= {"radius": f"{max(45, 6 * radius)} mm", "depth": f"{max(50, cover + diameter + 20, 5 * radius)} mm"}
+    blocks = {name: {"youngs_modulus": f"{draw(5e4, 2e6)} Pa", "poisson_ratio": 0.48} for name in ("inner", "outer")}
+    core = generator.uniform(0.4, 0.8) * radius
+    gap = min(draw(0.05, 0.8), 0.5 * (0.95 * radius - core))
+    sizes = {"inner_radius": core, "outer_radius": radius, "gap": gap, "height": draw(2, 8)}
+    probe: dict[str, object] = {key: f"{size} mm" for key, size in sizes.items()} | blocks | {"base": {"rigid": True}}
+    if generator.random() < 0.33:
+        bonds = {"bond_to_base": {"name": "tape-50um"}, "bond_to_block": {"name": "epoxy-20um"}}
+        probe["film"] = {"thickness": "52 um", "youngs_modulus": "3 GPa"} | bonds
+    sphere = {
+        "diameter": f"{diameter} mm",
+        "depth": f"{cover + diameter / 2} mm",
+        "youngs_modulus": f"{modulus * draw(0.1, 100)} Pa",
+        "poisson_ratio": poisson,
+    }
+    return Scene.from_dict({"probe": probe, "tissue": tissue, "inclusion": [sphere], "load": {"force": "1 mN"}})
+
+
+def compute_errors(scene: Scene) -> Iterator[Floats]:
+    """Yield for each load and output the errors per change and indentation, and the errors over those stated: shape (2, 2)."""
+    body, target = scene.inclusion[0], 0
+    host = scene.tissue.find_material(body.depth).youngs_modulus
+    neutral = scene.model_copy(update={"inclusion": (body.model_copy(update={"youngs_modulus": NEARLY_ONE * host}),)})
+    true, reference = (LoadedScene.from_scene(meshed, 0.01) for meshed in (scene, neutral))
+    tissue, tumours = prepare_tissue(scene, ACCURACY), Tumours.from_scene(scene)
+    linear = compute_readings(tissue.base, tumours, target, reflect=True, sensitive=True)
+    for x in INDENTATIONS_OUTER_RADII:
+        without = reference.press_to_indentation(x * scene.probe.tube_radius)
+        force = without.point.force
+        films = true.press_to_force(force).films
+        changes = tissue.press(force).compute_changes(linear, tumours, target)
+        pairs = [(films, without.films), (films.charges, without.films.charges)]
+        for part, (loaded, bare) in enumerate(pairs[: len(linear.parts)]):
+            if loaded is None or bare is None:
+                continue
+            expected = np.array([_compute_log_ratio(loaded) - _compute_log_ratio(bare), loaded.log_sensitivity or 0.0])
+            error = np.abs(changes.ratios[:, 0, part] - expected)
+            linear_errors = np.array([linear.parts[part].log_ratio_bound[0], float(linear.parts[part].sensitivity_error[0])])
+            yield np.stack([error / x / np.abs(expected), error / (changes.ratio_errors[:, 0, part] + linear_errors)])
+
+
+def _compute_log_ratio(films: FilmForces) -> float:
+    """Return ln of the ratio of both films' forces or charges, without their areas."""
+    inner, outer = np.log(np.abs(films.totals))
+    return float(inner - outer)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    generator, rows, refused = np.random.default_rng(options.seed), list[Floats](), 0
+    for _ in range(options.scenes):
+        try:
+            rows += list(compute_errors(draw_scene(generator)))
+        except (InputError, SolveError):
+            refused += 1
+    table = MeasuredTable(
+        f"{len(rows)} outputs under load; {refused} scenes refused on the way",
+        ("quantity", "median, error", "0.9 quantile, error", "largest, error", "above stated, count"),
+    )
+    values = np.array(rows)
+    for k, name in enumerate(("change of ln ratio", "log-sensitivity")):
+        relative, stated = values[:, 0, k], values[:, 1, k]
+        table.add(name, *np.quantile(relative, [0.5, 0.9, 1.0]).tolist(), int((stated > 1).sum()))
+    table.print()
+
+
+if __name__ == "__main__":
+    main()
