@@ -329,7 +329,7 @@ def _temper(evaluate: Evaluate, z: Floats, log_likelihood: Floats, number: int, 
         z, log_likelihood = z[chosen], log_likelihood[chosen]
         z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
         for move in range(MOVES):
-            z, log_likelihood = _move(evaluate, z, log_likelihood, power, number if move % 2 else 1, rng)
+            z, log_likelihood = _move(evaluate, z, log_likelihood, power=power, blocks=number if move % 2 else 1, rng=rng)
         if power >= 1.0:
             break
     return z
@@ -349,7 +349,7 @@ def _choose_step(log_likelihood: Floats, largest: float, size: float) -> float:
 
 
 def _move(
-    evaluate: Evaluate, z: Floats, log_likelihood: Floats, power: float, blocks: int, rng: np.random.Generator
+    evaluate: Evaluate, z: Floats, log_likelihood: Floats, *, power: float, blocks: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Return particles after one step of differential evolution, in one of several blocks of coordinates chosen for each."""
     n, dimensions = z.shape

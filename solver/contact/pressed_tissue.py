@@ -161,7 +161,7 @@ class PressedTissue:
         at_rest = effects[-1][0][..., -1:]
         factor = np.divide(linear[..., -1:], at_rest, out=np.ones_like(at_rest), where=at_rest != 0)
         factor = np.where(np.abs(np.log(np.maximum(factor, 1e-300))) < np.log(MAX_REFLECTION_FACTOR), factor, 1.0)
-        coarse, fine = (factor * (pressed - rest) for rest, pressed in effects)
+        coarse, fine = (factor * (pressed - light) for light, pressed in effects)
         growth, spread = (coarse + fine) / 2, coarse - fine
         model_errors = self.x * MODEL_ERRORS_PER_X[:, None, None]
 

@@ -90,9 +90,9 @@ def _press_lightly(model: ContactModel, indentation: float) -> tuple[Floats, Flo
     SolveError
         The equations cannot be solved.
     """
-    rest = model.build_rest_state()
-    equations = model.factorise_tangent(model.linearise(rest))
-    changes, derivatives = model.compute_responses(rest, equations)
-    state = model.shift(rest, equations, indentation * changes[:, 0], indentation)
+    undeformed = model.build_rest_state()
+    equations = model.factorise_tangent(model.linearise(undeformed))
+    changes, derivatives = model.compute_responses(undeformed, equations)
+    state = model.shift(undeformed, equations, indentation * changes[:, 0], indentation)
     loaded = model.linearise(state)
     return derivatives[2:, 0], model.predict_outputs(loaded)[2:] / indentation

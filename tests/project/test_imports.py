@@ -330,6 +330,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.reporting",
         "probe_design.sweeps",
         "solver",
+        "solver.reading_tables",
         "solver.results",
     },
 }
