@@ -153,7 +153,7 @@ class TumourResponse:
 
 
 def _compute_gradients(shapes: Floats, fields: Floats, r: Floats) -> Floats:
-    """Return the displacement gradients of fields at m points, components of ``solver/materials/hyperelastic.py``, shape (5, m, fields).
+    """Return the displacement gradients of fields at m points, shape (5, m, fields); see ``solver/materials/hyperelastic.py``.
 
     Parameters
     ----------
