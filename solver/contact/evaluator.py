@@ -16,7 +16,6 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Contact
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.law_ranges import list_range_notes
-from solver.contact.limits import describe_load
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import StoppedError
@@ -26,6 +25,7 @@ from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
+from solver.results.load_limits import describe_load
 from solver.results.refusals import find_refusal, is_round
 from solver.results.warnings import Note, select_notes
 

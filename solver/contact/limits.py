@@ -7,9 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geometry.common.errors import Words
-from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Scene
 from solver.contact.path import MAX_DEPTH_RELATIVE, Path
 from solver.contact.states import PathPoint
 from solver.results.load_limits import LargestLoad
@@ -17,15 +14,6 @@ from solver.results.load_limits import LargestLoad
 BRACKET_WIDTH_RELATIVE = 0.01  # width of the final bracket of a limit, relative to its indentation
 MAX_BRACKET_STEPS = 8
 CLOSED_GAP_RELATIVE = 2e-3  # of the gap: closer walls count as touching, because contact pressures are rounded over this distance
-
-
-def describe_load(scene: Scene) -> tuple[str, Words]:
-    """Return the key of a scene's load and its value, for messages."""
-    if scene.load.indentation is not None:
-        return "load.indentation", format_mm(scene.load.indentation)
-    if scene.load.preload:
-        return "load.preload", Words(f"{scene.load.preload:g} N")
-    return "load.force", Words(f"{scene.load.force:g} N")
 
 
 def find_gap_closure_load(path: Path) -> LargestLoad | None:

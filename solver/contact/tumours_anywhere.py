@@ -14,7 +14,7 @@ from geometry.common.limits import format_maximum
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.contact.limits import CLOSED_GAP_RELATIVE, describe_load
+from solver.contact.limits import CLOSED_GAP_RELATIVE
 from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import StoppedError
@@ -24,10 +24,12 @@ from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import keep_within_limits
 from solver.results.evaluator import FilmSolution
 from solver.results.film_forces import FilmForces, find_shortfalls
+from solver.results.load_limits import describe_load
 from solver.results.result import Decision
 
 # order 4 on few cells, order 2 on twice as many each way: the latter was within 0.1 % of finer ones, and their contact differs
 TISSUE_FINENESSES = MeridianFineness(1, 0, 4), MeridianFineness(2, 0, 2), MeridianFineness(2, 0, 3)
+LINEAR_SHARE = 0.3  # of the accuracy, for the linear readings
 BARE_SHARE = 0.25  # of the accuracy, for the ratio without tumours: beyond it the finest mesh is used
 DECISION_FEATURE = "finite strain and contact"
 SHAPE_ERROR_FACTOR = 2.0  # of what the load adds, times ln of an ellipsoid's aspect ratio: it counts as the sphere of its volume
@@ -140,7 +142,7 @@ def prepare_tissue(scene: Scene, accuracy: float) -> TissueUnderLoad:
     SolveError, LimitReached
         See ``LoadedScene.from_scene``.
     """
-    return TissueUnderLoad(solve_undisturbed(scene, accuracy), _load_tissue(remove_tumours(scene), accuracy))
+    return TissueUnderLoad(solve_undisturbed(scene, LINEAR_SHARE * accuracy), _load_tissue(remove_tumours(scene), accuracy))
 
 
 def solve_tumours(scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:

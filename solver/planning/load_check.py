@@ -11,14 +11,13 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum
 from geometry.scenes.scene import Scene
-from solver.contact.limits import describe_load
 from solver.planning.charge_changes import SOFT_BOND_FACTOR, add_charges, has_soft_bond
 from solver.planning.load_limits import LOAD_SHARE, build_limits, build_load_rule, find_largest_load
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, SENSITIVITY_GROWTH, LoadRule, bound_closure_force
 from solver.planning.strains import RATIO_CHANGE_PER_X
 from solver.planning.tumour_effects import adjust_rule
 from solver.results.film_forces import compute_indentation
-from solver.results.load_limits import Basis, LargestLoad
+from solver.results.load_limits import Basis, LargestLoad, describe_load
 from solver.results.result import Result
 from solver.results.warnings import Note
 

@@ -6,8 +6,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import Literal
 
+from geometry.common.errors import Words
 from geometry.common.json_types import JsonObject
 from geometry.common.limits import format_maximum
+from geometry.scenes.probe import format_mm
+from geometry.scenes.scene import Scene
 from solver.results.record import Record
 
 Basis = Literal["bound", "formulas", "contact"]
@@ -128,3 +131,12 @@ class LoadedRecord(Record):
         """Return the JSON object of the command: all fields, and at its top the two limits used most."""
         limits = {"linear_limit_load": self.linear_limit_load, "gap_closure_load": self.gap_closure_load}
         return super().as_dict() | {name: None if limit is None else asdict(limit) for name, limit in limits.items()}
+
+
+def describe_load(scene: Scene) -> tuple[str, Words]:
+    """Return the key of a scene's load and its value, for messages."""
+    if scene.load.indentation is not None:
+        return "load.indentation", format_mm(scene.load.indentation)
+    if scene.load.preload:
+        return "load.preload", Words(f"{scene.load.preload:g} N")
+    return "load.force", Words(f"{scene.load.force:g} N")

@@ -37,6 +37,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
     "scan": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "detectability": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "estimate": (EXAMPLE, "--ratio", "0.563", "--accuracy", "0.05"),
+    "locate": (REFERENCE / "locate" / "none.toml", "--readings", REFERENCE / "locate" / "none.csv"),
     "optimize": (EXAMPLE, "-o", "out", "--starts", "1"),
     "export": (SCENE, "-o", "out"),
     "tradeoff": (REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "out"),
@@ -52,7 +53,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
 }
 
 
-LONG = ("load", "tradeoff")  # quick tests ask for them in this process, for less
+LONG = ("load", "locate", "tradeoff")  # quick tests ask for them in this process, for less
 
 
 @pytest.mark.parametrize(
