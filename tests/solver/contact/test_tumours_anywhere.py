@@ -16,7 +16,7 @@ from solver.contact.evaluator import ContactEvaluator
 from solver.contact.path import Path
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.tumour_effects import TumourResponse
-from solver.contact.tumours_anywhere import TissueUnderLoad, prepare_tissue
+from solver.contact.tumours_anywhere import MAX_X, TissueUnderLoad, prepare_tissue
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
@@ -24,7 +24,8 @@ from tests.support.paths import EXAMPLES, REFERENCE
 
 SCENE = read_scene(EXAMPLES / "scene.toml")
 ACCURACY = 0.003  # of the linear readings beside the references
-ROWS = [row for path in sorted((REFERENCE / "loaded").glob("*.json")) for row in json.loads(path.read_text())["rows"]]
+ALL_ROWS = [row for path in sorted((REFERENCE / "loaded").glob("*.json")) for row in json.loads(path.read_text())["rows"]]
+ROWS = [row for row in ALL_ROWS if row["indentation_over_outer_radius"] <= MAX_X]
 ON_AXIS = 1e-7  # m: a lateral offset that no mesh takes as on the axis
 
 
