@@ -37,7 +37,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
     "scan": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "detectability": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "estimate": (EXAMPLE, "--ratio", "0.563", "--accuracy", "0.05"),
-    "locate": (REFERENCE / "locate" / "none.toml", "--readings", REFERENCE / "locate" / "none.csv"),
+    "locate": (EXAMPLES / "scans" / "none.toml", "--readings", EXAMPLES / "scans" / "none.csv"),
     "optimize": (EXAMPLE, "-o", "out", "--starts", "1"),
     "export": (SCENE, "-o", "out"),
     "tradeoff": (REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "out"),
