@@ -35,7 +35,7 @@ class EvaluateRequest(LimitedRequest):
     equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
     axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
     contact               finite elements at finite strain, walls in contact, 2 to 20 s, 5e-3 to 2e-2:
-                          one sphere on the probe's axis, loads of a hand
+                          loads of a hand, tumours anywhere
     solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
                           of any shape, from STL and STEP files too
     auto                  chosen by plan: the cheapest of the last four that can model the scene
