@@ -30,7 +30,7 @@ from solver.results.result import Decision
 # order 4 on few cells, order 2 on twice as many each way: the latter was within 0.1 % of finer ones, and their contact differs
 TISSUE_FINENESSES = MeridianFineness(1, 0, 4), MeridianFineness(2, 0, 2), MeridianFineness(2, 0, 3)
 LINEAR_SHARE = 0.3  # of the accuracy, for the linear readings
-BARE_SHARE = 0.25  # of the accuracy, for the ratio without tumours: beyond it the finest mesh is used
+BARE_SHARE = 0.5  # of the accuracy, for the ratio without tumours: beyond it the finest mesh is used
 DECISION_FEATURE = "finite strain and contact"
 SHAPE_ERROR_FACTOR = 2.0  # of what the load adds, times ln of an ellipsoid's aspect ratio: it counts as the sphere of its volume
 MAX_X = 0.47  # outer radii, without tumours: the force of 0.45 with them, up to which tests/reference/loaded confirms readings
@@ -95,12 +95,16 @@ class TissueUnderLoad:
             if self._denser is None:
                 raise
             return PressedTissue.from_loaded(self.base, self._denser, force)
-        if pressed.bare.films.get_observable(self.base.scene).bound.log_ratio <= BARE_SHARE * self.loaded.accuracy:
+        if self._bound_ratio(pressed) <= BARE_SHARE * self.loaded.accuracy:
             return pressed
         try:
-            return PressedTissue.from_loaded(self.base, self._refined, force)
+            return min(pressed, PressedTissue.from_loaded(self.base, self._refined, force), key=self._bound_ratio)
         except SolveError:  # the result of the coarser meshes remains valid, with its own error
             return pressed
+
+    def _bound_ratio(self, pressed: PressedTissue) -> float:
+        """Return the bound on the error of ln ratio without tumours, of what the scene reads."""
+        return pressed.bare.films.get_observable(self.base.scene).bound.log_ratio
 
     def press_to_indentation(self, indentation: float) -> float:
         """Return the force at an indentation without tumours, N."""
