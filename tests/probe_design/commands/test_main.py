@@ -26,6 +26,7 @@ KEYS = {
     "provenance", "error_kind", "stress_inner_error", "stress_outer_error", "stiffness_error", "charge_per_force_inner",
     "charge_per_force_outer", "charge_ratio", "charge_log_sensitivity", "charge_log_sensitivity_error", "charge_inner_error",
     "charge_outer_error", "charge_per_force_inner_error", "charge_per_force_outer_error", "charge_ratio_error", "observable",
+    "response",
 }  # fmt: skip
 
 

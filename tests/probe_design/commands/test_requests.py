@@ -26,6 +26,7 @@ PYTHON_ONLY = {
     "evaluate": {"progress", "limits"},
     "export": {"progress"},
     "load": {"force", "indentation", "progress", "limits"},
+    "locate": {"advise"},
     "optimize": {"design", "progress"},
     "plan": {"solid"},
     "scan": {"positions", "progress"},
@@ -41,6 +42,7 @@ OPTION_ONLY_OF = {
     "curve": {"points"},
     "scan": {"points"},
     "estimate": {"bench", "readings_file"},
+    "locate": {"output"},
     "optimize": {"scene"},
     "sweep": {"sweep"},
 }
