@@ -46,19 +46,19 @@ BESIDE = SCENE.model_copy(update={"inclusion": (SCENE.inclusion[0].model_copy(up
 
 class TestAuto:
     def test_refuses_with_a_load_that_it_then_answers(self) -> None:
-        """Where ``contact`` cannot: with the tumour off the probe's axis."""
-        with pytest.raises(Refusal, match=r"load.force = 0.1 N: allowed: up to 0.0\d+ N .*--linear") as refused:
-            evaluate(BESIDE)
+        """With the tumour off the probe's axis, where ``contact`` presses less deep."""
+        with pytest.raises(Refusal, match=r"load.force = 0.3 N: allowed: up to 0.2\d+ N .*--linear") as refused:
+            evaluate(with_load(BESIDE, force=0.3), accuracy=0.05)
         limit = float(str(refused.value).split("up to ")[1].split(" N")[0])
-        result = evaluate(with_load(BESIDE, force=limit))
+        result = evaluate(with_load(BESIDE, force=limit), accuracy=0.05)
         assert result.error_estimate is not None
-        assert result.error_estimate <= 0.01
+        assert result.error_estimate <= 0.05
         with pytest.raises(Refusal, match=r"load.force"):
-            evaluate(with_load(BESIDE, force=1.2 * limit))
+            evaluate(with_load(BESIDE, force=1.2 * limit), accuracy=0.05)
 
     def test_refuses_an_indentation_in_millimetres(self) -> None:
-        with pytest.raises(Refusal, match=r"load.indentation = 1 mm: allowed: up to 0.2\d+ mm"):
-            evaluate(with_load(BESIDE, indentation=1e-3))
+        with pytest.raises(Refusal, match=r"load.indentation = 4 mm: allowed: up to 2\.\d+ mm"):
+            evaluate(with_load(BESIDE, indentation=4e-3), accuracy=0.05)
 
     def test_counts_the_effect_at_loads_that_are_allowed(self) -> None:
         scene = with_load(SCENE, indentation=2e-4)
