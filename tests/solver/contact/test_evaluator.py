@@ -159,7 +159,6 @@ def test_a_curve_under_load_goes_through_the_answers() -> None:
     ("changes", "words"),
     [
         ({"contact": Contact(interface="unilateral"), "tissue": HALF_SPACE}, "finite size"),
-        ({"inclusion": (EXAMPLE.inclusion[0].model_copy(update={"x": 1e-3}),)}, "off the probe's axis"),
         ({"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}, "tilt"),
     ],
 )
