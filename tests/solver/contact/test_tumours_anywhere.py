@@ -23,7 +23,7 @@ from solver.inclusions.tumours import Tumours
 from tests.support.paths import EXAMPLES, REFERENCE
 
 SCENE = read_scene(EXAMPLES / "scene.toml")
-ACCURACY = 0.003  # of the linear readings beside the references
+ACCURACY = 0.01  # of the pressed tissue; the linear readings are three times as accurate
 PATHS = [*sorted((REFERENCE / "loaded").glob("*.json")), REFERENCE / "contact" / "off_axis.json"]
 ALL_ROWS = [row for path in PATHS for row in json.loads(path.read_text())["rows"]]
 ROWS = [row for row in ALL_ROWS if row["indentation_over_outer_radius"] <= MAX_X]
