@@ -176,9 +176,10 @@ def solve_tumours(scene: Scene, accuracy: float, moduli: Floats | None = None) -
     longest = max((max(body.diameters) / min(body.diameters) for body in scene.inclusion if body.diameters), default=1.0)
     loaded = pressed.compute_readings(readings, tumours, target, shape_error=min(1.0, SHAPE_ERROR_FACTOR * log(longest)))
     films = tuple(build_film_forces(loaded, k, scene.target is not None) for k in range(len(loaded.forces)))
-    worst = max(films, key=lambda result: result.compute_max_error(scene))
+    number = max(range(len(films)), key=lambda k: films[k].compute_max_error(scene))
+    worst = films[number]
     residual = max(solution.residual or 0.0, pressed.bare.point.residual)
-    decision = build_decision(scene, worst, solution.films[films.index(worst)], accuracy)
+    decision = build_decision(scene, worst, solution.films[number], accuracy)
     notes = (*tissue.base.notes, *find_shortfalls(worst, worst.compute_max_error(scene), accuracy, tissue.base.stopped))
     return FilmSolution(films, residual, (*solution.plan, decision), notes)
 
