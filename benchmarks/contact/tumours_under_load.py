@@ -21,6 +21,7 @@ from math import exp, log
 
 import numpy as np
 from numpy.random import Generator
+from rich.console import Console
 
 from benchmarks.tables import MeasuredTable
 from geometry import Scene
@@ -56,7 +57,8 @@ def draw_scene(generator: Generator) -> Scene:
     core = generator.uniform(0.4, 0.8) * radius
     gap = min(draw(0.05, 0.8), 0.5 * (0.95 * radius - core))
     sizes = {"inner_radius": core, "outer_radius": radius, "gap": gap, "height": draw(2, 8)}
-    probe: dict[str, object] = {key: f"{size} mm" for key, size in sizes.items()} | blocks | {"base": {"rigid": True}}
+    probe: dict[str, object] = {key: f"{size} mm" for key, size in sizes.items()}
+    probe |= {**blocks, "base": {"rigid": True}}
     if generator.random() < 0.33:
         bonds = {"bond_to_base": {"name": "tape-50um"}, "bond_to_block": {"name": "epoxy-20um"}}
         probe["film"] = {"thickness": "52 um", "youngs_modulus": "3 GPa"} | bonds
@@ -118,7 +120,7 @@ def main() -> None:
     for k, name in enumerate(("change of ln ratio", "log-sensitivity")):
         relative, stated = values[:, 0, k], values[:, 1, k]
         table.add(name, *np.quantile(relative, [0.5, 0.9, 1.0]).tolist(), int((stated > 1).sum()))
-    table.print()
+    table.print(Console(width=120))
 
 
 if __name__ == "__main__":
