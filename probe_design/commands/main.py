@@ -95,11 +95,31 @@ class MainGroup(CommandGroup):
 
 @click.group(cls=MainGroup, context_settings=CONTEXT_SETTINGS)
 @click.version_option(package_name="probe-design")
+@click.option(
+    "--install-completion",
+    is_flag=False,
+    flag_value="",
+    metavar="[SHELL]",
+    expose_value=False,
+    is_eager=True,
+    callback=lambda context, _, shell: _install_completion(context, shell),
+    help="Complete commands at the Tab key in bash, fish or zsh.",
+)
 def cli() -> None:
     """Design, check and export tactile palpation probes.
 
     A scene file (TOML) describes a probe and the tissue that it is pressed on; README shows one.
     """
+
+
+def _install_completion(context: click.Context, shell: str | None) -> None:
+    """Install the completion of a shell and exit, where the option was given."""
+    if shell is None or context.resilient_parsing:
+        return
+    from probe_design.commands.completion import install_completion
+
+    click.echo(install_completion(cli, shell))
+    context.exit()
 
 
 def main() -> None:

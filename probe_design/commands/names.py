@@ -39,33 +39,36 @@ class CommandName:
 
 
 MAX_SUMMARY_LENGTH = 61  # so that it stands beside the longest name within 80 columns
-MODEL, DESIGN, BENCH, CATALOGUE = "Model", "Design", "Bench", "Catalogue and records"
+DESIGN, PREDICT, READINGS, BUILT_PROBE, DATA = "Design", "Predict", "From readings", "Built probe", "Data"
 COMMANDS = {
-    "evaluate": CommandName(MODEL, "evaluate:EvaluateRequest", "Film stresses, their ratio and its sensitivity to the tumour."),
-    "plan": CommandName(MODEL, "evaluate:PlanRequest", "Which model reaches an accuracy, and what it neglects."),
-    "curve": CommandName(MODEL, "evaluate:CurveRequest", "Ratio and sensitivity over the tumour's Young's modulus."),
-    "load": CommandName(MODEL, "maps:LoadRequest", "Ratio and the gap between the blocks under rising loads."),
-    "scan": CommandName(MODEL, "maps:ScanRequest", "Readings of the probe along a line over the tissue."),
-    "detectability": CommandName(MODEL, "maps:DetectabilityRequest", "Which tumours are detected, over depth and diameter."),
-    "estimate": CommandName(MODEL, "estimate:EstimateRequest", "Modulus, diameter or depth from readings."),
-    "locate": CommandName(MODEL, "locate:LocateRequest", "Where tumours lie, how deep and how large, from a scan."),
-    "tradeoff": CommandName(MODEL, "sweep:TradeoffRequest", "Time and error of every evaluator on your scenes."),
+    "init": CommandName(DESIGN, "init:InitRequest", "Write a first scene or design file after a few questions."),
     "optimize": CommandName(DESIGN, "optimize:OptimizeRequest", "Search a better probe, verify it and export it."),
     "sweep": CommandName(DESIGN, "sweep:SweepRequest", "Evaluate thousands of designs, each once."),
     "tolerances": CommandName(DESIGN, "evaluate:TolerancesRequest", "Effect of manufacturing tolerances on the ratio."),
+    "tradeoff": CommandName(DESIGN, "sweep:TradeoffRequest", "Time and error of every evaluator on your scenes."),
     "export": CommandName(DESIGN, "export:ExportRequest", "Write the files that a workshop needs."),
-    "read": CommandName(BENCH, "hardware:ReadRequest", "Read a built probe under a sinusoidal load."),
-    "calibrate": CommandName(BENCH, "hardware:CalibrateRequest", "Determine gains, cross-talk and offsets of a built probe."),
-    "check": CommandName(BENCH, "hardware:CheckRequest", "Compare a built probe with its drawing."),
-    "doctor": CommandName(BENCH, "hardware:DoctorRequest", "What is installed, connected and permitted; test a probe."),
-    "tissue": CommandName(CATALOGUE, "", "List and show built-in tissues."),
+    "evaluate": CommandName(PREDICT, "evaluate:EvaluateRequest", "Film stresses, their ratio and its sensitivity to the tumour."),
+    "plan": CommandName(PREDICT, "evaluate:PlanRequest", "Which model reaches an accuracy, and what it neglects."),
+    "curve": CommandName(PREDICT, "evaluate:CurveRequest", "Ratio and sensitivity over the tumour's Young's modulus."),
+    "load": CommandName(PREDICT, "maps:LoadRequest", "Ratio and the gap between the blocks under rising loads."),
+    "scan": CommandName(PREDICT, "maps:ScanRequest", "Readings of the probe along a line over the tissue."),
+    "detectability": CommandName(PREDICT, "maps:DetectabilityRequest", "Which tumours are detected, over depth and diameter."),
+    "estimate": CommandName(READINGS, "estimate:EstimateRequest", "Modulus, diameter or depth from readings."),
+    "locate": CommandName(READINGS, "locate:LocateRequest", "Where tumours lie, how deep and how large, from a scan."),
+    "read": CommandName(BUILT_PROBE, "hardware:ReadRequest", "Read a built probe under a sinusoidal load."),
+    "calibrate": CommandName(
+        BUILT_PROBE, "hardware:CalibrateRequest", "Determine gains, cross-talk and offsets of a built probe."
+    ),
+    "check": CommandName(BUILT_PROBE, "hardware:CheckRequest", "Compare a built probe with its drawing."),
+    "doctor": CommandName(BUILT_PROBE, "hardware:DoctorRequest", "What is installed, connected and permitted; test a probe."),
+    "tissue": CommandName(DATA, "", "List and show built-in tissues."),
     "tissue list": CommandName("", "catalogue:TissueListRequest", "List the built-in tissues."),
     "tissue show": CommandName("", "catalogue:TissueShowRequest", "Print the [tissue] table of one for a scene file."),
-    "material": CommandName(CATALOGUE, "", "List and show built-in materials and bonds; fit a law."),
+    "material": CommandName(DATA, "", "List and show built-in materials and bonds; fit a law."),
     "material list": CommandName("", "catalogue:MaterialListRequest", "List the built-in materials and bonds."),
     "material show": CommandName("", "catalogue:MaterialShowRequest", "Print the table of one for a scene file."),
     "material fit": CommandName("", "material:MaterialFitRequest", "Fit a law that stiffens to a measured curve."),
-    "rerun": CommandName(CATALOGUE, "catalogue:RerunRequest", "Repeat the command that made a file; compare the numbers."),
+    "rerun": CommandName(DATA, "catalogue:RerunRequest", "Repeat the command that made a file; compare the numbers."),
 }
 GROUP_HELP = {
     "tissue": """

@@ -133,7 +133,7 @@ def test_help_lists_each_command_in_one_line_of_80_columns_below_its_group(monke
     lines = run("--help").stdout.splitlines()
     assert max(map(len, lines)) <= 80
     headings = [line.removesuffix(":") for line in lines if line.endswith(":") and not line.startswith(" ")]
-    assert headings == ["Options", "Model", "Design", "Bench", "Catalogue and records"]
+    assert headings == ["Options", "Design", "Predict", "From readings", "Built probe", "Data"]
     for name, entry in COMMANDS.items():
         assert " " in name or f"  {name:13}  {entry.summary}" in lines
 
