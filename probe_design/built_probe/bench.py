@@ -34,7 +34,7 @@ ReferenceKind = Literal["tissue", "inner", "outer"]
 ReferenceContact = Literal["frictionless", "stuck"]
 SIGNIFICANT_SD = 3.0  # standard deviations from which a charge, a lag or a difference is significant
 CONTRADICTION_SD = 5.0  # standard deviations from which two statements contradict each other
-# fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
+# fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/calibrate.md)
 DEFAULT_LEAK_SD = 0.007
 
 

@@ -31,7 +31,7 @@ from probe_design.built_probe.reference_charges import compute_charge_unit
 
 RECORD_FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
 RECORD_VERSION: Literal[2] = 2
-RECORD_HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md explains each number.
+RECORD_HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/calibrate.md explains each number.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 # Where readings are charges: = matrix @ predicted charges, with one scale of d per film on its diagonal; the fifth entry is
 # ln of the factor on the moduli of the films' bonds, and a reading times charge_unit is the charge in C that was measured.

@@ -176,7 +176,7 @@ def test_slopes_of_the_estimate_are_what_other_predictions_do() -> None:
     ],
 )
 def test_what_references_can_tell(first: int, last: int, force: bool, is_determined: bool) -> None:
-    """The table in docs/guides/hardware.md; references 0 and 1 are pin and ring, the others blocks."""
+    """The table in docs/guides/calibrate.md; references 0 and 1 are pin and ring, the others blocks."""
     known = replace(shares(), blocks=shares().blocks[: max(last - 2, 0)])
     seen = _observed(np.eye(2), BENCH.reference, force, np.random.default_rng(0))[first:last]
     if is_determined:
