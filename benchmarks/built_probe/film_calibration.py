@@ -6,7 +6,8 @@ tolerances. Charges are those of the solved probe. It is calibrated on a pin, a 
 both frictionless or stuck, and three blocks of tissue, and then read over a tumour in tissue of 3 to 60 kPa. The ratio of charges
 is compared with that of films with the drawing's d on the true bonds. `estimate` determines E_object from it, for the probe with
 the calibrated tape; its interval is compared with the truth. Beside that stands the bias of calibrations that take a charge for
-d33 times the force: gains from pin and ring, and gains from one block.
+d33 times the force: gains from pin and ring, and gains from one block. Some films that are glued to the block on soft tape deliver
+charges of opposite signs; such a probe has no ln ratio and is refused. Refusals are counted, and others are drawn in their place.
 
     python -m benchmarks.built_probe.film_calibration --count 1000 --workers 2
 
@@ -29,6 +30,7 @@ import numpy as np
 
 from geometry import Scene, read_scene
 from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import Refusal
 from geometry.scenes.film import Film
 from probe_design.built_probe.bench import Bench, Reference, ReferenceContact, ReferenceForce, Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import (
@@ -57,6 +59,7 @@ SIDES = ("bond_to_base", "bond_to_block")
 STACKS = (("tape", "tape"), ("tape", "rigid"), ("rigid", "tape"), ("tape", GLUE), (GLUE, "tape"))  # by ``SIDES``
 TISSUES, CONTRASTS = (3e3, 60e3), (2.0, 30.0)  # Pa; the tumour's modulus over the tissue's
 BLOCKS = (12e3, 3e3, 60e3)  # Pa: of the reference blocks
+REFUSED_KEY = "reference.youngs_modulus"  # of the refusal where charges on a block have opposite signs
 QUANTILE = 1.959964  # of a 95 % interval
 MIN_P_VALUE = 0.001
 
@@ -250,13 +253,23 @@ def print_outcomes(outcomes: list[Outcome]) -> bool:
     return good
 
 
-def iterate_outcomes(seeds: list[int], workers: int) -> Iterator[tuple[int, Outcome]]:
+def measure_or_refuse(seed: int) -> Outcome | None:
+    """Return the outcome of a virtual probe, or None where its prediction is refused."""
+    try:
+        return measure(seed)
+    except Refusal as refusal:
+        if refusal.key != REFUSED_KEY:
+            raise
+        return None
+
+
+def iterate_outcomes(seeds: list[int], workers: int) -> Iterator[tuple[int, Outcome | None]]:
     """Yield each seed with its outcome, computed by this process or by several."""
     if workers == 1:
-        yield from zip(seeds, map(measure, seeds), strict=True)
+        yield from zip(seeds, map(measure_or_refuse, seeds), strict=True)
         return
     with ProcessPoolExecutor(workers) as pool:
-        yield from zip(seeds, pool.map(measure, seeds, chunksize=4), strict=True)
+        yield from zip(seeds, pool.map(measure_or_refuse, seeds, chunksize=4), strict=True)
 
 
 def main() -> None:
@@ -267,17 +280,25 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--output", type=Path, help="file of outcomes, one a line, to which new ones are appended")
     options = parser.parse_args()
-    seeds, start = range(options.first, options.first + options.count), perf_counter()
+    start, computed, stop = perf_counter(), 0, options.first + options.count
     lines = options.output.read_text().splitlines() if options.output and options.output.exists() else []
-    outcomes = {item["seed"]: Outcome(**item["outcome"]) for item in map(json.loads, lines)}
-    missing = [seed for seed in seeds if seed not in outcomes]
-    for seed, outcome in iterate_outcomes(missing, options.workers):
-        outcomes[seed] = outcome
-        if options.output:
-            with options.output.open("a") as file:
-                file.write(json.dumps({"seed": seed, "outcome": asdict(outcome)}) + "\n")
-    good = print_outcomes([outcomes[seed] for seed in seeds])
-    print(f"{(perf_counter() - start) / max(len(missing), 1):.2f} s a probe")
+    saved = map(json.loads, lines)
+    outcomes = {item["seed"]: item["outcome"] and Outcome(**item["outcome"]) for item in saved}
+    while True:
+        missing = [seed for seed in range(options.first, stop) if seed not in outcomes]
+        computed += len(missing)
+        for seed, outcome in iterate_outcomes(missing, options.workers):
+            outcomes[seed] = outcome
+            if options.output:
+                with options.output.open("a") as file:
+                    file.write(json.dumps({"seed": seed, "outcome": outcome and asdict(outcome)}) + "\n")
+        measured = [outcome for seed in range(options.first, stop) if (outcome := outcomes[seed])]
+        if len(measured) >= options.count:
+            break
+        stop += options.count - len(measured)
+    print(f"refused, as the films' charges have opposite signs: {stop - options.first - len(measured)}")
+    good = print_outcomes(measured)
+    print(f"{(perf_counter() - start) / max(computed, 1):.2f} s a probe")
     if not good:
         raise SystemExit(1)
 

@@ -307,7 +307,11 @@ def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
     read = films.get_observable(scene) if reads_film_states(scene) else films
     inner, outer = read.totals
     if not inner * outer > 0 or not read.ratio_error < 1:
-        raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
+        wanted = "both films are pressed"
+        if reads_film_states(scene):  # a film that is glued to the block, on soft tape, may be stretched by its block the other way
+            signs = "the outer film's charge is about 0 or has the other sign"
+            wanted = f"both films' charges have one sign (here {signs}; take the same bond on both sides of the films)"
+        raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, f"one on which {wanted}")
     return solution, read, math.log(inner / outer)
 
 
