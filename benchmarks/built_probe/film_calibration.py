@@ -2,12 +2,12 @@
 
 Each probe has a film of 28 to 110 um. Each of its bonds is tape of 25 to 130 um, glue of 20 um or rigid, at least one is tape.
 The tape has 0.1 to 1 MPa, of which the drawing knows 0.3 MPa; scales of d, cross-talk and the blocks' moduli are off by their
-tolerances. Charges are those of the solved probe. It is calibrated on a pin, a ring,
-both frictionless or stuck, and three blocks of tissue, and then read over a tumour in tissue of 3 to 60 kPa. The ratio of charges
-is compared with that of films with the drawing's d on the true bonds. `estimate` determines E_object from it, for the probe with
-the calibrated tape; its interval is compared with the truth. Beside that stands the bias of calibrations that take a charge for
-d33 times the force: gains from pin and ring, and gains from one block. Some films that are glued to the block on soft tape deliver
-charges of opposite signs; such a probe has no ln ratio and is refused. Refusals are counted, and others are drawn in their place.
+tolerances. Charges are those of the solved probe. It is calibrated on a pin, a ring, both frictionless or stuck, and three
+blocks of tissue, and then read over a tumour in tissue of 3 to 60 kPa. The ratio of charges is compared with that of films with
+the drawing's d on the true bonds. `estimate` determines E_object from it, for the probe with the calibrated tape; its interval
+is compared with the truth. Beside that stands the bias of calibrations that take a charge for d33 times the force: gains from
+pin and ring, and gains from one block. Some films on soft tape that are glued to the block deliver charges of opposite signs;
+such a probe has no ln ratio and is refused. Refusals are counted, and others are drawn in their place.
 
     python -m benchmarks.built_probe.film_calibration --count 1000 --workers 2
 

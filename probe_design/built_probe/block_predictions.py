@@ -308,7 +308,7 @@ def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
     inner, outer = read.totals
     if not inner * outer > 0 or not read.ratio_error < 1:
         wanted = "both films are pressed"
-        if reads_film_states(scene):  # a film that is glued to the block, on soft tape, may be stretched by its block the other way
+        if reads_film_states(scene):  # the block bends a film that is glued to it, on soft tape
             signs = "the outer film's charge is about 0 or has the other sign"
             wanted = f"both films' charges have one sign (here {signs}; take the same bond on both sides of the films)"
         raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, f"one on which {wanted}")

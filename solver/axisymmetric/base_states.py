@@ -60,6 +60,8 @@ class MeridianModel:
         The elements, n of them.
     shapes
         The elements' shape functions, s of order p.
+    corners
+        The elements' corners, m, shape (n, 4, 2).
     geometry
         The elements' geometry at the Gauss points.
     law
@@ -77,6 +79,7 @@ class MeridianModel:
     interface: Interface
     mesh: Topology
     shapes: Shapes
+    corners: Floats
     geometry: Geometry
     law: Isotropic
     condensed: Condensed
@@ -88,7 +91,7 @@ class MeridianModel:
         """The elements' given displacements in each of the s states, see ``Numbering.lift``, shape (n, 8 p, s)."""
         if self.films is None:
             return self.system.numbering.lift
-        film_lift = build_film_lift(self.section, self.mesh, self.shapes.skeleton, self.films)
+        film_lift = build_film_lift(self.section, self.mesh, self.corners, self.shapes.skeleton, self.films)
         return np.concatenate([self.system.numbering.lift, film_lift], axis=2)
 
     @cached_property
@@ -189,7 +192,8 @@ def build_model(
     check_memory("a finer mesh", PEAK_MEMORY_FACTOR * size)
     check_time("solving")
     get_workspace().make_room(PEAK_MEMORY_FACTOR * size)
-    element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
+    nodes = compute_nodes(section, mesh, functions.places)
+    element_geometry = compute_geometry(nodes, functions)
     law = _collect_laws(mesh, materials)
     condensed = Condensed.from_blocks(integrate_elements(mesh, element_geometry, functions, law), len(mesh.body))
     system = System.from_stiffness(number_unknowns(mesh, fineness.order, interface), condensed.stiffness)
@@ -199,6 +203,7 @@ def build_model(
         interface,
         mesh=mesh,
         shapes=functions,
+        corners=nodes[:, functions.corners],
         geometry=element_geometry,
         law=law,
         condensed=condensed,

@@ -18,7 +18,6 @@ the same energy product as a film force, with an error that falls at twice the r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -35,13 +34,15 @@ CHARGE_VARIABLES = tuple(f"{body.name.lower()}_{key}_charge" for body in FILMS f
 CHARGE_UNIT = 1e-9  # C: in it film states are about as large as base states, and neither is lost beside the other
 
 
-def build_film_lift(section: Section, mesh: Topology, skeleton: int, films: Films) -> Floats:
+def build_film_lift(section: Section, mesh: Topology, corners: Floats, skeleton: int, films: Films) -> Floats:
     """Return the elements' displacements -u* of both films, per ``CHARGE_UNIT``, for eq. AX.15.
 
     Parameters
     ----------
     section, mesh
         With layers on both blocks.
+    corners
+        Of the elements, m, shape (n, 4, 2).
     skeleton
         Number of an element's functions on corners and edges.
     films
@@ -53,9 +54,9 @@ def build_film_lift(section: Section, mesh: Topology, skeleton: int, films: Film
         Values of u_r and u_z on corners and edges, of n elements, shape (n, 2 skeleton, 2); zero outside the film's electrode.
     """
     lift = np.zeros((len(mesh.body), 2, skeleton, 2))
-    for k, (chosen, corners) in enumerate(_compute_actuations(section, mesh)):
+    for k, chosen in enumerate(_find_electrodes(mesh)):
         # linear displacements are those of the corners' functions alone
-        lift[chosen, :, :4, k] = get_coefficients(films[k])[:, None] * corners
+        lift[chosen, :, :4, k] = get_coefficients(films[k])[:, None] * _compute_actuation(section, k, corners[chosen])
     return lift.reshape(len(mesh.body), -1, 2)
 
 
@@ -71,8 +72,11 @@ def differentiate_film_lift(section: Section, mesh: Topology, skeleton: int, fil
     names = section.lengths
     steps = 1 + 1j * COMPLEX_STEP * np.eye(len(names))  # row k: a complex step of ln of each length in column k alone
     moved = replace(section, **{name: getattr(section, name) * steps[k] for k, name in enumerate(names)})
-    changes = []
-    for k, (chosen, corners) in enumerate(_compute_actuations(moved, mesh)):
+    electrodes, changes = _find_electrodes(mesh), []
+    # of both films together: the mesh's lines, which take most of the time, are placed once
+    nodes = np.split(compute_nodes(moved, mesh, UNIT_SQUARE, np.concatenate(electrodes)), [len(electrodes[0])], axis=-3)
+    for k, chosen in enumerate(electrodes):
+        corners = _compute_actuation(moved, k, nodes[k])
         changed = np.zeros((len(names) + len(CHARGE_VARIABLES), len(chosen), 2, skeleton))
         changed[: len(names), ..., :4] = get_coefficients(films[k])[:, None] * np.imag(corners) / COMPLEX_STEP
         for component in (0, 1):
@@ -86,17 +90,17 @@ def get_coefficients(film: Film) -> Floats:
     return np.array([film.mean_lateral_charge, film.d33])
 
 
-def _compute_actuations(section: Section, mesh: Topology) -> Iterator[tuple[Ints, Numeric]]:
-    """Yield for each film its elements under the electrode and -u* at their corners, shape (..., c, 2, 4), for d_p = d33 = 1."""
+def _find_electrodes(mesh: Topology) -> list[Ints]:
+    """Return the numbers of each film's elements under its electrode."""
     columns = mesh.vertices[..., 0]
     low, high = columns.min(axis=1), columns.max(axis=1)
-    electrodes = [
+    return [
         np.flatnonzero((mesh.body == body) & (low >= start) & (high <= end))
         for body, (start, end) in zip(FILMS, mesh.layout.electrodes, strict=True)
     ]
-    # of both films together: the mesh's lines, which take most of the time, are placed once
-    corners = np.swapaxes(compute_nodes(section, mesh, UNIT_SQUARE, np.concatenate(electrodes)), -1, -2)
-    parts = np.split(corners, [len(electrodes[0])], axis=-3)
-    for body, chosen, part in zip(FILMS, electrodes, parts, strict=True):
-        thickness = np.asarray(getattr(section, body.name.lower()))[..., None, None, None]
-        yield chosen, -part / (thickness * CHARGE_UNIT)
+
+
+def _compute_actuation(section: Section, k: int, corners: Numeric) -> Numeric:
+    """Return -u* of film k for d_p = d33 = 1 at elements' corners, (..., c, 4, 2), with the components before the corners."""
+    thickness = np.asarray(getattr(section, FILMS[k].name.lower()))[..., None, None, None]
+    return -np.swapaxes(corners, -1, -2) / (thickness * CHARGE_UNIT)

@@ -155,6 +155,12 @@ class Elements:
         balance = self._eliminate(self._compute_forces(stress, p), (w * (stress.change - dilation)) @ N, elimination)
         return balance, ee + ei @ by_edge, elimination
 
+    def balance(self, state: ElementValues, elimination: Elimination) -> Balance:
+        """Return the forces in a state, with pressures and interior values eliminated as in another state nearby."""
+        stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
+        gap = (self.square.weight * (stress.change - self.material.compute_dilation(p)[0])) @ self.shapes.pressure
+        return self._eliminate(self._compute_forces(stress, p), gap, elimination)
+
     def compute_modulus_derivative(self, state: ElementValues, elimination: Elimination, target: Floats) -> Floats:
         """Return the derivative of the forces on corners and edges, (n, 8 p), with respect to ln E of the target.
 

@@ -10,7 +10,6 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
 from geometry.meridian.mesh import Topology, build_topology, compute_nodes
-from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.mesh_lines import MeridianFineness, find_kind
 from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Interface
@@ -110,14 +109,15 @@ class ContactModel:
             The mesh has a cell without area.
         """
         mesh, functions = _mesh(find_kind(section), fineness), build_shapes(fineness.order)
-        element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
+        nodes = compute_nodes(section, mesh, functions.places)
+        element_geometry, corners = compute_geometry(nodes, functions), nodes[:, functions.corners]
         elements = Elements.from_geometry(element_geometry, functions, _build_laws(materials, mesh))
         numbers = number_unknowns(
             mesh, fineness.order, "bonded" if interface == "bonded" else "frictionless" if tied else "apart"
         )
         lift = numbers.lift.copy()
         # a block's unknowns are relative to its rigid shift downwards (-z), which is added here
-        for side, block_elements in enumerate(_find_block_elements(section, mesh)):
+        for side, block_elements in enumerate(_find_block_elements(section, mesh, corners)):
             lift[block_elements, :, side] -= numbers.vertical
         pairs: tuple[Pair, ...] = ()
         if not tied:
@@ -125,7 +125,7 @@ class ContactModel:
         pairs = tuple(replace(pair, spring=spring * FRICTION_SPRING_RELATIVE) for pair in pairs)
         outputs = lift.reshape(-1, 2)
         if films is not None:
-            film_lift = CHARGE_UNIT * build_film_lift(section, mesh, functions.skeleton, films)
+            film_lift = CHARGE_UNIT * build_film_lift(section, mesh, corners, functions.skeleton, films)
             outputs = np.hstack([outputs, film_lift.reshape(-1, 2)])
         return cls(section, materials, mesh, elements, numbers, Assembly.from_pairs(numbers, pairs), pairs, lift, outputs)
 
@@ -194,8 +194,11 @@ class ContactModel:
             compute_touch(pair, displacements, m, state.penalty_fraction, blur, grip=grip) for pair, m, blur, grip in rows
         )
 
-    def linearise(self, state: State, known: Linearised | None = None) -> Linearised:
+    def linearise(self, state: State, known: Linearised | None = None, *, keep_tangent: bool = False) -> Linearised:
         """Linearise about a state; ``known`` gives the elements' part if only contact has changed.
+
+        With ``keep_tangent`` it gives the elements' tangent and its factor alone, of a state nearby, and forces are computed:
+        for one step of the modified Newton method.
 
         Raises
         ------
@@ -205,7 +208,8 @@ class ContactModel:
         if known is None:
             balance, stiffness, elimination = self.elements.linearise(state.elements)
         else:
-            balance, stiffness, elimination = known.balance, known.stiffness, known.elimination
+            stiffness, elimination = known.stiffness, known.elimination
+            balance = self.elements.balance(state.elements, elimination) if keep_tangent else known.balance
         touches = self.compute_touches(state)
         stiffnesses = [touch.stiffness for touch in touches if touch.stiffness is not None]
         numbering, m = self.numbering, self.elements.shapes.skeleton
@@ -223,6 +227,7 @@ class ContactModel:
             elimination=elimination,
             stiffness=stiffness,
             contact_stiffness=sum(stiffnesses[1:], stiffnesses[0]) if stiffnesses else None,
+            factor=known.factor if known is not None and keep_tangent else None,
         )
 
     def factorise_tangent(self, equations: Linearised) -> Linearised:
@@ -374,10 +379,13 @@ def _build_laws(materials: Materials, mesh: Topology) -> Hyperelastic:
     return Hyperelastic.from_materials([materials[Body(body)] for body in mesh.body])
 
 
-def _find_block_elements(section: Section, mesh: Topology) -> tuple[Bools, Bools]:
-    """Return masks of the elements that move with the inner and with the outer block, films and base included."""
+def _find_block_elements(section: Section, mesh: Topology, corners: Floats) -> tuple[Bools, Bools]:
+    """Return masks of the elements that move with the inner and with the outer block, films and base included.
+
+    ``corners`` are those of the elements, m, shape (n, 4, 2).
+    """
     probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
-    inside = compute_nodes(section, mesh, UNIT_SQUARE)[..., 0].mean(axis=1) < section.inner_radius
+    inside = corners[..., 0].mean(axis=1) < section.inner_radius
     return probe & inside, probe & ~inside
 
 

@@ -57,6 +57,11 @@ class Shapes:
     mass: Floats
 
     @property
+    def corners(self) -> Ints:
+        """Indices in ``places`` of the unit square's corners, counted as in ``geometry.meridian.mesh_cells.UNIT_SQUARE``."""
+        return np.array([0, self.order * (self.order + 1), len(self.places) - 1, self.order])
+
+    @property
     def skeleton(self) -> int:
         """Number of functions on corners and edges."""
         return 4 * self.order

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.meridian.mesh import ELEMENT_SIDES, compute_labels, compute_nodes, label_line
-from geometry.meridian.mesh_cells import UNIT_SQUARE
+from geometry.meridian.mesh import ELEMENT_SIDES, compute_labels, label_line
 from geometry.meridian.section import LAYERS, Body, Section
 from solver.axisymmetric.base_states import MeridianModel
 from solver.elements.shape_functions import evaluate_functions
@@ -120,7 +119,7 @@ def _find_edges(model: MeridianModel, axis: int, line: float, which: Bools) -> E
         locals_.append(np.broadcast_to(local, (len(matching), order + 1)))
         starts.append(np.broadcast_to([a, b], (len(matching), 2)))
     element, start = np.concatenate(elements), np.concatenate(starts)
-    corners = compute_nodes(model.section, model.mesh, UNIT_SQUARE, element)
+    corners = model.corners[element]
     first, last = (corners[np.arange(len(element)), start[:, k]] for k in (0, 1))
     r, z = ((1 - x) * first[:, k, None] + x * last[:, k, None] for k in (0, 1))
     length = np.hypot(*(last - first).T)

@@ -108,7 +108,7 @@ def compute_stack_motion(scene: Scene) -> StackMotion:
     model = _build_strip(scene)
     assert model.films is not None
     skeleton, n = model.shapes.skeleton, len(model.mesh.body)
-    lift = build_film_lift(model.section, model.mesh, skeleton, model.films)
+    lift = build_film_lift(model.section, model.mesh, model.corners, skeleton, model.films)
     zeros = np.zeros((model.system.numbering.unknowns, 2))
     solution = model.system.solve(zeros, lift, passes=2)
     values = solution.values + solution.shift[:, None] * model.system.numbering.vertical[:, None]
@@ -143,9 +143,9 @@ def _solve_double_part(model: MeridianModel) -> Floats:
         film.model_copy(update={"d31": film.lateral_charge_difference, "d32": film.lateral_charge_difference, "d33": 0.0})
         for film in model.films
     )
-    radial = build_film_lift(model.section, model.mesh, skeleton, (shear_films[0], shear_films[1])).reshape(n, 2, skeleton, 2)[
-        :, 0
-    ]
+    inner, outer = shear_films
+    lifts = build_film_lift(model.section, model.mesh, model.corners, skeleton, (inner, outer))
+    radial = lifts.reshape(n, 2, skeleton, 2)[:, 0]
     lift = np.zeros((n, 3, skeleton, 2))
     lift[:, 1] = 2 * radial  # components U + V, U - V and W
     flat = lift.reshape(n, -1, 2)

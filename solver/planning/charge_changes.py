@@ -83,7 +83,7 @@ def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
 def _press_lightly(model: ContactModel, indentation: float) -> tuple[Floats, Floats]:
     """Return both charges per indentation, C/m, shape (2,): at rest, and under a light load after one step of Newton's method.
 
-    The step starts from the linear solution, so that its error is of the third order in the load.
+    The step starts from the linear solution and takes the tangent at rest, so that its error is of the third order in the load.
 
     Raises
     ------
@@ -94,5 +94,5 @@ def _press_lightly(model: ContactModel, indentation: float) -> tuple[Floats, Flo
     equations = model.factorise_tangent(model.linearise(undeformed))
     changes, derivatives = model.compute_responses(undeformed, equations)
     state = model.shift(undeformed, equations, indentation * changes[:, 0], indentation)
-    loaded = model.linearise(state)
+    loaded = model.linearise(state, equations, keep_tangent=True)
     return derivatives[2:, 0], model.predict_outputs(loaded)[2:] / indentation
