@@ -13,6 +13,7 @@ public functions take a scene or the name of its file:
     detectability  which tumours the probe detects, and which it resolves in stiffness
     estimate       modulus, diameter or depth from readings
     locate         number, place, depth and size of tumours from a scan
+    Locator        the same while the scan goes on: the map after each reading, and where to press next
     optimize       search a better probe for a population of tumours, or for the tumour of a scene
     sweep          evaluate thousands of designs, each once
     fit_material   a law at finite strain from a measured curve of stress and stretch
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from probe_design.commands.maps import detectability, scan
     from probe_design.commands.material import fit_material
     from probe_design.commands.optimize import optimize
+    from probe_design.locating.locator import Locator
     from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
     from solver.batch import evaluate_many
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from solver.reading_tables.predict import predict_readings
 
 __all__ = [
+    "Locator",
     "Scene",
     "curve",
     "detectability",
@@ -73,7 +76,7 @@ _MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands
 _MODULE_NAMES |= {"fit_material": "probe_design.commands.material", "Scene": "geometry.scenes.scene"}
 _MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "locate", "optimize")}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
-_MODULE_NAMES |= {"predict_readings": "solver.reading_tables.predict"}
+_MODULE_NAMES |= {"predict_readings": "solver.reading_tables.predict", "Locator": "probe_design.locating.locator"}
 
 
 def __getattr__(name: str) -> object:

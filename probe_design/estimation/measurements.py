@@ -232,14 +232,37 @@ def read_readings(
     readings = []
     for index, row in enumerate(rows):
         key_prefix = f"reading[{index}]."
-        for key in ("x", "y") if is_scan else ():
-            if row.get(key) is None:
-                raise InputError(key_prefix + key, Words("missing"), POSITION_QUANTITY.allowed)
-        extra = {key: row[key] for key in SCAN_QUANTITIES if is_scan and row.get(key) is not None}
-        reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, noise, stiffness_noise)
-        numbers: dict[str, Any] = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
-        readings.append(replace(reading, **numbers))
+        read_row = build_scan_reading if is_scan else _check_reading
+        readings.append(read_row(key_prefix, row, scene, noise, stiffness_noise))
     return tuple(readings)
+
+
+def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
+    """Return one reading of a scan from its entries by ``SCAN_KEYS``, numbers in SI units or texts with units.
+
+    Parameters
+    ----------
+    key_prefix
+        Precedes its keys in messages.
+    row
+        Entries by key; x and y have to be stated.
+    scene
+        The scene of the readings.
+    noise, stiffness_noise
+        Relative standard deviations where the entries state none.
+
+    Raises
+    ------
+    InputError
+        An entry is missing or not allowed.
+    """
+    for key in ("x", "y"):
+        if row.get(key) is None:
+            raise InputError(key_prefix + key, Words("missing"), POSITION_QUANTITY.allowed)
+    extra = {key: row[key] for key in SCAN_QUANTITIES if row.get(key) is not None}
+    reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, noise, stiffness_noise)
+    numbers: dict[str, Any] = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
+    return replace(reading, **numbers)
 
 
 def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
-from probe_design.locating.next_position import NextPosition, build_candidates, choose_position
+from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
 from probe_design.locating.posterior import compute_quantiles, compute_region, summarise
 from probe_design.locating.sampling import CONVERGED_SIZE, Sample, draw_posterior
 from probe_design.locating.scan_data import TumourFree
@@ -62,7 +62,15 @@ class Posterior:
         return tuple(likelihood.prior.transform(sample.resample(STORED_SETS, rng)) for sample in self.samples)
 
 
-def infer(likelihood: Likelihood, tumour_free: TumourFree, seed: int, *, advise: bool, evaluator: str) -> Location:
+def infer(
+    likelihood: Likelihood,
+    tumour_free: TumourFree,
+    seed: int,
+    *,
+    advise: bool,
+    evaluator: str,
+    posterior: Posterior | None = None,
+) -> Location:
     """Return the result of `locate`.
 
     Parameters
@@ -77,9 +85,11 @@ def infer(likelihood: Likelihood, tumour_free: TumourFree, seed: int, *, advise:
         Whether to choose the next place.
     evaluator
         Name of the model of the readings.
+    posterior
+        Where it is known before.
     """
     start = time.perf_counter()
-    posterior = Posterior.from_likelihood(likelihood, seed)
+    posterior = Posterior.from_likelihood(likelihood, seed) if posterior is None else posterior
     sets = posterior.resample(likelihood, seed)
     log_factors = (posterior.log_evidence[1:] - posterior.log_evidence[0]).tolist()
     by_number = tuple(_describe_number(likelihood, *parts) for parts in zip(posterior.samples, sets, log_factors, strict=True))
@@ -219,13 +229,12 @@ def _describe_gains(likelihood: Likelihood, posterior: Posterior, sets: tuple[Fl
 
 
 def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> NextPosition:
-    """Return the best place of the next reading, for the most probable number of tumours above 0 against none."""
-    prior, data = likelihood.prior, likelihood.data
-    best = int(np.argmax(posterior.probability[1:]))
-    x_region, y_region = ((min(part.values), max(part.values)) for part in prior.ranges[:2])
-    candidates = build_candidates((x_region, y_region))
+    """Return the best place of the next reading."""
+    data = likelihood.data
+    x_region, y_region = ((min(part.values), max(part.values)) for part in likelihood.prior.ranges[:2])
     variance = np.median(np.where(data.is_read, data.variance, np.inf), axis=0)
-    return choose_position(likelihood.model, sets[best], float(posterior.probability[0]), candidates, variance)
+    groups = [part[np.linspace(0, len(part) - 1, MAX_PARTICLES).astype(int)] for part in sets]
+    return choose_position(likelihood, groups, posterior.probability, build_candidates((x_region, y_region)), variance)
 
 
 def _with_warnings(result: Location, likelihood: Likelihood) -> Location:

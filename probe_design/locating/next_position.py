@@ -2,19 +2,22 @@
 
 The expected information of a reading is its mutual information with the tumours: the entropy of its predictive density, a mixture
 over particles of the posterior, less the entropy of a reading when the tumours are known. Channels count by themselves and add.
-The gain is taken as known, as earlier readings determine it.
+Each particle predicts a normal reading: its signal plus the gain as far as earlier readings determine it, with the variances of
+noise, gain, pose and model.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from probe_design.locating.prior import ForwardModel
+from probe_design.locating.likelihood import Likelihood
 
-ENTROPY_NODES = 80  # at which the predictive density is integrated
+ENTROPY_NODES, MAX_ENTROPY_NODES = 80, 400  # at which the predictive density is integrated
+MIN_SHARE = 1e-4  # probability of a number of tumours below which it is left out
 MAX_PARTICLES = 300  # of the predictive mixture: more change the best place by less than the grid
 CANDIDATES_PER_AXIS = 9  # candidates along x, and along y, within a region
 LOG_2PI_E = 1 + float(np.log(2 * np.pi))  # twice the entropy of a normal number with variance 1
@@ -43,47 +46,71 @@ def build_candidates(region: tuple[tuple[float, float], tuple[float, float]]) ->
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
-def compute_information(
-    model: ForwardModel, tumours: Floats, probability_none: float, candidates: Floats, variance: Floats
-) -> Floats:
+def compute_information(means: Floats, variances: Floats, weights: Floats) -> Floats:
     """Return the expected information of one reading at each candidate, nats, shape (k,).
 
     Parameters
     ----------
-    model
-        Predicts readings.
-    tumours
-        Equally probable sets given that there is a tumour, shape (n, m, 5).
-    probability_none
-        Probability of no tumour.
-    candidates
-        Places of the probe, m, shape (k, 2).
-    variance
-        Of a reading of each channel, shape (2,); inf where it is not read.
+    means, variances
+        Of the reading by each particle, shape (n, k).
+    weights
+        Of the particles, which sum to 1, shape (n,).
     """
-    signal = model.predict(tumours[:MAX_PARTICLES], candidates)
-    weights = np.append(np.full(len(signal), (1 - probability_none) / len(signal)), probability_none)
-    total = np.zeros(len(candidates))
-    for channel in np.flatnonzero(np.isfinite(variance)):
-        means = np.vstack([signal[:, :, channel], np.zeros(len(candidates))])
-        sd = float(np.sqrt(variance[channel]))
-        low, high = means.min(axis=0) - 5 * sd, means.max(axis=0) + 5 * sd
-        # a wide range with a narrow noise needs more nodes: at least two per standard deviation
-        count = int(np.clip(2 * (high - low).max() / sd, ENTROPY_NODES, 8 * ENTROPY_NODES))
-        y = low + (high - low) * np.linspace(0, 1, count)[:, None]
-        density = np.zeros_like(y)
-        for weight, mean in zip(weights, means, strict=True):
-            density += weight * np.exp(-(((y - mean) / sd) ** 2) / 2)
-        density /= sd * np.sqrt(2 * np.pi)
-        entropy = -np.trapezoid(density * np.log(np.maximum(density, 1e-300)), y, axis=0)
-        total += np.maximum(entropy - (LOG_2PI_E / 2 + np.log(sd)), 0.0)
-    return total
+    sd = np.sqrt(variances)
+    low, high = (means - 5 * sd).min(axis=0), (means + 5 * sd).max(axis=0)
+    # a wide range with a narrow noise needs more nodes: at least one for each standard deviation
+    count = int(np.clip(((high - low) / sd.min(axis=0)).max(), ENTROPY_NODES, MAX_ENTROPY_NODES))
+    y = low + (high - low) * np.linspace(0, 1, count)[:, None]
+    density = np.zeros_like(y)
+    for weight, mean, spread in zip(weights.tolist(), means, sd, strict=True):
+        density += weight / spread * np.exp(-(((y - mean) / spread) ** 2) / 2)
+    density /= np.sqrt(2 * np.pi)
+    entropy = -np.trapezoid(density * np.log(np.maximum(density, 1e-300)), y, axis=0)
+    return np.asarray(np.maximum(entropy - LOG_2PI_E / 2 - weights @ np.log(sd), 0.0))
 
 
 def choose_position(
-    model: ForwardModel, tumours: Floats, probability_none: float, candidates: Floats, variance: Floats
+    likelihood: Likelihood, groups: Sequence[Floats], probability: Floats, candidates: Floats, variance: Floats
 ) -> NextPosition:
-    """Return the candidate with the most expected information, see ``compute_information``."""
-    information = compute_information(model, tumours, probability_none, candidates, variance)
+    """Return the candidate with the most expected information.
+
+    Parameters
+    ----------
+    likelihood
+        Of the readings so far.
+    groups
+        Equally probable sets of tumours of each number above 0, shape (n, m, 5) each.
+    probability
+        Of no tumour, one and so on.
+    candidates
+        Places of the probe, m, shape (k, 2).
+    variance
+        Of a reading of each channel by noise, shape (2,); inf where it is not read.
+    """
+    parts: list[tuple[Floats, Floats, Floats]] = []
+    for tumours, share in zip([np.zeros((1, 0, 5)), *groups], probability.tolist(), strict=True):
+        count = max(1, min(len(tumours), round(MAX_PARTICLES * share)))
+        if share > MIN_SHARE:
+            mean, spread = _predict_reading(likelihood, tumours[:: len(tumours) // count][:count], candidates, variance)
+            parts.append((mean, spread, np.full(count, share / count)))
+    mean, spread, weight = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    information = np.zeros(len(candidates))
+    for channel in np.flatnonzero(np.isfinite(variance)):
+        information += compute_information(mean[:, :, channel], spread[:, :, channel], weight / weight.sum())
     best = int(np.argmax(information))
     return NextPosition(float(candidates[best, 0]), float(candidates[best, 1]), float(information[best]))
+
+
+def _predict_reading(likelihood: Likelihood, tumours: Floats, candidates: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """Return mean and variance of a reading at each candidate for sets of tumours (n, m, 5), shape (n, k, 2) each."""
+    data, k = likelihood.data, len(candidates)
+    residuals, own = likelihood.compute_residuals(tumours)
+    estimate = likelihood.find_gain if likelihood.outlier_rate and len(data) else likelihood.estimate_gain
+    gain, gain_variance = estimate(residuals, own), 1 / ((1 / own).sum(axis=1) + data.gain_sd**-2.0)
+    pose_sd = data.pose_sd.mean(axis=0) if len(data) else np.zeros(2)
+    next_data = replace(
+        data, positions=candidates, values=np.zeros((k, 2)), variance=np.tile(variance, (k, 1)), pose_sd=np.tile(pose_sd, (k, 1)),
+        is_baseline=np.zeros(k, dtype=bool),
+    )  # fmt: skip
+    signal, spread = replace(likelihood, data=next_data).compute_residuals(tumours)
+    return gain[:, None] - signal, spread + gain_variance[:, None]

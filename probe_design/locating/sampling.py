@@ -160,7 +160,7 @@ def _adapt(evaluate: Evaluate, z: Floats, log_weights: Floats, labels: Labels, r
     best: tuple[float, Floats, Floats] | None = None
     for round_number in range(MAX_ROUNDS):
         is_last = round_number == MAX_ROUNDS - 1 or (best is not None and best[0] >= GOOD_SIZE / 2)
-        proposal = Proposal.from_particles(z, _soften(log_weights), rng)
+        proposal = Proposal.from_particles(z, soften_weights(log_weights), rng)
         z, log_weights = _weigh(evaluate, proposal, LAST_SIZE if is_last else ROUND_SIZE, labels, rng)
         size = compute_effective_size(log_weights)
         if best is None or size > best[0] or is_last:
@@ -181,7 +181,7 @@ def _weigh(evaluate: Evaluate, proposal: Proposal, count: int, labels: Labels, r
     return z, log_weights
 
 
-def _soften(log_weights: Floats) -> Floats:
+def soften_weights(log_weights: Floats) -> Floats:
     """Return weights, which sum to 1, tempered so far that their effective sample size is ``MIN_TEMPERED_SIZE``."""
     low, high = 0.0, 1.0
     finite = np.isfinite(log_weights)

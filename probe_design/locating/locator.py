@@ -1,0 +1,243 @@
+"""Locate tumours while the scan goes on: the map after each reading, and where to press next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import softmax
+
+from geometry.common.arrays import Bools, Floats
+from geometry.common.errors import InputError, Words
+from probe_design.estimation.measurements import Reading, build_scan_reading, is_on_tissue
+from probe_design.locating.forward_model import EVALUATOR, build_model
+from probe_design.locating.inference import Posterior, infer
+from probe_design.locating.likelihood import Likelihood
+from probe_design.locating.location import Location
+from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
+from probe_design.locating.prior import ForwardModel, TumourPrior
+from probe_design.locating.scan_data import ScanData, TumourFree
+from probe_design.locating.stopping import PlannedScan, Stop, find_stop
+from probe_design.locating.streaming import Stream
+from probe_design.populations.design_file import Design, DesignSource, read_design_source
+from probe_design.populations.noise import compute_reading_variances
+
+Region = tuple[tuple[float, float], tuple[float, float]]
+
+
+class NoRecommendation(Exception):  # noqa: N818
+    """Raised by ``Locator.ask`` where the survey may stop: no further reading is recommended."""
+
+
+class Locator:
+    """The posterior of the tumours, updated by each reading; the same seed and readings give the same numbers.
+
+    ``update`` takes a reading, ``map`` returns what `locate` returns for the readings so far, ``next_position`` the place whose
+    reading is expected to say the most, ``find_stop`` whether to stop. ``tell`` and ``ask`` are the same for programs that are
+    written for the recommenders of bluesky-adaptive.
+
+    Parameters
+    ----------
+    design : Design, mapping, or the name of a design file
+        Probe, tissue, population and noise. Where [population] has no x, tumours lie within the positions of [protocol]; where it
+        has no y, y ranges as x.
+    outliers
+        Expected fraction of wild readings.
+    seed
+        Of the random numbers.
+    model
+        Predicts readings; default: the table of the probe on the tissue.
+
+    Examples
+    --------
+    >>> locator = Locator("design.toml")  # doctest: +SKIP
+    >>> locator.update({"x": "30 mm", "y": "0 mm", "ratio": 0.391, "blank": True})  # doctest: +SKIP
+    >>> locator.next_position()  # doctest: +SKIP
+    """
+
+    def __init__(self, design: DesignSource, *, outliers: float = 0.0, seed: int = 0, model: ForwardModel | None = None) -> None:
+        known = read_design_source(design)
+        if not isinstance(known, Design):
+            raise InputError("design", Words("a scene file"), "a design file, with [population] and [noise]")
+        if not 0 <= outliers <= 0.3:
+            raise InputError("outliers", outliers, "a fraction from 0 to 0.3")
+        self.design, self.seed, self.readings = known, seed, ()
+        self._tumour_free = TumourFree.from_scene(known.scene)
+        lines = known.protocol.places
+        grid = np.stack(np.meshgrid(lines, lines), axis=-1).reshape(-1, 2)
+        prior = TumourPrior.from_design(known, grid)
+        data = ScanData.from_readings((), known, self._tumour_free)
+        self._likelihood = Likelihood(data, build_model(prior) if model is None else model, prior, outliers)
+        self._streams = tuple(Stream.from_prior(self._likelihood, number, seed) for number in range(1, len(prior.numbers)))
+        self._posterior = self._combine()
+
+    readings: tuple[Reading, ...]
+
+    @property
+    def probability(self) -> tuple[float, ...]:
+        """Probability of no tumour, of one and so on."""
+        return tuple(self._posterior.probability.tolist())
+
+    @property
+    def probability_none(self) -> float:
+        """Probability of no tumour."""
+        return self.probability[0]
+
+    @property
+    def prior(self) -> TumourPrior:
+        """Tumours before the readings."""
+        return self._likelihood.prior
+
+    @property
+    def region(self) -> Region:
+        """Where the probe presses: the population's places without their margin, ((low x, high x), (low y, high y)), m."""
+        x, y = (
+            (
+                min(part.values) + self.design.population.margin * part.continuous,
+                max(part.values) - self.design.population.margin * part.continuous,
+            )
+            for part in self.prior.ranges[:2]
+        )
+        return x, y
+
+    def update(self, reading: Reading | Mapping[str, object]) -> None:
+        """Take a reading into account.
+
+        Parameters
+        ----------
+        reading
+            A ``Reading``, or the entries of a line of a scan's file: x, y, ratio, and perhaps stiffness, noise, stiffness_noise,
+            x_sd, y_sd, blank; numbers in SI units, or texts with units.
+
+        Raises
+        ------
+        InputError
+            An entry is not allowed.
+        """
+        if not isinstance(reading, Reading):
+            noise, stiffness_noise = np.sqrt(self._own_variances).tolist()
+            units = dict.fromkeys(("x", "y", "x_sd", "y_sd"), "m") | {"force": "N"}
+            reading = {
+                key: f"{entry!r} {units[key]}" if key in units and isinstance(entry, float | int) else entry
+                for key, entry in reading.items()
+            }
+            reading = build_scan_reading(f"reading[{len(self.readings)}].", reading, self.design.scene, noise, stiffness_noise)
+        new_data = ScanData.from_readings((reading,), self.design, self._tumour_free)
+        self._likelihood = replace(self._likelihood, data=self._likelihood.data.join(new_data))
+        self.readings = (*self.readings, reading)
+        count = len(self.readings)
+        self._streams = tuple(
+            stream.update(self._likelihood, np.random.default_rng((self.seed, number, count)), self.seed)
+            for number, stream in enumerate(self._streams, start=1)
+        )
+        self._posterior = self._combine()
+
+    def map(self) -> Location:
+        """Return numbers, places, depths and sizes of the tumours given the readings so far, as `locate` does."""
+        return infer(self._likelihood, self._tumour_free, self.seed, advise=False, evaluator=EVALUATOR, posterior=self._posterior)
+
+    def next_position(self, candidates: Floats | None = None, *, region: Region | None = None) -> NextPosition:
+        """Return the place whose reading is expected to say the most about the tumours.
+
+        Parameters
+        ----------
+        candidates
+            Places of the probe's axis, m, shape (k, 2); default: a grid over the region.
+        region
+            ((lowest x, highest x), (lowest y, highest y)), m; default: where tumours may lie.
+
+        Raises
+        ------
+        InputError
+            No candidate lies on the tissue.
+        """
+        if candidates is None:
+            places = build_candidates(self.region if region is None else region)
+        else:
+            places = np.asarray(candidates, dtype=float).reshape(-1, 2)
+        scene = self._tumour_free.scene
+        places = places[[is_on_tissue(scene, *place) for place in places.tolist()]]
+        if not len(places):
+            raise InputError("candidates", Words("none on the tissue"), "places where the whole probe stands on the tissue")
+        rng = np.random.default_rng((self.seed, 0, len(self.readings)))
+        groups = [self.prior.transform(stream.sample.resample(MAX_PARTICLES, rng)) for stream in self._streams]
+        return choose_position(self._likelihood, groups, self._posterior.probability, places, self._next_variances)
+
+    @cached_property
+    def planned_scan(self) -> PlannedScan:
+        """The scan of the design's protocol, with the tumours that it detects."""
+        return PlannedScan.from_design(self.design, self._likelihood, np.where(self._channels, self._own_variances, np.inf))
+
+    def compute_detectable_probability(self) -> float:
+        """Return the probability that tumours lie there which the protocol's scan detects with a probability of 0.9."""
+        rng = np.random.default_rng((self.seed, 99, len(self.readings)))
+        groups = [self.prior.transform(stream.sample.resample(1000, rng)) for stream in self._streams]
+        fractions = [self.planned_scan.compute_detected_fraction(tumours) for tumours in groups]
+        return float(self._posterior.probability[1:] @ np.array(fractions))
+
+    def find_stop(self, following: NextPosition | None = None) -> Stop | None:
+        """Return why the survey may stop, or None while further readings are worth their while.
+
+        Parameters
+        ----------
+        following
+            Result of ``next_position``, where it is computed before.
+        """
+        following = self.next_position() if following is None else following
+        return find_stop(self.probability_none, self.compute_detectable_probability(), following.information)
+
+    def tell(self, x: Sequence[float], y: Sequence[float] | float) -> None:
+        """Take a reading into account: x is the place (x, y) in m, y the ratio or (ratio, stiffness in N/m)."""
+        values = np.atleast_1d(np.asarray(y, dtype=float)).tolist()
+        self.update(dict(zip(("x", "y", "ratio", "stiffness"), (*(float(part) for part in x), *values), strict=False)))
+
+    def tell_many(self, xs: Iterable[Sequence[float]], ys: Iterable[Sequence[float] | float]) -> None:
+        """Take several readings into account, see ``tell``."""
+        for x, y in zip(xs, ys, strict=True):
+            self.tell(x, y)
+
+    def ask(self, n: int = 1, tell_pending: bool = True) -> tuple[float, float]:
+        """Return the place of the next reading, m; n is 1, as every reading changes the next place.
+
+        Raises
+        ------
+        NoRecommendation
+            The survey may stop.
+        """
+        del tell_pending
+        if n != 1:
+            raise NotImplementedError("one place at a time: the next reading changes where to press")
+        following = self.next_position()
+        if (stop := self.find_stop(following)) is not None:
+            raise NoRecommendation(stop.text)
+        return following.x, following.y
+
+    @cached_property
+    def _own_variances(self) -> Floats:
+        """Variance of a reading of ratio and stiffness by the design's noise, shape (2,)."""
+        return compute_reading_variances(self.design.noise, self._tumour_free.scene, self._tumour_free.totals[None])[:, 0]
+
+    @property
+    def _channels(self) -> Bools:
+        """Whether ratio and stiffness are read: as in the readings so far, or as the protocol says; shape (2,)."""
+        if not self.readings:
+            return np.array([True, self.design.protocol.stiffness])
+        return np.asarray(self._likelihood.data.is_read.any(axis=0))
+
+    @property
+    def _next_variances(self) -> Floats:
+        """Variance expected of the next reading, inf where a channel is not read, shape (2,)."""
+        data = self._likelihood.data
+        if not self.readings:
+            return np.where(self._channels, self._own_variances, np.inf)
+        return np.asarray(np.median(np.where(data.is_read, data.variance, np.inf), axis=0))
+
+    def _combine(self) -> Posterior:
+        """Return the posterior of all numbers of tumours."""
+        none = float(self._likelihood.evaluate_tumours(np.zeros((1, 0, 5)))[0]) if self.readings else 0.0
+        log_evidence = np.array([none, *(stream.sample.log_evidence for stream in self._streams)])
+        with np.errstate(divide="ignore"):
+            probability = softmax(log_evidence + np.log(self._likelihood.prior.numbers))
+        return Posterior(tuple(stream.sample for stream in self._streams), log_evidence, probability)
