@@ -104,9 +104,9 @@ def choose_position(
 def _predict_reading(likelihood: Likelihood, tumours: Floats, candidates: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """Return mean and variance of a reading at each candidate for sets of tumours (n, m, 5), shape (n, k, 2) each."""
     data, k = likelihood.data, len(candidates)
-    residuals, own = likelihood.compute_residuals(tumours)
+    residuals, reading_variance = likelihood.compute_residuals(tumours)
     estimate = likelihood.find_gain if likelihood.outlier_rate and len(data) else likelihood.estimate_gain
-    gain, gain_variance = estimate(residuals, own), 1 / ((1 / own).sum(axis=1) + data.gain_sd**-2.0)
+    gain, gain_variance = estimate(residuals, reading_variance), 1 / ((1 / reading_variance).sum(axis=1) + data.gain_sd**-2.0)
     pose_sd = data.pose_sd.mean(axis=0) if len(data) else np.zeros(2)
     next_data = replace(
         data, positions=candidates, values=np.zeros((k, 2)), variance=np.tile(variance, (k, 1)), pose_sd=np.tile(pose_sd, (k, 1)),

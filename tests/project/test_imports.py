@@ -326,6 +326,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.commands",
         "probe_design.design_report",
         "probe_design.design_search",
+        "probe_design.locating",  # Locator is a public name
         "probe_design.process",
         "probe_design.reporting",
         "probe_design.sweeps",
