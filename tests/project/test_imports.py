@@ -5,13 +5,11 @@ A subpackage is a folder of a package; the modules of a package's own folder are
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from graphlib import TopologicalSorter
 
 import pytest
 
-from tests.support.imports import everywhere, find_subpackage, module, sources
+from tests.support.imports import everywhere, find_subpackage, module, modules_after, sources
 from tests.support.paths import ROOT
 
 SCENES = {"geometry.common", "geometry.scenes"}
@@ -380,10 +378,8 @@ def test_bare_import_loads_nothing_heavy(module: str) -> None:
 
 def test_reading_hardware_loads_numpy_and_usb_only() -> None:
     modules = modules_after("import hw.reader")
-    assert (
-        modules & {"scipy", "casadi", "pydantic", "click", "rich", "pyvisa", "pyvisa_py", "geometry", "solver", "probe_design"}
-        == set()
-    )
+    unwanted = {"scipy", "casadi", "pydantic", "click", "rich", "pyvisa", "pyvisa_py", "geometry", "solver", "probe_design"}
+    assert modules & unwanted == set()
     assert {"hw", "numpy", "usb"} <= modules
 
 
@@ -391,11 +387,3 @@ def test_reading_a_scene_loads_nothing_heavy() -> None:
     path = ROOT / "tests" / "reference" / "axisymmetric" / "shallow.toml"
     modules = modules_after(f"from geometry import read_scene; read_scene({str(path)!r})")
     assert modules & (HEAVY | {"casadi"}) == set()
-
-
-def modules_after(code: str) -> set[str]:
-    """Top-level modules in a fresh interpreter after running the code."""
-    program = f"{code}; import sys; print(*{{name.split('.')[0] for name in sys.modules}})"
-    run = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, cwd=ROOT, check=False)
-    assert run.returncode == 0, run.stderr
-    return set(run.stdout.split())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -44,3 +46,11 @@ def everywhere(path: Path) -> set[str]:
     """Modules of ours that a source imports anywhere in it, for types too."""
     modules = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
     return {name for name in modules if name.split(".")[0] in OURS}
+
+
+def modules_after(code: str) -> set[str]:
+    """Top-level modules in a fresh interpreter after running the code."""
+    program = f"{code}; import sys; print(*{{name.split('.')[0] for name in sys.modules}})"
+    run = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert run.returncode == 0, run.stderr
+    return set(run.stdout.split())
