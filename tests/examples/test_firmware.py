@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import sys
 import time
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from docs.make_protocol import build_bos, build_descriptor_set
 from hw.common.samples import Floats
 from hw.reader import Reader
 from hw.serial_port.device import SerialDevice
 from hw.serial_port.packets import encode_request, encode_response
 from hw.simulation.firmware import Firmware
+from hw.usb.device import UsbDevice
 from hw.wire.protocol import GET_INFO, GET_STATUS, SET_RATE, START, STOP, Info, Status
 from hw.wire.stream import StreamTransport
-from tests.support.hw.firmware_board import FIRMWARE, ModelBoard, compile_firmware, posix_board, run_script
+from tests.support.hw.firmware_board import FIRMWARE, BoundBoard, ModelBoard, compile_firmware, posix_board, run_script
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-SCALE, AMPLITUDE, DRIVE_HZ = 1e-4, 20_000, 5.0  # of posix_board.c
+SCALES, AMPLITUDE, DRIVE_HZ = (6e-9, 6e-9, 5e-8), 20_000, 5.0  # of posix_board.c
+SCALE = 1e-4  # of tinyusb_core.c
 
 
 def sine(index: np.ndarray, frequency: float, rate: float, amplitude: int) -> np.ndarray:
@@ -41,8 +46,8 @@ def sine(index: np.ndarray, frequency: float, rate: float, amplitude: int) -> np
 def films(times: Floats, rate: float, channels: int) -> Floats:
     """Volts of posix_board.c."""
     value = sine(np.rint(times * rate).astype(int), DRIVE_HZ, rate, AMPLITUDE)
-    columns = [value, value - np.fix(value / 4), np.fix(value / 2)]
-    return np.column_stack(columns[:channels]) * float(np.float32(SCALE))
+    columns = [np.fix(value * 27 / 40), value, value]
+    return (np.column_stack(columns) * np.array(SCALES, np.float32).astype(float))[:, :channels]
 
 
 def test_compiles_without_a_warning(tmp_path: Path) -> None:
@@ -50,6 +55,14 @@ def test_compiles_without_a_warning(tmp_path: Path) -> None:
     assert sources
     for source in sources:
         compile_firmware([source], "-O2", "-c", "-o", str(tmp_path / "object.o"))
+
+
+def test_the_page_s_code_compiles(tmp_path: Path) -> None:
+    page = (FIRMWARE.parents[1] / "docs" / "guides" / "board.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"```c\n(.*?)```", page, re.S)
+    declared = '#include "probe_board.h"\nvoid dma_half_done(const int32_t (*rows)[2], unsigned count);\n'
+    (tmp_path / "page.c").write_text(declared + source, encoding="utf-8")
+    compile_firmware([tmp_path / "page.c"], "-c", "-Wno-unused-variable", "-o", str(tmp_path / "page.o"))
 
 
 @pytest.mark.parametrize(("size", "channels"), [(64, 2), (512, 3), (33, 2)])
@@ -60,7 +73,7 @@ def test_every_byte_is_that_of_the_virtual_probe(size: int, channels: int) -> No
         while len(data) < 40_000:
             data += transport.read().data
         transport.close()
-    virtual = Firmware(lambda times: films(times, 20_000.0, channels), 20_000.0, (SCALE,) * channels, size)
+    virtual = Firmware(lambda times: films(times, 20_000.0, channels), 20_000.0, SCALES[:channels], size)
     virtual.control(START, transport.header.stream, b"")
     assert data == virtual.send(len(data))
 
@@ -214,3 +227,66 @@ def test_only_the_ends_of_a_converter_are_sent_as_ends(bits: int) -> None:
 def test_the_checksum_is_that_of_zlib() -> None:
     data = b"123456789"
     assert run_script(struct.pack("<cH", b"K", len(data)) + data) == struct.pack("<I", 0xCBF43926)
+
+
+@pytest.fixture
+def bound() -> Iterator[BoundBoard]:
+    board = BoundBoard()
+    yield board
+    board.end()
+
+
+def codes_volts(times: Floats) -> Floats:
+    """Volts of tinyusb_core.c."""
+    index = np.rint(times * 1000.0).astype(np.int64)
+    return np.column_stack([(7919 * index + 31 * c) % 65533 - 32766 for c in range(2)]) * float(np.float32(SCALE))
+
+
+def test_tinyusb_shows_the_descriptors_of_the_page(bound: BoundBoard) -> None:
+    assert bound.transfer(0x80, 6, 0x0100, 0, 64) == struct.pack(
+        "<BBHBBBBHHHBBBB", 18, 1, 0x210, 0, 0, 0, 64, 0x1209, 1, 256, 1, 2, 3, 1
+    )
+    configuration = bound.transfer(0x80, 6, 0x0200, 0, 255)
+    assert configuration is not None
+    assert configuration[9:] == bytes([9, 4, 0, 0, 1, 0xFF, 0, 0, 0, 7, 5, 0x81, 2, 64, 0, 0])
+    assert struct.unpack("<BBHBB", configuration[:6]) == (9, 2, 25, 1, 1)
+    assert bound.transfer(0x80, 6, 0x0303, 0x0409, 255) == b"\x08\x03A\0001\0007\0"
+    assert bound.transfer(0x80, 6, 0x0300, 0, 255) == b"\x04\x03\x09\x04"
+    assert bound.transfer(0x80, 6, 0x0F00, 0, 255) == build_bos()
+    assert bound.transfer(0xC0, 0x20, 0, 7, 255) == build_descriptor_set()
+
+
+def test_the_reader_reads_through_tinyusb_bit_by_bit(bound: BoundBoard) -> None:
+    transport = StreamTransport(UsbDevice("A17", bound))
+    data = b"".join(transport.read().data for _ in range(40))
+    virtual = Firmware(codes_volts, 1000.0, (SCALE, SCALE), 64)
+    virtual.control(START, transport.header.stream, b"")
+    assert data == virtual.send(len(data))
+    bound.send_step(b"HN")  # the endpoint was halted: what waited there was lost on the way, and is sent again
+    again = b"".join(transport.read().data for _ in range(3))
+    assert again == virtual.send(len(again))
+    transport.close()
+    assert bound.transfer(0xC0, GET_STATUS, 0, 0, 4) == bytes(4)  # closing stops the stream
+
+
+def test_what_tinyusb_must_stall_is_stalled(bound: BoundBoard) -> None:
+    rate = struct.pack("<I", 500_000)
+    assert bound.transfer(0x40, START, 5, 0, b"") == b""
+    refused = [
+        (0x40, SET_RATE, 0, 0, rate), (0x40, START, 0, 0, b""), (0xC0, 6, 0, 0, 64), (0x40, 0, 0, 0, b""), (0xC0, START, 1, 0, 4),
+        (0x40, GET_INFO, 0, 0, b""), (0x40, STOP, 0, 1, b""), (0x41, STOP, 0, 0, b""), (0xC0, 0x20, 0, 4, 64),
+    ]  # fmt: skip
+    assert [bound.transfer(*request) for request in refused] == [None] * len(refused)
+    assert bound.transfer(0xC0, GET_STATUS, 0, 0, 2) == b"\5\0"  # as much as the host asks for
+    bound.send_step(b"B")  # a bus reset stops the stream
+    assert bound.transfer(0xC0, GET_STATUS, 0, 0, 2) == b"\0\0"
+    assert [bound.transfer(0x40, SET_RATE, 0, 0, data) for data in (b"", rate[:3], rate + b"\0", bytes(4000))] == [None] * 4
+    assert bound.transfer(0x40, SET_RATE, 0, 0, rate) == b""
+    generator = np.random.default_rng(8)
+    for _ in range(500):
+        kind, number = int(generator.choice([0x40, 0xC0, generator.integers(256)])), int(generator.integers(0, 8))
+        length = int(generator.choice([0, 4, 64, 4096]))
+        data = length if kind & 0x80 else generator.bytes(length)
+        bound.transfer(kind, number, int(generator.integers(0, 3)), 0, data)
+    assert bound.transfer(0x40, START, 6, 0, b"") == b""
+    assert bound.transfer(0xC0, GET_STATUS, 0, 0, 64) == struct.pack("<HHIQ", 6, 0, 0, 0)

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import shutil
 import struct
 import subprocess
 import tempfile
 import zlib
+from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from usb.core import USBError, USBTimeoutError
 
+from hw.simulation.firmware import Firmware
+from hw.simulation.virtual import VirtualProbe
 from hw.wire.frames import FrameLayout, encode_frame
 from hw.wire.protocol import Info, Status
 
 ROOT = Path(__file__).resolve().parents[3]
 FIRMWARE = ROOT / "examples" / "firmware"
-SCRIPT = ROOT / "tests" / "support" / "hw" / "firmware_script.c"
+SUPPORT = ROOT / "tests" / "support" / "hw"
+SCRIPT, TINYUSB = SUPPORT / "firmware_script.c", SUPPORT / "tinyusb"
 WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wsign-conversion", "-Wshadow"]
-SANITIZERS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+SANITIZERS = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 INFO = Info(2, 1000.0, 1000.0, (0.25, 0.5), "script of sixtee")  # the script's scale, and 16 characters of its name
 
 
@@ -33,7 +39,7 @@ def find_compiler() -> str:
 
 
 def compile_firmware(sources: list[Path], *options: str) -> None:
-    command = [find_compiler(), *WARNINGS, f"-I{FIRMWARE}", *options, *map(str, sources)]
+    command = [find_compiler(), *WARNINGS, f"-I{FIRMWARE}", f"-I{TINYUSB}", *options, *map(str, sources)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -43,7 +49,8 @@ def build_program(main: Path) -> Path:
     """Compile a program with the firmware under the sanitizers, once in a process."""
     folder = tempfile.TemporaryDirectory(prefix="firmware-")
     program = Path(folder.name) / main.stem
-    compile_firmware([main, FIRMWARE / "probe_board.c", FIRMWARE / "drive.c"], *SANITIZERS, "-o", str(program))
+    binding = [FIRMWARE / "tinyusb_board.c"] if main.stem == "tinyusb_core" else []
+    compile_firmware([main, FIRMWARE / "probe_board.c", FIRMWARE / "drive.c", *binding], *SANITIZERS, "-o", str(program))
     _FOLDERS.append(folder)  # removed when the process ends
     return program
 
@@ -69,6 +76,62 @@ def run_script(script: bytes) -> bytes:
     done = subprocess.run([build_program(SCRIPT)], input=script, capture_output=True, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
     return done.stdout
+
+
+class BoundBoard(VirtualProbe):
+    """The board as TinyUSB shows it: a backend of pyusb whose transfers go to tinyusb_core.c, descriptors included."""
+
+    def __init__(self) -> None:
+        pipe = subprocess.PIPE
+        program = build_program(SUPPORT / "tinyusb_core.c")
+        self._process = subprocess.Popen([program], stdin=pipe, stdout=pipe, stderr=pipe)
+        super().__init__(Firmware(lambda times: np.zeros((len(times), 2)), 1000.0, (1.0, 1.0), 64), "A17", pace=False)
+
+    def send_step(self, step: bytes) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(step)
+        self._process.stdin.flush()
+
+    def take(self, size: int) -> bytes:
+        assert self._process.stdout is not None
+        data = self._process.stdout.read(size)
+        assert len(data) == size, self._process.communicate()[1].decode()
+        return data
+
+    def take_data(self) -> bytes:
+        return self.take(int.from_bytes(self.take(2), "little"))
+
+    def transfer(self, kind: int, number: int, value: int, index: int, data: bytes | int) -> bytes | None:
+        """Return what a control transfer brings, or None if it is refused; ``data`` to the board, or how much from it."""
+        length, sent = (data, b"") if isinstance(data, int) else (len(data), data)
+        self.send_step(struct.pack("<cBBHHH", b"C", kind, number, value, index, length) + sent)
+        return self.take_data() if self.take(1) == b"\1" else None
+
+    def ctrl_transfer(
+        self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: array[int], timeout: int
+    ) -> int:
+        is_in = bool(bmRequestType & 0x80)
+        answer = self.transfer(bmRequestType, bRequest, wValue, wIndex, len(data) if is_in else bytes(data))
+        if answer is None:
+            raise USBError("Pipe error", -9, errno.EPIPE)
+        memoryview(data).cast("B")[: len(answer)] = answer
+        return len(answer) if is_in else len(data)
+
+    def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: array[int], timeout: int) -> int:
+        data = b""
+        while len(data) < len(buff):
+            self.send_step(b"U")
+            if not (packet := self.take_data()):
+                break
+            data += packet
+        if not data:
+            raise USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
+        memoryview(buff).cast("B")[: len(data)] = data
+        return len(data)
+
+    def end(self) -> None:
+        _, errors = self._process.communicate()
+        assert (self._process.returncode, errors) == (0, b"")
 
 
 class ModelBoard:
