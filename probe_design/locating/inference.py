@@ -15,7 +15,8 @@ from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
 from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
 from probe_design.locating.posterior import compute_quantiles, compute_region, summarise
-from probe_design.locating.sampling import CONVERGED_SIZE, Sample, draw_posterior
+from probe_design.locating.samples import CONVERGED_SIZE, Sample
+from probe_design.locating.sampling import draw_posteriors
 from probe_design.locating.scan_data import TumourFree
 
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
@@ -35,26 +36,31 @@ class Posterior:
     Attributes
     ----------
     samples
-        Of one tumour, two and so on.
+        Of one tumour, two and so on, as far as their evidence is stated.
     log_evidence
         Of no tumour, one and so on, up to a common constant.
     probability
         The same weighted by their prior; sums to 1.
+    withheld
+        Samples of the larger numbers, from the first whose evidence is not stated; the probabilities leave these numbers out.
     """
 
     samples: tuple[Sample, ...]
     log_evidence: Floats
     probability: Floats
+    withheld: tuple[Sample, ...] = ()
 
     @classmethod
     def from_likelihood(cls, likelihood: Likelihood, seed: int) -> Posterior:
         """Draw samples of every number of tumours that is probable before the readings."""
         numbers = likelihood.prior.numbers
-        samples = tuple(draw_posterior(likelihood, number, seed) for number in range(1, len(numbers)))
+        samples = draw_posteriors(likelihood, len(numbers) - 1, seed)
         none = float(likelihood.evaluate_tumours(np.zeros((1, 0, 5)))[0])
-        log_evidence = np.array([none, *(sample.log_evidence for sample in samples)])
+        stated = next((index for index, sample in enumerate(samples) if index and not sample.is_stated), len(samples))
+        log_evidence = np.array([none, *(sample.log_evidence for sample in samples[:stated])])
         with np.errstate(divide="ignore"):  # a number that is excluded before the readings
-            return cls(samples, log_evidence, softmax(log_evidence + np.log(numbers)))
+            probability = softmax(log_evidence + np.log(numbers[: stated + 1]))
+        return cls(samples[:stated], log_evidence, probability, samples[stated:])
 
     def resample(self, likelihood: Likelihood, seed: int) -> tuple[Floats, ...]:
         """Return equally probable sets of tumours of each number above 0, shape (n, number, 5) each."""
@@ -99,6 +105,7 @@ def infer(
         probability=tuple(posterior.probability.tolist()),
         prior=tuple(likelihood.prior.numbers.tolist()),
         by_number=by_number,
+        withheld=tuple(sample.points.shape[1] for sample in posterior.withheld),
         nuisances=_describe_gains(likelihood, posterior, sets),
         explained=p_value >= MIN_P_VALUE,
         p_value=p_value,
@@ -113,7 +120,7 @@ def infer(
         data=likelihood.data,
         scene=tumour_free.scene,
     )
-    return _with_warnings(result, likelihood)
+    return _with_warnings(result, likelihood, posterior.withheld)
 
 
 def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_factor: float) -> NumberResult:
@@ -237,7 +244,7 @@ def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ..
     return choose_position(likelihood, groups, posterior.probability, build_candidates((x_region, y_region)), variance)
 
 
-def _with_warnings(result: Location, likelihood: Likelihood) -> Location:
+def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sample, ...]) -> Location:
     """Return the result with its warnings."""
     notes = []
     if not result.explained:
@@ -262,6 +269,13 @@ def _with_warnings(result: Location, likelihood: Likelihood) -> Location:
                 f"not converged: {part.number} tumours, probability {probability:.2g}, rest on an effective sample of "
                 f"{part.effective_sample_size:.0f} below {CONVERGED_SIZE:.0f}; ln evidence ± {part.log_bayes_factor_error:.1f}"
             )
+    if withheld:
+        sample, (first, *_, last) = withheld[0], (*result.withheld, result.withheld[-1])
+        numbers = f"{first} tumours" if first == last else f"{first} to {last} tumours"
+        notes.append(
+            f"the probability of {numbers} is withheld: repeats of ln evidence differ by {sample.repeat_difference:.1f}, the "
+            f"effective sample is {sample.size:.0f}; the other probabilities hold if there are at most {first - 1}"
+        )
     share = compute_detectable_share(likelihood)
     if share < 0.1:
         notes.append(

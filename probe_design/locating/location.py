@@ -116,11 +116,13 @@ class Location(Record):
     Attributes
     ----------
     probability
-        Of no tumour, one, two and so on, shape (tumours + 1,).
+        Of no tumour, one, two and so on, as far as they are stated; sums to 1.
     prior
-        The same before the readings.
+        The same before the readings, of all numbers, shape (tumours + 1,).
     by_number
-        Posterior of every number of tumours above 0.
+        Posterior of every number of tumours above 0 whose probability is stated.
+    withheld
+        Larger numbers, whose evidence repeats do not confirm: ``probability`` is conditional on fewer tumours.
     nuisances
         Posterior of ln gain of each channel that is read.
     explained
@@ -150,6 +152,7 @@ class Location(Record):
     probability: tuple[float, ...]
     prior: tuple[float, ...]
     by_number: tuple[NumberResult, ...]
+    withheld: tuple[int, ...]
     nuisances: dict[str, Any]
     explained: bool
     p_value: float
@@ -194,6 +197,7 @@ class Location(Record):
         best = self.best.as_dict()
         log_factors = [0.0, *(part.log_bayes_factor for part in self.by_number)]
         return super().as_dict() | {
+            "probability": [*self.probability, *(None for _ in self.withheld)],
             "tumours": best["tumours"],
             "place_region_90": best["place_region_90"],
             "effective_sample_size": self.effective_sample_size,

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from geometry.common.arrays import Floats
 from probe_design.locating.prior import TUMOUR_QUANTITIES, TumourPrior
-from probe_design.locating.sampling import Sample
+from probe_design.locating.samples import Sample
 
 LEARNT_SD_RELATIVE = 0.9  # of the prior's standard deviation: above it a quantity counts as not learnt
 REGION_CELL_M = 0.5e-3  # of the grid on which the region of a place is computed

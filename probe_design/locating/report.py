@@ -41,12 +41,13 @@ def build_tables(result: Location) -> list[Table]:
 def _build_number_table(result: Location) -> Table:
     """Return the table of the numbers of tumours."""
     rows = []
-    for number, (before, after) in enumerate(zip(result.prior, result.probability, strict=True)):
+    for number, (before, after) in enumerate(zip(result.prior, result.probability, strict=False)):
         part = result.by_number[number - 1] if number else None
         factor = "0" if part is None else f"{part.log_bayes_factor:.1f} ± {max(part.log_bayes_factor_error, 0.05):.1f}"
         size = "" if part is None else f"{part.effective_sample_size:.0f}{'' if part.converged else ', not converged'}"
         at_least = format_probability(result.compute_probability_at_least(number)) if number else ""
         rows.append((str(number) if number else "none", f"{before:.2f}", format_probability(after), at_least, factor, size))
+    rows += [(str(number), f"{result.prior[number]:.2f}", "withheld", "", "", "not converged") for number in result.withheld]
     headings = ("tumours", "before", "after", "this or more", "ln Bayes factor", "effective sample")
     return Table(headings, rows, f"{result.evaluator}, {result.seconds:.2g} s", left=(0,))
 

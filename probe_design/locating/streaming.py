@@ -18,19 +18,18 @@ from scipy.special import expit, logit, logsumexp
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal
 from probe_design.locating.likelihood import Likelihood, Sums
-from probe_design.locating.sampling import (
+from probe_design.locating.mixtures import StudentMixture
+from probe_design.locating.samples import (
     CONVERGED_SIZE,
-    GOOD_SIZE,
     MAX_LOGIT,
     Labels,
-    Proposal,
     Sample,
     choose_systematically,
     compute_effective_size,
     compute_log_prior,
-    draw_posterior,
     soften_weights,
 )
+from probe_design.locating.sampling import COMPONENTS, GOOD_SIZE, draw_posterior
 
 STREAMED_START_SIZE = 2**14  # Sobol sample of the prior for one tumour
 RENEWED_SIZE = 4096  # samples of a round of one tumour: 35 ms with 25 readings
@@ -126,11 +125,11 @@ class Stream:
         points, log_weights, best = self.sample.points, self.sample.log_weights, self
         for _ in range(MAX_RENEWALS):
             z = logit(points).reshape(len(points), -1)
-            proposal = Proposal.from_particles(z, soften_weights(log_weights), rng)
+            proposal = StudentMixture.fit(z, soften_weights(log_weights), COMPONENTS, rng)
             z = proposal.draw(RENEWED_SIZE, rng)
             points, log_prior = expit(z).reshape(RENEWED_SIZE, *points.shape[1:]), compute_log_prior(z)
             log_likelihood, sums = _measure(likelihood, points)
-            log_weights = log_likelihood + log_prior - proposal.compute_log_density(z, log_prior)
+            log_weights = log_likelihood + log_prior - proposal.compute_log_density(z)
             total, size = float(logsumexp(log_weights)), compute_effective_size(log_weights)
             if size > best.sample.size:
                 evidence = total - math.log(len(points)) - self.log_fraction

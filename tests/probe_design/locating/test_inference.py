@@ -8,16 +8,19 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import multivariate_normal
+from scipy.stats import logistic, multivariate_normal, multivariate_t
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
+from probe_design.locating import inference
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
+from probe_design.locating.mixtures import FREEDOM, PRIOR_SHARE, SetProposal, StudentMixture
 from probe_design.locating.next_position import compute_information
 from probe_design.locating.posterior import compute_quantiles
 from probe_design.locating.prior import TumourPrior
+from probe_design.locating.report import build_tables
 from probe_design.locating.sampling import draw_posterior
 from probe_design.locating.scan_data import ScanData, TumourFree
 from probe_design.populations.design_file import Design, design_from_dict
@@ -129,6 +132,49 @@ def test_evidence_of_one_tumour_is_the_mean_likelihood_of_the_prior() -> None:
     values = np.concatenate([subject.evaluate_tumours(part) for part in np.array_split(tumours, 50)])
     plain = values.max() + np.log(np.mean(np.exp(values - values.max())))
     assert sample.log_evidence == pytest.approx(plain, abs=0.15)
+
+
+def test_evidence_of_two_tumours_is_the_mean_likelihood_of_the_prior() -> None:
+    """Against plain Monte Carlo over the prior, by other random numbers, in a scan weak enough for it."""
+    subject = likelihood(scan(CLEAR + np.array([0, 0, 6e-3, -2e-3, 0]), seed=3))
+    sample = draw_posterior(subject, 2, 0)
+    points = np.random.default_rng(8).random((60_000, 2, 5))
+    values = np.concatenate([subject.evaluate(part) for part in np.array_split(points, 15)])
+    allowed = values[np.isfinite(values)]
+    plain = allowed.max() + np.log(np.mean(np.exp(allowed - allowed.max())))
+    assert sample.is_converged
+    assert sample.log_evidence == pytest.approx(plain, abs=0.15)
+
+
+def test_evidence_that_repeats_do_not_confirm_is_withheld(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other probabilities are those with at most two tumours, and a warning says so."""
+    whole = Posterior.from_likelihood(likelihood(scan(NONE, seed=4)), 0)
+    doubtful = (*whole.samples[:2], replace(whole.samples[2], repeat_difference=0.8))
+    monkeypatch.setattr(inference, "draw_posteriors", lambda *_: doubtful)
+    located = result(scan(NONE, seed=4))
+    assert located.withheld == (3,)
+    assert located.probability == pytest.approx(whole.probability[:3] / whole.probability[:3].sum())
+    assert located.as_dict()["probability"][3] is None
+    assert any("at most 2" in line and "withheld" in line for line in located.warnings)
+    assert build_tables(located)[0].rows[-1][2] == "withheld"
+
+
+def test_density_of_proposals_is_that_of_student_mixtures() -> None:
+    """Against scipy's multivariate t; sets of two tumours count in both orders."""
+    rng = np.random.default_rng(1)
+    z = rng.standard_normal((400, 4))
+    proposal = SetProposal.fit(z, np.full(400, 1 / 400), 2, 2, rng)
+
+    def density(mixture: StudentMixture, points: Floats) -> Floats:
+        parts = zip(mixture.shares, mixture.means, mixture.factors, strict=True)
+        kernels = sum(share * multivariate_t.pdf(points, mean, factor @ factor.T, FREEDOM) for share, mean, factor in parts)
+        return PRIOR_SHARE * logistic.pdf(points).prod(axis=1) + (1 - PRIOR_SHARE) * kernels
+
+    first, second = proposal.single
+    swapped = z[:, [2, 3, 0, 1]]
+    joint = density(proposal.joint, z) + density(proposal.joint, swapped)
+    single = density(first, z[:, :2]) * density(second, z[:, 2:]) + density(first, z[:, 2:]) * density(second, z[:, :2])
+    assert proposal.compute_log_density(z) == pytest.approx(np.log((joint + single) / 4), abs=1e-9)
 
 
 def test_the_same_seed_gives_the_same_result() -> None:

@@ -1,0 +1,158 @@
+"""Fit mixtures of Student densities to weighted particles: proposals of importance sampling.
+
+    q(z) = a p(z) + (1 - a) sum_k c_k t_nu(z; m_k, C_k)                                            (LO.3)
+
+with the prior p as a guard. The components are fitted by expectation maximisation (Cappe and others, Adaptive importance sampling
+in general mixture classes, Statistics and Computing 18, 2008). Labels of several tumours are arbitrary: q is averaged over all
+their orders.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from scipy.special import gammaln
+
+from geometry.common.arrays import Floats
+from probe_design.locating.samples import MAX_LOGIT, choose_systematically, compute_log_prior, log_sum_exp
+
+FREEDOM = 6  # nu: tails heavier than those of a posterior, and near those of the logistic prior in logits
+PRIOR_SHARE = 0.05  # a: bounds every weight by twenty times that of the prior
+FITTED_PARTICLES = 1024  # to which a mixture is fitted, chosen among more
+FIT_STEPS = 10  # of expectation maximisation: more change the effective sample size by less than its scatter
+SPREAD_FACTOR = 1.15  # of the fitted covariances, so that the proposal is wider than the particles
+MIN_VARIANCE = 1e-6  # of logits: keeps covariances of a quantity that the readings fix
+
+
+@dataclass(frozen=True)
+class StudentMixture:
+    """Eq. LO.3.
+
+    Attributes
+    ----------
+    shares
+        c_k, shape (K,).
+    means
+        m_k, shape (K, D).
+    factors
+        Cholesky factors of C_k, shape (K, D, D).
+    """
+
+    shares: Floats
+    means: Floats
+    factors: Floats
+
+    @classmethod
+    def fit(cls, z: Floats, weights: Floats, count: int, rng: np.random.Generator) -> StudentMixture:
+        """Fit to particles in logits, shape (n, D).
+
+        Parameters
+        ----------
+        z, weights
+            Particles, and their weights, which sum to 1, shape (n,).
+        count
+            Number of components.
+        rng
+            Random numbers.
+        """
+        dimensions, size = z.shape[1], 1 / float(weights @ weights)
+        if len(z) > FITTED_PARTICLES:
+            z = z[choose_systematically(weights, FITTED_PARTICLES, rng)]
+            weights = np.full(FITTED_PARTICLES, 1 / FITTED_PARTICLES)
+        z = np.clip(z, -MAX_LOGIT, MAX_LOGIT)
+        whole = _compute_covariance(z, weights, weights @ z) + MIN_VARIANCE * np.eye(dimensions)
+        narrow = whole * count ** (-2 / dimensions)
+        pseudo = (dimensions + 2) / size / 2  # of the prior's weight on each covariance
+        mixture = cls(
+            np.full(count, 1 / count), z[choose_systematically(weights, count, rng)],
+            np.repeat(np.linalg.cholesky(narrow)[None], count, axis=0),
+        )  # fmt: skip
+        for _ in range(FIT_STEPS):
+            squares = mixture._compute_squares(z)
+            log_parts = mixture._compute_log_components(squares)
+            parts = np.exp(log_parts - log_sum_exp(log_parts)[:, None]) * weights[:, None]
+            pulls = parts * (FREEDOM + dimensions) / (FREEDOM + squares)
+            shares = np.maximum(parts.sum(axis=0), 1e-12)
+            means = (pulls.T @ z) / np.maximum(pulls.sum(axis=0), 1e-300)[:, None]
+            covariances = np.stack([
+                (_compute_covariance(z, pull, mean) + pseudo * narrow) / (share + pseudo)
+                for pull, mean, share in zip(pulls.T, means, shares, strict=True)
+            ])  # fmt: skip
+            mixture = cls(shares / shares.sum(), means, np.linalg.cholesky(covariances))
+        return cls(mixture.shares, mixture.means, mixture.factors * math.sqrt(SPREAD_FACTOR))
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return logits, shape (count, D)."""
+        dimensions = self.means.shape[1]
+        chosen = choose_systematically(self.shares, count, rng)
+        radius = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, size=count))
+        steps = np.einsum("nij,nj->ni", self.factors[chosen], rng.standard_normal((count, dimensions)))
+        z = self.means[chosen] + radius[:, None] * steps
+        is_prior = rng.random(count) < PRIOR_SHARE
+        z[is_prior] = rng.logistic(size=(int(is_prior.sum()), dimensions))
+        return np.asarray(np.clip(z, -MAX_LOGIT, MAX_LOGIT))
+
+    def compute_log_density(self, z: Floats) -> Floats:
+        """Return ln q at logits (n, D), shape (n,)."""
+        kernels = log_sum_exp(self._compute_log_components(self._compute_squares(z)))
+        return np.asarray(np.logaddexp(math.log(PRIOR_SHARE) + compute_log_prior(z), math.log1p(-PRIOR_SHARE) + kernels))
+
+    def _compute_squares(self, z: Floats) -> Floats:
+        """Return the squared distances from the components in their own units, shape (n, K)."""
+        inverses = np.linalg.inv(self.factors)
+        columns = [(((z - mean) @ inverse.T) ** 2).sum(axis=1) for mean, inverse in zip(self.means, inverses, strict=True)]
+        return np.stack(columns, axis=1)
+
+    def _compute_log_components(self, squares: Floats) -> Floats:
+        """Return ln c_k t_nu(z), shape (n, K)."""
+        dimensions = self.means.shape[1]
+        half = (FREEDOM + dimensions) / 2
+        log_volume = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
+        constant = gammaln(half) - gammaln(FREEDOM / 2) - dimensions / 2 * math.log(FREEDOM * math.pi)
+        return np.asarray(np.log(self.shares) + constant - log_volume - half * np.log1p(squares / FREEDOM))
+
+
+@dataclass(frozen=True)
+class SetProposal:
+    """Proposal for sets of several tumours: half of the sets from a mixture over all their coordinates, half with each by itself.
+
+    Attributes
+    ----------
+    joint
+        Mixture over sets.
+    single
+        Mixtures over each tumour by itself: what one of them does is then not tied to the others.
+    """
+
+    joint: StudentMixture
+    single: tuple[StudentMixture, ...]
+
+    @classmethod
+    def fit(cls, z: Floats, weights: Floats, count: int, number: int, rng: np.random.Generator) -> SetProposal:
+        """Fit to particles in logits, shape (n, D), whose tumours are in order, see ``StudentMixture.fit``."""
+        joint = StudentMixture.fit(z, weights, count, rng)
+        return cls(joint, tuple(StudentMixture.fit(part, weights, count, rng) for part in np.split(z, number, axis=1)))
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return logits, shape (count, D)."""
+        half = count // 2
+        single = [part.draw(count - half, rng) for part in self.single]
+        return np.concatenate([self.joint.draw(half, rng), np.concatenate([rng.permutation(part) for part in single], axis=1)])
+
+    def compute_log_density(self, z: Floats) -> Floats:
+        """Return ln q at logits (n, D), averaged over the orders of the tumours, shape (n,)."""
+        number = len(self.single)
+        sets, orders = z.reshape(len(z), number, -1), list(permutations(range(number)))
+        joint = [self.joint.compute_log_density(sets[:, order].reshape(z.shape)) for order in orders]
+        parts = [[part.compute_log_density(sets[:, tumour]) for tumour in range(number)] for part in self.single]
+        single = [sum(parts[label][tumour] for label, tumour in enumerate(order)) for order in orders]
+        return log_sum_exp(np.stack([*joint, *single], axis=1)) - math.log(2 * len(orders))
+
+
+def _compute_covariance(z: Floats, weights: Floats, mean: Floats) -> Floats:
+    """Return the sum of the squared deviations of z (n, D) by weights, shape (D, D)."""
+    deviations = z - mean
+    return np.asarray((weights[:, None] * deviations).T @ deviations)

@@ -1,0 +1,278 @@
+"""Draw sets of several tumours from the posterior, and compute the evidence of their number, in independent repeats.
+
+A pool holds single tumours: of the prior, and about what explains the readings, or what fewer tumours leave of them. With signals
+that add, which is nearly so, the likelihood of every pair of the pool is a scalar product; triples follow from pairs. Chosen sets
+start tempered sequential Monte Carlo with the likelihood itself. Mixtures fit its particles, eq. LO.3, and from these importance
+sampling computes the evidence without bias.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit, logit
+
+from geometry.common.arrays import Floats
+from probe_design.locating.likelihood import Likelihood
+from probe_design.locating.mixtures import SetProposal, StudentMixture
+from probe_design.locating.samples import (
+    MAX_LOGIT,
+    Evaluate,
+    Labels,
+    Sample,
+    choose_power,
+    choose_systematically,
+    compute_effective_size,
+    compute_log_prior,
+    log_sum_exp,
+    order_labels,
+    raise_likelihood,
+    soften_weights,
+)
+
+REPEATS = 2  # independent ones, whose evidences are compared
+POOL_PART = 384  # tumours of each part of the pool
+SOBOL_PART = 4096  # of the prior's sample, that the parts of the pool are fitted to
+POOL_COMPONENTS, FIRST_COMPONENTS, LAST_COMPONENTS = 8, 6, 10  # of the mixtures
+POOL_SIZE = 250.0  # effective sample size of the tempered likelihood to which a part of the pool is fitted
+POWER_STRIDE = 16  # of the sets from which a power is chosen
+EXTENDED = 512  # sets to which tumours of the pool are added
+PARTICLES, MAX_TEMPERATURES, MOVES = 320, 30, 6  # of tempered sequential Monte Carlo in each repeat
+TEMPERING_SIZE_RELATIVE = 0.4  # effective sample size that a step of the temperature keeps, of the number of particles
+FIRST_SIZE, LAST_SIZE = 2048, 4096  # samples of each repeat
+
+
+@dataclass(frozen=True)
+class LinearReadings:
+    """The likelihood of LO.2 with the noise alone, linear in the signals: ln L = -|y - s|^2 / 2 in coordinates of unit variance.
+
+    Attributes
+    ----------
+    likelihood
+        Of the readings.
+    variance
+        Of the readings, shape (k, 2); inf where nothing is read.
+    """
+
+    likelihood: Likelihood
+    variance: Floats
+
+    def whiten(self, values: Floats) -> Floats:
+        """Return values (n, k, 2) with unit variance, what the gain may explain reduced, shape (n, 2 k)."""
+        weights = 1 / np.sqrt(self.variance)
+        scaled, total = values * weights, (weights**2).sum(axis=0)
+        kept = 1 / np.sqrt(1 + total * self.likelihood.data.gain_sd**2)
+        common = (scaled * weights).sum(axis=1) / np.maximum(total, 1e-300)
+        return np.asarray((scaled - ((1 - kept) * common)[:, None] * weights).reshape(len(values), -1))
+
+    def predict(self, z: Floats) -> Floats:
+        """Return whitened signals of single tumours at logits (n, d), shape (n, 2 k); nan where they do not fit."""
+        likelihood = self.likelihood
+        tumours = likelihood.prior.transform(expit(z)[:, None])
+        over_tissue = ~likelihood.data.is_baseline
+        signals = np.zeros((len(z), len(over_tissue), 2))
+        allowed = likelihood.prior.find_allowed(tumours)
+        predicted = likelihood.predict_possible(tumours[allowed], likelihood.data.positions[over_tissue])
+        signals[np.ix_(allowed, over_tissue)] = predicted
+        signals[~allowed] = np.nan
+        return self.whiten(signals)
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Single tumours with the weights that make them a sample of the prior.
+
+    Attributes
+    ----------
+    readings
+        The linear likelihood.
+    sobol, sobol_signals
+        Sample of the prior, logits (n, d), and whitened signals.
+    values
+        Whitened readings, shape (2 k,).
+    parts
+        Mixtures from which tumours of the pool are drawn, besides the prior.
+    """
+
+    readings: LinearReadings
+    sobol: Floats
+    sobol_signals: Floats
+    values: Floats
+    parts: tuple[StudentMixture, ...]
+
+    @classmethod
+    def from_sample(cls, likelihood: Likelihood, sample: Sample, seed: int) -> Pool:
+        """Return the pool for pairs, given the sample of one tumour."""
+        rng = np.random.default_rng((seed, 7))
+        best = likelihood.prior.transform(sample.points[[int(np.argmax(sample.log_weights))]])
+        residuals, variance = likelihood.compute_residuals(best)
+        if likelihood.outlier_rate:
+            wild = np.minimum(likelihood.compute_wild_probability(residuals, variance), 0.999)
+            variance = variance / (1 - wild)
+        readings = LinearReadings(likelihood, variance[0])
+        points = likelihood.prior.draw(SOBOL_PART, 1, seed)
+        sobol = logit(points).reshape(len(points), -1)
+        pool = cls(readings, sobol, readings.predict(sobol), readings.whiten(likelihood.data.values[None])[0], ())
+        posterior = logit(sample.resample(POOL_PART, rng)).reshape(POOL_PART, -1)
+        mixture = StudentMixture.fit(posterior, np.full(POOL_PART, 1 / POOL_PART), FIRST_COMPONENTS, rng)
+        return pool.add_part(np.zeros((1, len(pool.values))), rng, mixture).add_part(readings.predict(posterior[::8]), rng)
+
+    def add_part(self, signals: Floats, rng: np.random.Generator, *mixtures: StudentMixture) -> Pool:
+        """Return the pool with tumours about what explains the readings that sets with ``signals`` (n, 2 k) leave."""
+        fits = np.isfinite(signals).all(axis=1)
+        cross = np.nan_to_num(self.sobol_signals) @ signals[fits].T
+        gains = (self.sobol_signals @ self.values - (self.sobol_signals**2).sum(axis=1) / 2)[:, None] - cross
+        gains = np.where(np.isnan(gains), -np.inf, gains)
+        log_weights = log_sum_exp(gains) - math.log(gains.shape[1])
+        weights = raise_likelihood(log_weights, choose_power(log_weights, 0.0, POOL_SIZE))
+        mixture = StudentMixture.fit(self.sobol, weights, POOL_COMPONENTS, rng)
+        return Pool(self.readings, self.sobol, self.sobol_signals, self.values, (*self.parts, *mixtures, mixture))
+
+    def draw(self, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+        """Return tumours, logits (n, d), ln weights against the prior (n,), and whitened signals (n, 2 k)."""
+        start = int(rng.integers(len(self.sobol) // POOL_PART)) * POOL_PART
+        z = np.concatenate([self.sobol[start : start + POOL_PART], *(part.draw(POOL_PART, rng) for part in self.parts)])
+        log_prior = compute_log_prior(z)
+        densities = np.stack([log_prior, *(part.compute_log_density(z) for part in self.parts)])
+        signals = self.readings.predict(z)
+        fits = np.isfinite(signals).all(axis=1)
+        log_weights = log_prior - log_sum_exp(densities.T)
+        return z[fits], log_weights[fits], signals[fits]
+
+    def draw_sets(self, number: int, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
+        """Return sets of tumours, logits (PARTICLES, D), their whitened signals, and the power of L that they follow."""
+        z, log_weights, signals = self.draw(rng)
+        alone = signals @ self.values - (signals**2).sum(axis=1) / 2  # ln L of each, less that of none
+        chosen = rng.integers(len(z), size=EXTENDED)
+        sets, totals, values, log_ratio = z[chosen], signals[chosen], alone[chosen], log_weights[chosen]
+        power = 0.0
+        for size in range(2, number + 1):
+            log_likelihood = values[:, None] + alone - totals @ signals.T
+            fixed = log_ratio[:, None] + log_weights
+            count, target = (PARTICLES, PARTICLES) if size == number else (EXTENDED, EXTENDED)
+            power = _choose_joint_power(fixed, log_likelihood, 2.0 * target)
+            joint = (fixed + power * log_likelihood).ravel()
+            pairs = choose_systematically(np.exp(joint - log_sum_exp(joint)), count, rng)
+            first, second = np.divmod(pairs, len(z))
+            sets, totals = np.concatenate([sets[first], z[second]], axis=1), totals[first] + signals[second]
+            values = log_likelihood[first, second]
+            log_ratio = -power * values
+        return sets, totals, power
+
+
+def _choose_joint_power(log_fixed: Floats, log_likelihood: Floats, size: float) -> float:
+    """Return the largest power of the likelihood, up to 1, with which weights keep an effective sample size, from a part."""
+    log_fixed, log_likelihood = (part.ravel()[::POWER_STRIDE] for part in (log_fixed, log_likelihood))
+    low, high = 0.0, 1.0
+    for step in range(12):
+        power = high if step == 0 else (low + high) / 2
+        is_enough = compute_effective_size(log_fixed + power * log_likelihood) >= size / POWER_STRIDE
+        low, high = (power, high) if is_enough else (low, power)
+        if low == high:
+            break
+    return max(low, 1e-3)
+
+
+def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> tuple[Sample, Pool]:
+    """Return a sample of the posterior of two or three tumours, and a pool for one more.
+
+    Parameters
+    ----------
+    likelihood
+        Of the readings.
+    number
+        Tumours in each set.
+    seed
+        Of the random numbers.
+    pool
+        Single tumours, that of one tumour less.
+    """
+    dimensions = len(likelihood.prior.free)
+
+    def evaluate(z: Floats) -> Floats:
+        """Return ln likelihood at logits, shape (n, m * d)."""
+        return likelihood.evaluate(expit(z).reshape(-1, number, dimensions))
+
+    parts, evidences, signals = [], [], []
+    for repeat in range(REPEATS):
+        rng = np.random.default_rng((seed, number, repeat))
+        z, totals, power = pool.draw_sets(number, rng)
+        signals.append(totals)
+        z = _temper(evaluate, z, number, power, rng)
+        z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
+        mixture = SetProposal.fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, number, rng)
+        z, log_weights = weigh(evaluate, mixture, FIRST_SIZE, rng)
+        softened = soften_weights(log_weights)
+        z = Labels.from_particles(z, softened, number).order(z)
+        mixture = SetProposal.fit(z, softened, LAST_COMPONENTS, number, rng)
+        z, log_weights = weigh(evaluate, mixture, LAST_SIZE, rng)
+        parts.append((z, log_weights))
+        evidences.append(float(log_sum_exp(log_weights)) - math.log(len(log_weights)))
+    z, log_weights = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    total = float(log_sum_exp(log_weights))
+    log_evidence = total - math.log(len(z)) - math.log(likelihood.prior.compute_allowed_fraction(number))
+    sample = Sample(
+        expit(z).reshape(-1, number, dimensions), log_weights - total, log_evidence, compute_effective_size(log_weights),
+        max(evidences) - min(evidences),
+    )  # fmt: skip
+    return order_labels(sample), pool.add_part(np.concatenate(signals)[::16], np.random.default_rng((seed, number)))
+
+
+def weigh(
+    evaluate: Evaluate, proposal: SetProposal | StudentMixture, count: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return draws of a proposal, shape (count, D), and the logarithms of their weights."""
+    z = proposal.draw(count, rng)
+    return z, evaluate(z) + compute_log_prior(z) - proposal.compute_log_density(z)
+
+
+def _temper(evaluate: Evaluate, z: Floats, number: int, power: float, rng: np.random.Generator) -> Floats:
+    """Return equally weighted particles of the posterior, shape (PARTICLES, D), by tempered sequential Monte Carlo.
+
+    Particles move by differences of two others: of all tumours, or of one alone, for which labels are ordered first.
+
+    Parameters
+    ----------
+    evaluate
+        Ln likelihood at logits.
+    z
+        Particles that follow the likelihood to ``power``, shape (PARTICLES, D).
+    number
+        Tumours in a set.
+    power
+        From which the likelihood is raised to 1.
+    rng
+        Random numbers.
+    """
+    log_likelihood = evaluate(z)
+    for step in range(MAX_TEMPERATURES):
+        end = power if step == 0 else choose_power(log_likelihood, power, TEMPERING_SIZE_RELATIVE * PARTICLES)
+        chosen = choose_systematically(raise_likelihood(log_likelihood, end - power), PARTICLES, rng)
+        power = end
+        z, log_likelihood = z[chosen], log_likelihood[chosen]
+        z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
+        for move in range(MOVES):
+            z, log_likelihood = _move(evaluate, z, log_likelihood, power=power, blocks=number if move % 2 else 1, rng=rng)
+        if power >= 1.0:
+            break
+    return z
+
+
+def _move(
+    evaluate: Evaluate, z: Floats, log_likelihood: Floats, *, power: float, blocks: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return particles after one step of differential evolution, in one of several blocks of coordinates chosen for each."""
+    n, dimensions = z.shape
+    block = dimensions // blocks
+    first, second = np.asarray(rng.integers(n, size=(2, n)))
+    scale = np.asarray(2.38 / math.sqrt(2 * block) * rng.uniform(0.2, 1.1, size=n))
+    scale[rng.random(n) < 0.1] = 1.0  # jumps between modes
+    difference = scale[:, None] * (z[first] - z[second]) + 1e-3 * rng.standard_normal(z.shape)
+    is_moved = np.repeat(np.asarray(rng.integers(blocks, size=n))[:, None] == np.arange(blocks), block, axis=1)
+    candidate = np.clip(np.where(is_moved, z + difference, z), -MAX_LOGIT, MAX_LOGIT)
+    candidate_likelihood = evaluate(candidate)
+    log_ratio = power * (candidate_likelihood - log_likelihood) + compute_log_prior(candidate) - compute_log_prior(z)
+    accepted = np.log(rng.random(n)) < log_ratio
+    return np.where(accepted[:, None], candidate, z), np.where(accepted, candidate_likelihood, log_likelihood)
