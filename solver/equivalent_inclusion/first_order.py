@@ -19,7 +19,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from scipy.special import roots_jacobi
 
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
@@ -138,9 +137,20 @@ def _integrate_products(energies: Energies, tumours: Tumours, points: Floats, we
 def build_half_ball(radial_points: int, height: int, around: int) -> tuple[Floats, Floats]:
     """Build points (q, 3) in the half y > 0 of the unit ball, x away from the axis, z up, and weights (q, 1) that add up to 1."""
     surface, surface_weights = _build_half_sphere(height, around)
-    radius, weight = roots_jacobi(radial_points, 0, 2)  # with the weight r^2 of the volume
-    radius, weight = (1 + radius) / 2, weight / weight.sum()
+    radius, weight = _build_radial_rule(radial_points)
     return (radius[:, None, None] * surface).reshape(-1, 3), np.outer(weight, surface_weights[:, 0]).reshape(-1, 1)
+
+
+def _build_radial_rule(count: int) -> tuple[Floats, Floats]:
+    """Build the Gauss rule on 0 < r < 1 with the weight r^2 of the volume; weights add up to 1.
+
+    By Golub and Welsch, Math. Comput. 23 (1969) 221, from the recurrence of Jacobi polynomials: SciPy's takes longer to load.
+    """
+    n, k = np.arange(count), np.arange(1, count)
+    diagonal = 1 / ((n + 1) * (n + 2))
+    beside = k * (k + 2) / ((k + 1) * np.sqrt((2 * k + 1) * (2 * k + 3)))
+    nodes, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+    return (1 + nodes) / 2, vectors[0] ** 2
 
 
 def build_whole_ball(radial_points: int, height: int, around: int) -> tuple[Floats, Floats]:

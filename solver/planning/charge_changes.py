@@ -58,11 +58,11 @@ def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
     rule
         The rule for film forces on it.
     """
+    if not has_soft_bond(scene):
+        return 1.0
     from solver.contact.loaded_scene import truncate_section
     from solver.contact.model import ContactModel
 
-    if not has_soft_bond(scene):
-        return 1.0
     sections = add_details(scene, build_sections(scene))
     section = truncate_section(sections.section) if scene.tissue.shape == "half-space" else sections.section
     indentation = TESTED_X / rule.strain

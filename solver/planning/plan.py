@@ -17,7 +17,6 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE_SHARE
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.omitted_details import IN_PLANE_DETAILS, OUTER_TISSUE, Change
-from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.decisions import decide_layers, decide_nonlinear_effects, warn_of_missing_skin
@@ -30,8 +29,6 @@ from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal, is_round
 from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, explain_null_sensitivity
-from solver.solid.domain import choose_domain, compute_reach
-from solver.solid.evaluator import BEST_ACCURACY, SolidEvaluator
 
 AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
 MESHED_FEATURES = "inclusion", "groove", "sides"  # features whose effects have a relative error on meshes of tetrahedra
@@ -101,6 +98,8 @@ class Plan(LoadedRecord):
         """Return whether the chosen evaluator surely meets the allowed error: known of ``solid`` alone, as it is slow to try."""
         if self.evaluator != SOLID:
             return False
+        from solver.solid.evaluator import BEST_ACCURACY
+
         changed = (
             max(decision.effect, decision.effect_on_stresses or 0.0)
             for decision in self.decisions
@@ -217,7 +216,7 @@ def build_plan(
         if (
             not linear
             and (is_beyond_limit or find_refusal(scene, ("contact",)) is not None)
-            and ContactEvaluator().refusal(reduced.scene) is None
+            and _is_taken_by_contact(reduced.scene)
         ):
             evaluator = CONTACT
     if evaluator == CONTACT:
@@ -268,10 +267,12 @@ def find_next_evaluator(
     """
     reduced_scene = planned.scene
     if fault.key.startswith("load."):
-        takes = {CONTACT: not linear and ContactEvaluator().refusal(reduced_scene) is None}
+        takes = {CONTACT: not linear and _is_taken_by_contact(reduced_scene)}
     elif planned.evaluator in (SOLID, CONTACT):
         takes = {}
     else:
+        from solver.solid.evaluator import BEST_ACCURACY, SolidEvaluator
+
         takes = {
             AXISYMMETRIC: Axisymmetric().refusal(reduced_scene) is None,
             HARMONICS: EquivalentInclusion().refusal(reduced_scene) is None,
@@ -288,15 +289,27 @@ def _choose_evaluator(scene: Scene, coarse: CoarseModel, accuracy: float) -> str
         return SOLID
     # details that are not axisymmetric, which only a three-dimensional mesh models
     flat = sum(change.effect for change in coarse.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE))
-    if flat > accuracy and SolidEvaluator().may_help(scene, accuracy):
-        return SOLID
+    if flat > accuracy:
+        from solver.solid.evaluator import SolidEvaluator
+
+        if SolidEvaluator().may_help(scene, accuracy):
+            return SOLID
     if Axisymmetric().refusal(scene) is None:
         return AXISYMMETRIC
     return HARMONICS if EquivalentInclusion().refusal(scene) is None else SOLID
 
 
+def _is_taken_by_contact(scene: Scene) -> bool:
+    """Return whether ``contact`` takes a scene."""
+    from solver.contact.evaluator import ContactEvaluator
+
+    return ContactEvaluator().refusal(scene) is None
+
+
 def _half(scene: Scene) -> bool:
     """Return whether ``solid`` meshes only half of a scene, by symmetry."""
+    from solver.solid.domain import choose_domain, compute_reach
+
     return choose_domain(scene, compute_reach(scene), scene.probe.tube_radius).half
 
 
