@@ -86,9 +86,9 @@ def test_limits_of_memory_hold_for_packed_samples(tmp_path: Path) -> None:
 
 
 def test_a_chunk_larger_than_the_memory_is_refused(tmp_path: Path) -> None:
-    packed_zeros(tmp_path / "a.h5", 80_000_000, 80_000_000)
-    with pytest.raises(InvalidSource, match=r"'inner' is stored in chunks of 0.64 GB: --memory raises"):
-        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e6, ColumnMap.from_texts(("inner=inner V", "outer=outer V")), ReadLimits(1e9))
+    packed_zeros(tmp_path / "a.h5", 8_000_000, 8_000_000)
+    with pytest.raises(InvalidSource, match=r"'inner' is stored in chunks of 0.064 GB: --memory raises"):
+        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e6, ColumnMap.from_texts(("inner=inner V", "outer=outer V")), ReadLimits(1e8))
 
 
 def test_limits_of_time_hold_while_a_file_is_read(tmp_path: Path) -> None:

@@ -190,7 +190,8 @@ def resource() -> Iterator[str]:
         server.shutdown()
 
 
-def test_through_pyvisa_itself(resource: str) -> None:
+def test_through_pyvisa_itself(resource: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hw.oscilloscope.transport._ACQUISITION_TIMEOUT_S", 1.0)
     with Reader.open(f"visa:{resource}") as reader:
         blocks = reader.blocks()
         for _ in range(2):

@@ -61,7 +61,7 @@ def test_share_of_signs_that_differ(angle: float) -> None:
     random = np.random.default_rng(3)
     shares = []
     for _ in range(40):
-        first, two = random.normal(size=(2, FINGERPRINT_ROWS, 3))
+        first, two = random.normal(size=(2, 1024, 3))
         pair = (replace(FIRST, volts=volts) for volts in (first, np.cos(angle) * first + np.sin(angle) * two))
         shares.append(differing(*(Fingerprint.from_samples(samples) for samples in pair)) / HASH_BITS)
     expected = angle / np.pi

@@ -29,7 +29,6 @@ from probe_design.built_probe.virtual_probe import VirtualBench
 from solver.results.film_charges import reads_film_states
 from tests.support.film_scenes import build_scene, read_cases
 from tests.support.hw.benches import BENCH, calibrate, check, sampled, scene
-from tests.support.slow import slow_unless
 
 SEEDS, LOAD = 8, 5e-4  # N: a load at which the gap stays open on the softest block
 TAPES, REFERENCES = "probe/two-tapes-0.4/tumour-300", BENCH.reference[:2] + BENCH.reference[3:6:2]
@@ -61,7 +60,8 @@ def outcomes() -> list[Outcome]:
     return [measure(seed, as_drawn=seed % 2 == 0) for seed in range(SEEDS)]
 
 
-@pytest.mark.parametrize("name", slow_unless("z_bonds".__eq__, ["z_bonds", "z_ratio", "covered"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["z_bonds", "z_ratio", "covered"])
 def test_virtual_probes_are_within_their_intervals(outcomes: list[Outcome], name: str) -> None:
     """Of probes whose tape is 0.1 to 1 MPa, and of which their drawing knows 0.3 MPa; thousand are a benchmark."""
     values = np.array([getattr(outcome, name) for outcome in outcomes])
@@ -70,6 +70,7 @@ def test_virtual_probes_are_within_their_intervals(outcomes: list[Outcome], name
     assert all(outcome.p_value > MIN_P_VALUE for outcome in outcomes)
 
 
+@pytest.mark.slow
 def test_gains_alone_are_off_by_what_they_leave_out(outcomes: list[Outcome]) -> None:
     """Gains from pins are off by 13 to 37 % on tape where they slide, those from homogeneous blocks by 1 to 6 % (FILM.md)."""
     by_pins, by_blocks = (np.array([getattr(item, key) for item in outcomes]) for key in ("by_pins", "by_blocks"))

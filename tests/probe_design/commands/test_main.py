@@ -54,7 +54,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
 }
 
 
-LONG = ("load", "locate", "tradeoff")  # quick tests ask for them in this process, for less
+LONG = ("export", "load", "locate", "optimize", "tradeoff")  # quick tests ask for them in this process, for less
 
 
 @pytest.mark.parametrize(

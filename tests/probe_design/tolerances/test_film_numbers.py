@@ -133,6 +133,7 @@ def test_charges_by_psi_have_the_budget_of_forces() -> None:
     assert charge.outputs == stress.outputs
 
 
+@pytest.mark.slow
 def test_off_the_axis_films_and_bonds_count_as_on_it() -> None:
     """A micrometre off the axis the other evaluator has the derivatives, to first order in the tumour."""
     scene = build(FILM)

@@ -203,7 +203,7 @@ def test_groove_is_left_out_and_counted() -> None:
     assert any("groove" in warning for warning in result.warnings)
     assert any("sides" in decision.feature for decision in result.plan)
     with pytest.raises(Refusal, match="accuracy"):
-        evaluate(reference.scene, "auto", 0.001)
+        Axisymmetric().evaluate_within(reference.scene, 0.001)
 
 
 @pytest.mark.parametrize(("deviation", "has_ratio"), [(2e-3, False), (5e-4, True)])

@@ -197,6 +197,7 @@ def test_the_level_that_does_not_know_layers_names_one_that_does(change, level):
         evaluate(add_layers((1.5, 56e3), **change), "published")
 
 
+@pytest.mark.slow
 def test_a_load_that_leaves_too_little_to_solid_is_refused_by_the_accuracy_that_was_asked():
     breast = read_scene(EXAMPLES / "skin.toml")
     off_axis = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face

@@ -16,9 +16,10 @@ from solver.axisymmetric.sections import build_sections
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.evaluation import evaluate, plan
+from solver.evaluation import evaluate
 from solver.materials.hyperelastic import Hyperelastic
 from solver.materials.linear import Isotropic
+from solver.planning.plan import build_plan
 from tests.support.load_paths import COARSE, pressed, ratio, scene_of, work
 
 SHARP = scene_of("equal-blocks-6kpa")
@@ -71,7 +72,7 @@ def test_only_contact_takes_them() -> None:
             evaluate(scene, name)
     with pytest.raises(Refusal, match=r"contact for contact\.edge_radius"):
         evaluate(scene, linear=True)
-    assert plan(scene, 0.02).evaluator == "contact"
+    assert build_plan(scene, 0.02).evaluator == "contact"
     with pytest.raises(Refusal, match=r"load\.force = 1e\+06 N: .* by the probe's outer radius$"):  # without a linear way round
         evaluate(scene.model_copy(update={"load": Load(force=1e6)}))
 

@@ -65,7 +65,7 @@ def test_small_loads_are_answered_as_linear_elements_do(interface: Literal["bond
     linear = Axisymmetric().evaluate(scene, 1e-3)
     assert linear.stiffness is not None
     assert linear.error_estimate is not None
-    for depth in (1e-9, 3.1e-8, 5e-7, 1e-6):
+    for depth in (1e-9, 3.1e-8, 1e-6):
         for load in (Load(indentation=depth), Load(force=depth * linear.stiffness)):
             result = ContactEvaluator().evaluate(scene.model_copy(update={"load": load}))
             assert result.error_estimate is not None
