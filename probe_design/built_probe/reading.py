@@ -20,10 +20,11 @@ from probe_design.built_probe.load_plausibility import check_film_sum, check_sce
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
 from probe_design.built_probe.reference_charges import compute_charge_unit
 from solver.axisymmetric.evaluator import Axisymmetric
+from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.evaluation import evaluate
 from solver.evaluators import AUTO
-from solver.planning.load_check import add_load_effect, check_load
+from solver.planning.load_check import add_load_effect, check_load, is_load_linear
 from solver.planning.load_limits import build_load_rule
 from solver.results.film_charges import reads_film_states
 from solver.results.record import Record
@@ -114,15 +115,19 @@ def predict_scene(scene: Scene, accuracy: float, linear: bool = False, frequency
     Raises
     ------
     Refusal
-        No evaluator accepts the scene, or, unless ``linear``, its load is above the limit of linear elasticity.
+        No evaluator accepts the scene, or, unless ``linear``, its load is above the limits of linear elasticity and of
+        ``contact``.
     """
     evaluators = (Axisymmetric(), EquivalentInclusion())
     evaluator = next((candidate for candidate in evaluators if candidate.refusal(scene) is None), None)
     if evaluator is None:
         return add_ratio_phase(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
-    result, rule = evaluator.evaluate(scene, accuracy), build_load_rule(scene)
-    if not linear:
-        check_load(scene, rule, accuracy, promise=False)
+    rule = build_load_rule(scene)
+    if not linear and not is_load_linear(scene, rule, accuracy, promise=False):
+        if ContactEvaluator().refusal(scene) is not None:
+            check_load(scene, rule, accuracy, promise=False)
+        return add_ratio_phase(evaluate(scene, ContactEvaluator.name, accuracy), scene, accuracy, frequency)
+    result = evaluator.evaluate(scene, accuracy)
     return add_ratio_phase(add_load_effect(result, scene, rule, accuracy, promise=False), scene, accuracy, frequency)
 
 

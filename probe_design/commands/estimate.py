@@ -34,7 +34,8 @@ class EstimateRequest(LimitedRequest):
     unknown is not identifiable, the reason is given, together with depth and strength D^3 (c-1) / (1 + beta (c-1)),
     c = E_object/E_tissue, which may still be identifiable. The exit code is 0 then, too.
 
-    At loads beyond linear elasticity, contact predicts the readings on the axis of one tumour, in half a minute or more.
+    At loads beyond linear elasticity, contact predicts the readings, in half a minute or more. Readings at several loads state
+    each its force; the ratio of one place changes with the load.
 
     \b
     probe-design estimate scene.toml --ratio 0.62 --noise 0.05

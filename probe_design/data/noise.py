@@ -8,6 +8,7 @@ from __future__ import annotations
 from geometry.common.errors import InputError
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import read_fraction
 
 DEFAULT_NOISE = 0.05  # the paper's "about 5 %", section 3
 DEFAULT_CHARGE_NOISE_C = 0.01e-12  # C: of a good charge amplifier over a second
@@ -33,6 +34,11 @@ def check_noise(noise: float, key: str = "noise") -> float:
         return noise
 
     raise InputError(key, noise, ALLOWED_NOISE)
+
+
+def read_noise(key: str, value: object) -> float:
+    """Return a relative standard deviation from a number or a text such as "5 %", checked as by ``check_noise``."""
+    return check_noise(read_fraction(key, value, ALLOWED_NOISE), key)
 
 
 def choose_accuracy(noise: float) -> float:

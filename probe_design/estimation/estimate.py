@@ -30,7 +30,7 @@ from probe_design.data.noise import MAX_ACCURACY, choose_accuracy
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.estimate_result import DepthAndStrength, Estimate, is_identifiable
 from probe_design.estimation.intervals import OPEN_INTERVAL, Interval, Likelihood, compute_hull
-from probe_design.estimation.loaded_track import LoadedModel, add_load, explain_refusal
+from probe_design.estimation.loaded_track import LoadedModel, add_load, can_mesh_target
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel, check_kind
 from probe_design.estimation.next_reading import choose_next_reading
@@ -38,8 +38,9 @@ from probe_design.estimation.nuisances import check_nuisances
 from probe_design.estimation.predictions import select_usable
 from probe_design.estimation.profile import Track
 from probe_design.estimation.reasons import Findings, explain_unidentifiable, iterate_warnings
+from solver.contact.evaluator import ContactEvaluator
 from solver.evaluators import check_accuracy
-from solver.planning.load_check import check_load
+from solver.planning.load_check import check_load, is_load_linear
 
 TISSUE_KEY = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
 
@@ -88,15 +89,21 @@ def estimate(
     check_accuracy(model_accuracy)
     model, stiffness_notes = _drop_useless_stiffnesses(TargetModel(scene, data, model_accuracy))
     notes += stiffness_notes
-    loaded_model = None if linear else _build_loaded_model(model, unknown, accuracy, nuisance_sds)
-    if loaded_model is not None:
-        phases, model = model.data.is_phase.sum(), loaded_model.unloaded_model
+    loaded_model = None
+    if not linear and not _is_linear(model, nuisance_sds):
+        phases = model.data.is_phase.sum()
         notes += (f"{phases} phases left out: nothing is known of them at this load",) if phases else ()
+        model = replace(model, data=model.data.select(~model.data.is_phase))
+        if can_mesh_target(model, bool(nuisance_sds)):
+            loaded_model = LoadedModel(model, unknown, min(model.tolerance, MAX_ACCURACY) if accuracy is None else accuracy)
+            model = loaded_model.unloaded_model
+        else:
+            model = replace(model, pressing=True)
     findings = search_unknown(model, unknown, nuisance_sds, loaded_model)
     result = _build_estimate(findings, _fit_depth_and_strength(findings), nuisance_sds, notes, start)
     if not advise:
         return result
-    if loaded_model is not None:
+    if loaded_model is not None or model.pressing:
         warning = "next is null: there is no advice at loads beyond linear elasticity"
         return replace(result, warnings=(*result.warnings, warning))
     advice = choose_next_reading(model, unknown, nuisance_sds, result.identifiable)
@@ -113,32 +120,24 @@ def _drop_useless_stiffnesses(model: TargetModel) -> tuple[TargetModel, tuple[st
     return replace(model, data=model.data.select(~is_useless)), (note,)
 
 
-def _build_loaded_model(
-    model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]
-) -> LoadedModel | None:
-    """Return the model under load if the effect of finite strain is above the noise of the ratio, else None.
-
-    Parameters
-    ----------
-    model
-        Within linear elasticity.
-    unknown, accuracy, nuisances
-        As in ``estimate``; ``contact`` cannot model nuisances.
+def _is_linear(model: TargetModel, nuisances: Mapping[str, float]) -> bool:
+    """Return whether the effect of finite strain at the readings' largest load is below the noise of the ratios.
 
     Raises
     ------
     Refusal
-        The load is beyond the range of linear elasticity, and ``contact`` cannot model the readings.
+        It is not, and ``contact`` cannot model the scene.
     """
-    try:
-        check_load(model.scene, model.rule, model.tolerance, promise=False)
-    except Refusal as fault:
-        reason = explain_refusal(model, bool(nuisances))
-        if reason is None:
-            model = replace(model, data=model.data.select(~model.data.is_phase))
-            return LoadedModel(model, unknown, min(model.tolerance, MAX_ACCURACY) if accuracy is None else accuracy)
-        raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {reason}") from None
-    return None
+    scene = model.heaviest_scene
+    if is_load_linear(scene, model.rule, model.tolerance, promise=False):
+        return True
+    reason = None if can_mesh_target(model, bool(nuisances)) else ContactEvaluator().refusal_off_axis(scene)
+    if reason is not None:
+        try:
+            check_load(scene, model.rule, model.tolerance, promise=False)
+        except Refusal as fault:
+            raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {reason}") from None
+    return False
 
 
 def _is_of_target(scene: Scene, unknown: str) -> bool:

@@ -1,4 +1,4 @@
-"""Predict readings at loads beyond linear elasticity, from ``contact`` at few values of the unknown.
+"""Predict readings on a tumour's axis at loads beyond linear elasticity, from ``contact`` at few values of the unknown.
 
 With m_0(u) the linear predictions of ``profile.py`` and m_c those of ``contact`` at some of its nodes,
 
@@ -40,16 +40,19 @@ MIN_IMPROVEMENT_FACTOR = 4.0  # minimum factor by which a new node reduces the m
 LogPrediction = tuple[Floats, Floats]  # logarithms of the data, and bounds on their errors, both of shape (k,)
 
 
-def explain_refusal(model: TargetModel, has_nuisances: bool) -> str | None:
-    """Return, in words for a message, what ``contact`` requires if it cannot model the readings or the scene; else None."""
-    if has_nuisances:
-        return "no numbers that are known only roughly"
+def can_mesh_target(model: TargetModel, has_nuisances: bool) -> bool:
+    """Return whether the tumour can be part of the mesh of ``contact``: one, read on its axis under one load, all else known.
+
+    Otherwise it acts by its first-order effects about the load (``TargetModel.pressing``).
+    """
+    if has_nuisances or len(model.scene.inclusion) > 1 or not np.isnan(model.data.force).all():
+        return False
     places = model.data.places[model.data.place[~model.data.is_blank]]
     if model.scene.inclusion:
         lateral_offset = np.hypot(*(places - [model.target.x, model.target.y]).T)
-        if len(model.scene.inclusion) > 1 or (lateral_offset > 1e-9 * (model.target.diameter or 0.0)).any():
-            return "one tumour, read on its axis"
-    return None if ContactEvaluator().refusal(_place_on_axis(model)) is None else "bonded faces"
+        if (lateral_offset > 1e-9 * (model.target.diameter or 0.0)).any():
+            return False
+    return ContactEvaluator().refusal_of_mesh(_place_on_axis(model)) is None
 
 
 def _place_on_axis(model: TargetModel) -> Scene:

@@ -12,13 +12,13 @@ A readings file is TOML, one table a reading,
     ratio_phase = "1.8 deg" # of the ratio, as `read` prints it; default: not measured; a bare number is in rad
     ratio_phase_sd = "0.1 deg"  # its standard deviation
     blank = true            # baseline reading, over tumour-free tissue; default: false
+    force = "0.3 N"         # on the probe, the peak of this press; default: the scene's load
 
 or CSV with the same keys in any order: the first row names them, and an empty cell stands for the default. A scan for `locate`
 states every place, and may have
 
     x_sd = "0.5 mm"         # standard deviation of the probe's place along x; default: pose of the design file's [noise]
     y_sd = "0.5 mm"         # likewise along y
-    force = "10 mN"         # on the probe; default: the scene's load
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,12 +40,13 @@ from geometry.scenes.fit_check import check_bodies_fit
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
-from geometry.scenes.units import Quantity, read_fraction, read_number
-from probe_design.data.noise import ALLOWED_NOISE, check_noise
+from geometry.scenes.units import Quantity, read_number
+from probe_design.data.noise import read_noise
 
-READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
-SCAN_KEYS = (*READING_KEYS, "x_sd", "y_sd", "force")  # of scans, whose places are uncertain
-DATUM_KEYS = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")  # of ``Measurements``, shape (k,) each
+READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank", "force")
+SCAN_KEYS = (*READING_KEYS, "x_sd", "y_sd")  # of scans, whose places are uncertain
+# of ``Measurements``, shape (k,) each
+DATUM_KEYS = "place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise", "force"
 MAX_READINGS = 1000
 MAX_FILE_BYTES = 200_000  # bytes
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
@@ -57,8 +59,8 @@ SI_QUANTITIES = {  # entries that may be numbers without unit
 SCAN_QUANTITIES = {
     "x_sd": Quantity("length", "m", "mm", 0.0, 0.1),
     "y_sd": Quantity("length", "m", "mm", 0.0, 0.1),
-    "force": Quantity("force", "N", "mN", 1e-9, 1e9),
 }
+FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Reading:
     x_sd, y_sd
         Standard deviations of the position, m; None if not stated.
     force
-        On the probe, N; None if not stated.
+        On the probe, N; None for the scene's load.
     """
 
     x: float
@@ -125,6 +127,8 @@ class Measurements:
         +1 or -1 for a ratio, +1 for a stiffness, 0 for a phase, shape (k,); 0 also for a ratio of unknown sign.
     noise
         Standard deviations, shape (k,).
+    force
+        Force on the probe, N, shape (k,); NaN where it is the scene's load.
     """
 
     places: Floats
@@ -135,6 +139,7 @@ class Measurements:
     value: Floats
     sign: Floats
     noise: Floats
+    force: Floats
 
     @classmethod
     def from_readings(cls, readings: tuple[Reading, ...]) -> Measurements:
@@ -159,6 +164,7 @@ class Measurements:
             value=np.array(values, dtype=float),
             sign=np.array(signs, dtype=float),
             noise=np.array(noises, dtype=float),
+            force=np.array([np.nan if reading.force is None else reading.force for reading in pressed_readings]),
         )
 
     def select(self, mask: Bools) -> Measurements:
@@ -315,7 +321,7 @@ def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noi
     ratio = read_number(f"{key_prefix}ratio", entries.get("ratio"), ALLOWED_RATIO)
     if not 0 < ratio < math.inf:
         raise InputError(f"{key_prefix}ratio", entries["ratio"], ALLOWED_RATIO)
-    ratio_noise = _read_noise(f"{key_prefix}noise", entries["noise"])
+    ratio_noise = read_noise(f"{key_prefix}noise", entries["noise"])
     given_noise = entries["stiffness_noise"]
     missing_phase_keys = {"ratio_phase", "ratio_phase_sd"} - entries.keys()
     if len(missing_phase_keys) == 1:
@@ -328,14 +334,23 @@ def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noi
         if key in entries
     }
     return Reading(
-        x=x,
-        y=y,
-        ratio=ratio,
+        x,
+        y,
+        ratio,
         noise=ratio_noise,
-        stiffness_noise=ratio_noise if given_noise is None else _read_noise(f"{key_prefix}stiffness_noise", given_noise),
+        stiffness_noise=ratio_noise if given_noise is None else read_noise(f"{key_prefix}stiffness_noise", given_noise),
         blank=_read_flag(f"{key_prefix}blank", entries["blank"]),
+        force=_read_force(f"{key_prefix}force", entries["force"], scene) if "force" in entries else None,
         **optional_entries,
     )
+
+
+def _read_force(key: str, value: object, scene: Scene) -> float:
+    """Return the force of one reading, N, checked; the scene's load must be a press to a force, from zero."""
+    if scene.load.force is None or scene.load.preload:
+        what = "load.preload" if scene.load.preload else "load.indentation"
+        raise InputError(key, str(value), f"nothing in a scene with {what}: readings at several forces are presses from zero")
+    return FORCE_QUANTITY.read(key, value)
 
 
 def _read_place(key_prefix: str, entries: Mapping[str, object], scene: Scene) -> tuple[float, float]:
@@ -359,16 +374,10 @@ def check_place(scene: Scene, x: float, y: float) -> None:
 
 def is_on_tissue(scene: Scene, x: float, y: float) -> bool:
     """Return whether the whole probe stands on the tissue with its axis at x, y, m."""
-    try:
+    with suppress(InputError):
         check_place(scene, x, y)
-    except InputError:
-        return False
-    return True
-
-
-def _read_noise(key: str, value: object) -> float:
-    """Return a relative standard deviation, checked."""
-    return check_noise(read_fraction(key, value, ALLOWED_NOISE), key)
+        return True
+    return False
 
 
 def _read_flag(key: str, value: object) -> bool:

@@ -20,12 +20,14 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_tables import Inclusion, Placement
+from geometry.scenes.scene_tables import Inclusion, Load, Placement
 from geometry.scenes.units import MODULUS_QUANTITY
 from geometry.scenes.variables import list_values
 from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.predictions import Predictions, build_turned_bodies, build_turned_scenes, insert_phases
 from probe_design.maps.target_grid import check_spheres, compute_free_radii
+from solver.contact.evaluator import ContactEvaluator
+from solver.contact.pressed_tissue import PressedTissue
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
@@ -54,11 +56,25 @@ class TargetModel:
         Measured values and their places.
     accuracy
         Relative, required of the evaluator.
+    pressing
+        Whether ``contact`` presses the probe to the loads of the readings; otherwise readings are linear.
     """
 
     scene: Scene
     data: Measurements
     accuracy: float
+    pressing: bool = False
+
+    @property
+    def evaluator(self) -> str:
+        """Name of the evaluator."""
+        return ContactEvaluator.name if self.pressing else EquivalentInclusion.name
+
+    @property
+    def heaviest_scene(self) -> Scene:
+        """The scene under the largest load of its readings."""
+        largest_force = max(self.data.force, key=lambda force: _get_force(self.scene, force))
+        return _replace_force(self.scene, float(largest_force))
 
     @property
     def target(self) -> Inclusion:
@@ -93,11 +109,30 @@ class TargetModel:
     @cached_property
     def base(self) -> Undisturbed:
         """The probe on tissue without tumours; its bounds are those of the place farthest from the tissue's middle."""
+        if self.pressing:
+            return self._press(float(self.data.force[0])).base
+        return EquivalentInclusion().prepare(self._farthest_scene, self.accuracy)
+
+    @cached_property
+    def _pressed(self) -> dict[float, PressedTissue]:
+        """Cache: the probe pressed on tissue without tumours by force, N."""
+        return {}
+
+    def _press(self, force: float) -> PressedTissue:
+        """Return the probe pressed by a reading's force, N, or by the scene's load for NaN."""
+        scene = _replace_force(self._farthest_scene, force)
+        key = scene.load.force or 0.0
+        if key not in self._pressed:
+            self._pressed[key] = ContactEvaluator().press_tissue(scene, self.accuracy)
+        return self._pressed[key]
+
+    @property
+    def _farthest_scene(self) -> Scene:
+        """The scene with the probe at the place farthest from the tissue's middle."""
         farthest = np.abs(self.data.places).max(axis=0)
         if self.scene.tissue.shape == "cylinder":  # only the distance from the axis matters
             farthest = np.array([np.hypot(*self.data.places.T).max(), 0.0])
-        scene = self.scene.model_copy(update={"placement": Placement(x=float(farthest[0]), y=float(farthest[1]))})
-        return EquivalentInclusion().prepare(scene, self.accuracy)
+        return self.scene.model_copy(update={"placement": Placement(x=float(farthest[0]), y=float(farthest[1]))})
 
     @cached_property
     def rule(self) -> LoadRule:
@@ -187,24 +222,33 @@ class TargetModel:
         n, data = len(next(iter(target.values()), [0])), self.data
         predicted = Predictions.empty(n, len(data.value))
         is_blank = data.is_blank | (not self.scene.inclusion)
-        for k in np.flatnonzero(is_blank):
-            predicted.fill(int(k), self._blank_readings, slice(None), data, self._blank_readings.get_observable(self.scene))
+        if is_blank.any():
+            no_tumours = Tumours.from_scene(self.scene.model_copy(update={"inclusion": ()}))
+            self._fill(predicted, np.flatnonzero(is_blank), self._blank_readings, no_tumours)
         if is_blank.all():
             return predicted
-        places, place_indices = self._distinct_places
-        film_readings = self._compute_readings(self._build_tumours(places, n, target), reflect, by_diameter)
-        observable = film_readings.get_observable(self.scene)
-        for k in np.flatnonzero(~is_blank):
-            # rows are ordered by body, then place: every len(places)-th row is the same place
-            rows = slice(int(place_indices[data.place[k]]), None, len(places))
-            predicted.fill(int(k), film_readings, rows, data, observable)
+        tumours = self._build_tumours(self._distinct_places[0], n, target)
+        self._fill(predicted, np.flatnonzero(~is_blank), self._compute_linear(tumours, reflect, by_diameter), tumours)
         return predicted
+
+    def _fill(self, predicted: Predictions, columns: Ints, linear: Readings, tumours: Tumours) -> None:
+        """Fill columns of predictions from linear readings over tumours, each at its place and load."""
+        places, place_indices = self._distinct_places
+        forces = self.data.force[columns]
+        for force in np.unique(forces):  # NaN counts as one value
+            film_readings = self._apply_load(linear, tumours, float(force))
+            observable = film_readings.get_observable(self.scene)
+            for k in columns[(forces == force) | (np.isnan(forces) & np.isnan(force))].tolist():
+                # rows are ordered by body, then place: every len(places)-th row is the same place
+                is_one = len(film_readings.bound) == 1
+                rows = slice(None) if is_one else slice(int(place_indices[self.data.place[k]]), None, len(places))
+                predicted.fill(k, film_readings, rows, self.data, observable)
 
     @cached_property
     def _blank_readings(self) -> Readings:
-        """The readings over tumour-free tissue."""
+        """The linear readings over tumour-free tissue."""
         no_tumours = Tumours.from_scene(self.scene.model_copy(update={"inclusion": ()}))
-        return self._compute_readings(no_tumours, reflect=False, by_diameter=False)
+        return self._compute_linear(no_tumours, reflect=False, by_diameter=False)
 
     @cached_property
     def _distinct_places(self) -> tuple[Floats, Ints]:
@@ -219,11 +263,8 @@ class TargetModel:
         _, first, indices = np.unique(offset, return_index=True, return_inverse=True)
         return places[first], indices
 
-    def _compute_readings(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
-        """Return the readings over tumours to first order, with reflections where they may matter.
-
-        The error bounds count the effect of the load; there is no ratio where that effect is not known.
-        """
+    def _compute_linear(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
+        """Return the linear readings over tumours to first order, with reflections where they may matter."""
         scene, index = self.scene, self.scene.target or 0
         film_readings = compute_readings(self.base, tumours, index, by_diameter, reflect=False)
         is_reflected = np.full(len(tumours.x), bool(reflect))
@@ -233,6 +274,17 @@ class TargetModel:
         if is_reflected.any():
             reflected_readings = compute_readings(self.base, tumours.select(is_reflected), index, by_diameter, reflect=True)
             film_readings.store(is_reflected, reflected_readings)
+        return film_readings
+
+    def _apply_load(self, film_readings: Readings, tumours: Tumours, force: float) -> Readings:
+        """Return linear readings over tumours pressed to a force, N, or to the scene's load for NaN.
+
+        Linear readings remain what they are, with error bounds that count the effect of the load; there is no ratio where that
+        effect is not known.
+        """
+        if self.pressing:
+            return self._press(force).compute_readings(film_readings, tumours, self.scene.target or 0)
+        scene = _replace_force(self.scene, force)
         # relative change c of the ratio by the load, which changes its logarithm by at most -ln(1 - c)
         changes = LoadChanges.from_stiffness(scene, self.rule, film_readings.stiffness).ratio
         charges = None if film_readings.charges is None else _add_load_changes(film_readings.charges, changes)
@@ -258,6 +310,16 @@ class TargetModel:
         for key, chosen in target.items():
             table[key][:, :, self.scene.target] = chosen[:, None]
         return Tumours(*(table[key].reshape(n * len(places), -1) for key in keys))
+
+
+def _get_force(scene: Scene, force: float) -> float:
+    """Return a reading's force, N, or that of the scene for NaN; 0 where the scene gives an indentation."""
+    return (scene.load.force or 0.0) if np.isnan(force) else force
+
+
+def _replace_force(scene: Scene, force: float) -> Scene:
+    """Return the scene under a reading's force, N; unchanged for NaN."""
+    return scene if np.isnan(force) else scene.model_copy(update={"load": Load(force=force)})
 
 
 def _add_load_changes(readings: Readings, changes: Floats) -> Readings:

@@ -211,6 +211,7 @@ def _add_size_columns(track: Track, sds: Mapping[int, float]) -> Track:
         value=np.zeros(count),
         sign=np.zeros(count),
         noise=np.full(count, ULTRASOUND_RELATIVE_SD),
+        force=np.full(count, np.nan),
     )
     return replace(
         track,

@@ -80,14 +80,14 @@ class Track:
         if unknown not in TARGET_UNKNOWNS:  # each value needs a new solution of the probe on the tissue
             x = np.log(np.geomspace(low, high, TISSUE_NODES))
             predicted = Predictions.join([_predict_tissue(model, unknown, value) for value in np.exp(x)])
-            return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
+            return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted), evaluator=model.evaluator)
         x = _choose_nodes(model, unknown, low, high)
         values = _invert_coordinate(model, unknown, x)
         predicted = model.predict({unknown: values})
         if unknown == "youngs_modulus":  # d x / d ln E = beta c x^2
             d_x = model.beta * values / model.host.youngs_modulus * x**2
-            return cls(model, unknown, x, predicted, predicted.by_modulus / d_x[:, None])
-        return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
+            return cls(model, unknown, x, predicted, predicted.by_modulus / d_x[:, None], evaluator=model.evaluator)
+        return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted), evaluator=model.evaluator)
 
     def add_nuisances(self, nuisances: Mapping[str, float]) -> Track:
         """Return the track with the errors by nuisances, for relative standard deviations by name.

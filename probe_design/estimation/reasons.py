@@ -171,7 +171,9 @@ def iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Ite
     """Yield the warnings of an estimate, one line each; the caller removes duplicates."""
     yield from findings.model.base.notes  # these are for the place farthest from the tissue's middle
     if findings.best is None:
-        yield from build_load_notes(findings.model.scene, findings.model.rule, findings.model.tolerance, promise=False)
+        if not findings.model.pressing:
+            heaviest = findings.model.heaviest_scene
+            yield from build_load_notes(heaviest, findings.model.rule, findings.model.tolerance, promise=False)
         return
     yield from _describe_load(findings)
     if findings.model.scene.load.preload:
@@ -208,9 +210,11 @@ def _describe_unsearched(findings: Findings) -> Iterator[str]:
 
 
 def _describe_load(findings: Findings) -> Iterator[str]:
-    """Yield a warning where the scene's load is beyond linear elasticity at the best fit."""
-    model, scene, value = findings.model, findings.model.scene, findings.best_value
+    """Yield a warning where the readings' largest load is beyond linear elasticity at the best fit, and linear all the same."""
+    model, scene, value = findings.model, findings.model.heaviest_scene, findings.best_value
     assert value is not None  # the caller has checked it
+    if model.pressing:
+        return
     if findings.unknown in TARGET_UNKNOWNS:
         body = model.target.model_copy(update={findings.unknown: value})
         bodies = tuple(body if index == scene.target else other for index, other in enumerate(scene.inclusion))

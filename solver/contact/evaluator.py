@@ -45,8 +45,10 @@ class ContactEvaluator(FilmEvaluator):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return the reason for a refusal, a feature of the scene that this evaluator does not model, or None."""
-        if is_round(scene):
-            return self.refusal_of_mesh(scene)
+        return self.refusal_of_mesh(scene) if is_round(scene) else self.refusal_off_axis(scene)
+
+    def refusal_off_axis(self, scene: Scene) -> str | None:
+        """Return the reason why tumours cannot act by their first-order effects under load, wherever they are, or None."""
         # meshes without a sphere are too coarse for faces that slide: no step converges beyond small loads
         if scene.contact.interface != "bonded" or scene.contact.edge_radius > 0 or scene.load.preload:
             return f"{ONE_SPHERE} where faces slide or open, edges are round or there is a preload"
@@ -100,7 +102,9 @@ class ContactEvaluator(FilmEvaluator):
         Refusal
             The scene is not supported or too extreme, its load is an indentation, or it is larger than is known.
         """
-        self._check(scene)
+        reason = self.refusal_off_axis(scene)
+        if reason is not None:
+            raise Refusal("evaluator", self.name, reason)
         if scene.load.force is None:
             raise Refusal(*describe_load(scene), "load.force in its place, where contact reads many tumours or positions")
         with limit_to_one_thread(), self._convert_errors(scene):

@@ -31,8 +31,10 @@ from solver.results.film_forces import FilmForces
 
 MAX_REFLECTION_FACTOR = 1.5  # of f and of its inverse: beyond it tumours of opposite contrast nearly cancel in the stiffness
 # of a change, per indentation in outer radii: benchmarks/contact/tumours_under_load.py; values, and derivatives by ln E
-MODEL_ERRORS_PER_X = np.array([0.25, 0.5])
+MODEL_ERRORS_PER_X = np.array([0.25, 0.5, 0.5])
 STIFFNESS_ERROR_PER_X = 0.02  # likewise, of the stiffness' change: where an output's own passes zero
+LOG_DERIVATIVES = "youngs_modulus", "diameter"  # of the target, by whose logarithms readings have derivatives under load
+DIAMETER_STEP = 1e-3  # relative, downwards as a tumour may touch the surface: of the derivative by ln diameter
 MESH_SAFETY_FACTOR = 1.0  # times the difference of two meshes, of whose results the mean is used
 
 
@@ -40,18 +42,18 @@ MESH_SAFETY_FACTOR = 1.0  # times the difference of two meshes, of whose results
 class LoadedChanges:
     """Changes of the outputs' logarithms by n sets of tumours at one force, and their derivatives by ln E of the target.
 
-    The first axis has the changes and after them their derivatives; the last the inner and the outer film force, both charges
-    where they are modelled, and the secant stiffness, k + 1 in all. Of ratios it has that of the forces and, where they are
-    modelled, of the charges.
+    The first axis, d, has the changes and after them their derivatives, by ln diameter too if the linear readings have that one;
+    the last the inner and the outer film force, both charges where they are modelled, and the secant stiffness, k + 1 in all.
+    Of ratios it has that of the forces and, where they are modelled, of the charges.
 
     Attributes
     ----------
     changes
-        Eq. CT.10, at constant force, shape (2, n, k + 1).
+        Eq. CT.10, at constant force, shape (d, n, k + 1).
     errors
-        Bounds on the errors of what the load adds to them, shape (2, n, k + 1).
+        Bounds on the errors of what the load adds to them, shape (d, n, k + 1).
     ratio_errors
-        The same of the logarithms of ratios, inner over outer, shape (2, n, k / 2).
+        The same of the logarithms of ratios, inner over outer, shape (d, n, k / 2).
     """
 
     changes: Floats
@@ -60,7 +62,7 @@ class LoadedChanges:
 
     @property
     def ratios(self) -> Floats:
-        """Changes of the logarithms of ratios, inner over outer, shape (2, n, k / 2)."""
+        """Changes of the logarithms of ratios, inner over outer, shape (d, n, k / 2)."""
         return _subtract_outer(self.changes)
 
 
@@ -104,7 +106,7 @@ class PressedTissue:
             zip(_list_films(self.base.films), _list_films(self.bare.films), linear.parts, strict=True)
         ):
             columns = slice(2 * number, 2 * number + 2)
-            values, derivatives = changes.changes[..., columns]
+            values, *derivatives = changes.changes[..., columns]
             totals = bare.totals * np.exp(values + rise)
             if number == 0:  # the forces add up to the force, not only to first order
                 totals *= bare.totals.sum() * np.exp(rise) / totals.sum(axis=1, keepdims=True)
@@ -122,10 +124,14 @@ class PressedTissue:
             )
             if linear.derivatives:
                 # derivatives at constant indentation, as those of linear readings are
-                slopes = _build_diagonals(totals * (derivatives + changes.changes[1, :, -1:]))
+                slopes = {
+                    key: _build_diagonals(totals * (change + changes.changes[number, :, -1:]))
+                    for number, (key, change) in enumerate(zip(LOG_DERIVATIVES, derivatives, strict=False), start=1)
+                    if key in part.derivatives
+                }
                 sensitivity_error = part.sensitivity_error + changes.ratio_errors[1, :, number]
                 slope_bound = sensitivity_error[:, None] / 2 * np.abs(totals)
-                loaded = replace(loaded, slope_bound=slope_bound, derivatives={"youngs_modulus": slopes})
+                loaded = replace(loaded, slope_bound=slope_bound, derivatives=slopes)
             parts.append(loaded)
         return replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
 
@@ -155,7 +161,10 @@ class PressedTissue:
             return LoadedChanges(linear, np.zeros_like(linear), np.zeros_like(_subtract_outer(linear)))
         inside, left_out = self.base.move_inside(tumours)
         effects = [
-            [compute_first_order_changes(response, self.base, inside, left_out, target) for response in pair]
+            [
+                compute_first_order_changes(response, self.base, inside, left_out, target, by_diameter=len(linear) > 2)
+                for response in pair
+            ]
             for pair in self.responses
         ]
         at_rest = effects[-1][0][..., -1:]
@@ -163,7 +172,7 @@ class PressedTissue:
         factor = np.where(np.abs(np.log(np.maximum(factor, 1e-300))) < np.log(MAX_REFLECTION_FACTOR), factor, 1.0)
         coarse, fine = (factor * (pressed - light) for light, pressed in effects)
         growth, spread = (coarse + fine) / 2, coarse - fine
-        model_errors = self.x * MODEL_ERRORS_PER_X[:, None, None]
+        model_errors = self.x * MODEL_ERRORS_PER_X[: len(linear), None, None]
 
         def bound(linear: Floats, growth: Floats, spread: Floats) -> Floats:
             """Bound the errors of growths."""
@@ -203,28 +212,44 @@ def compute_linear_changes(base: Undisturbed, readings: Readings) -> Floats:
     stiffness = readings.stiffness[:, None]
     rise = np.log(stiffness / bare[:2].sum())
     values = np.hstack([np.log(np.abs(totals / bare)) - rise, rise])
-    if not readings.derivatives:
-        return np.stack([values, np.zeros_like(values)])
-    slopes = np.concatenate([part.derivatives["youngs_modulus"].sum(axis=2) for part in readings.parts], axis=1)
-    stiffening = slopes[:, :2].sum(axis=1, keepdims=True) / stiffness
-    return np.stack([values, np.hstack([slopes / totals - stiffening, stiffening])])
+    rows = [values]
+    for key in LOG_DERIVATIVES if "diameter" in readings.derivatives else LOG_DERIVATIVES[:1]:
+        if key not in readings.derivatives:
+            rows.append(np.zeros_like(values))
+            continue
+        slopes = np.concatenate([part.derivatives[key].sum(axis=2) for part in readings.parts], axis=1)
+        stiffening = slopes[:, :2].sum(axis=1, keepdims=True) / stiffness
+        rows.append(np.hstack([slopes / totals - stiffening, stiffening]))
+    return np.stack(rows)
+
+
+def _integrate(response: TumourResponse, tumours: Tumours) -> Floats:
+    """Integrate the densities over each of t spheres, see ``TumourResponse.integrate``; spheres of one place and size once."""
+    places = np.stack([np.round(tumours.offset, 12), tumours.depth, tumours.diameter], axis=-1)
+    _, first, indices = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    return response.integrate(tumours.select(first))[..., indices.ravel()]
 
 
 def compute_first_order_changes(
-    response: TumourResponse, base: Undisturbed, tumours: Tumours, left_out: Bools, target: int
+    response: TumourResponse, base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, *, by_diameter: bool = False
 ) -> Floats:
     """Return the sums of first-order effects about one state of n sets of t tumours, (n, t), as in ``LoadedChanges``.
 
-    Tumours that are ``left_out``, (n, t), have none.
+    Tumours that are ``left_out``, (n, t), have none. ``by_diameter`` adds the derivative by ln diameter of the target.
     """
     flat = tumours.flatten()
     hosts = base.strata.find_hosts(flat.depth)
     strength = compute_strength(hosts, flat.youngs_modulus, flat.poisson_ratio)
-    volume, shear = response.integrate(flat)
+    volume, shear = _integrate(response, flat)
 
     def combine(k_v: Floats, k_d: Floats) -> Floats:
         """Return the changes of logarithms by tumours of these strengths, shape (n, t, k + 1)."""
         changes = response.convert_to_constant_force(k_v / hosts.bulk_modulus * volume + k_d / hosts.two_mu * shear)
         return np.moveaxis(np.where(left_out, 0.0, changes.reshape(-1, *tumours.shape)), 0, -1)
 
-    return np.stack([combine(strength.volume, strength.shear).sum(axis=1), combine(*strength.by_log_modulus)[:, target]])
+    effects = combine(strength.volume, strength.shear)
+    changes = [effects.sum(axis=1), combine(*strength.by_log_modulus)[:, target]]
+    if by_diameter:
+        volume, shear = _integrate(response, replace(flat, diameter=flat.diameter * (1 - DIAMETER_STEP)))
+        changes.append((effects - combine(strength.volume, strength.shear))[:, target] / -np.log1p(-DIAMETER_STEP))
+    return np.stack(changes)

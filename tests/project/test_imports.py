@@ -236,6 +236,7 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.workshop.tolerance",  # how exactly each block is made
         "probe_design.inference",
         "solver.axisymmetric",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.phase",
         "solver.planning",

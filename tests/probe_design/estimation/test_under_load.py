@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geometry import Load, Scene, read_scene
-from geometry.common.errors import Refusal
+from geometry.common.errors import InputError, Refusal
 from probe_design.estimation.estimate import estimate
 from probe_design.estimation.loaded_track import LoadedModel, LogPrediction, add_load
-from probe_design.estimation.measurements import Measurements, Reading
+from probe_design.estimation.measurements import Measurements, Reading, read_readings
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
+from solver import evaluate
+from solver.contact.evaluator import ContactEvaluator
 from tests.support.paths import EXAMPLES, REFERENCE
 
 EXPECTED = json.loads((REFERENCE / "contact" / "expected.json").read_text())
@@ -104,15 +107,56 @@ def test_stiffnesses_that_the_model_knows_less_well_are_left_out_under_load_too(
     assert any("1 stiffnesses left out" in text for text in estimated.warnings)
 
 
-@pytest.mark.parametrize(
-    ("reading", "nuisances", "words"),
-    [
-        (Reading(5e-3, 0.0, 0.6, 0.05), {}, "contact, for larger loads, takes one tumour, read on its axis"),
-        (Reading(0.0, 0.0, 0.6, 0.05), {"probe.gap": 0.1}, "takes no numbers that are known only roughly"),
-    ],
-)
-def test_what_contact_cannot_take_is_refused(reading: Reading, nuisances: dict[str, float], words: str) -> None:
-    with pytest.raises(Refusal, match=r"load.force = 0.2 N: allowed: up to 0.08\d+ N") as refusal:
-        estimate(example(Load(force=0.2)), (reading,), nuisances=nuisances)
-    assert words in str(refusal.value)
+OFF_AXIS = json.loads((REFERENCE / "contact" / "off_axis.json").read_text())["rows"]
+
+
+@pytest.mark.slow
+def test_readings_off_the_axis_are_inverted_right() -> None:
+    """What the tumour changes is that of NGSolve in three dimensions at 0.2 outer radii; without it the reading is a baseline."""
+    is_wanted = "base_0.5", 5.0, 0.2
+    keys = "case", "contrast", "indentation_over_outer_radius"
+    row = next(row for row in OFF_AXIS if tuple(row[key] for key in keys) == is_wanted)
+    scene, change = Scene.from_tables(row["scene"]), row["change_of_ln_ratio"]
+    blank = ContactEvaluator().solve(scene.model_copy(update={"inclusion": ()}), 0.01).films[0]
+    ratio = float(blank.totals[0] / blank.totals[1] * scene.probe.outer_area / scene.probe.inner_area)
+    readings = (Reading(0.0, 0.0, ratio, 1e-3, blank=True), Reading(0.0, 0.0, ratio * np.exp(change["value"]), 0.01))
+    truth = scene.inclusion[0].youngs_modulus
+    estimated = estimate(scene, readings, accuracy=0.01)  # as the baseline reading was computed
+    assert estimated.evaluator == "contact"
+    assert estimated.value is not None
+    low, high = estimated.interval
+    assert (low or 0.0) < truth < (high or np.inf)
+    sensitivity = row["log_sensitivity"]["value"]
+    assert abs(np.log(estimated.value / truth)) < 0.03 * change["value"] / sensitivity
+    linear = estimate(scene.model_copy(update={"load": Load(force=0.0)}), readings).value
+    assert linear is not None
+    assert abs(np.log(linear / truth)) > 0.05 * change["value"] / sensitivity
+
+
+@pytest.mark.slow
+def test_readings_at_several_loads_are_several_observables() -> None:
+    """Together they narrow the interval, and what they say of the modulus is what their prediction was made of."""
+    scene = example(Load(force=0.1)).replace({"inclusion.x": 4e-3})
+    ratios = {force: evaluate(scene.replace({"load.force": force}), "contact").ratio or 0.0 for force in (0.05, 0.1)}
+    readings = tuple(Reading(0.0, 0.0, ratio, 0.01, force=force) for force, ratio in ratios.items())
+    both, *alone = (estimate(scene, chosen) for chosen in (readings, readings[:1], readings[1:]))
+    widths = [np.log((result.interval[1] or 0.0) / (result.interval[0] or np.inf)) for result in (both, *alone)]
+    assert widths[0] < min(widths[1:])
+    for result in (both, *alone):
+        assert result.value == pytest.approx(scene.inclusion[0].youngs_modulus, rel=0.02)
+
+
+@pytest.mark.parametrize("load", [Load(indentation=1e-4), Load(force=0.05, preload=0.01)])
+def test_a_force_is_a_press_from_zero_to_it(load: Load, tmp_path: Path) -> None:
+    path = tmp_path / "readings.csv"
+    path.write_text("ratio,noise,force\n0.6,0.05,0.1 N\n")
+    with pytest.raises(InputError, match=r"force = '0.1 N': allowed: nothing in a scene with load"):
+        read_readings(path, example(load))
+
+
+def test_faces_that_slide_are_refused_off_the_axis() -> None:
+    scene = example(Load(force=0.2)).replace({"contact.interface": "frictionless"})
+    with pytest.raises(Refusal, match=r"load.force = 0.2 N: allowed: up to 0.0\d+ N") as refusal:
+        estimate(scene, (Reading(5e-3, 0.0, 0.6, 0.05),))
+    assert "where faces slide" in str(refusal.value)
     assert "--linear" in str(refusal.value)
