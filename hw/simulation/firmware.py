@@ -10,6 +10,8 @@ from hw.common.samples import Floats
 from hw.wire.frames import MAX_CODE, MIN_CODE, Codes, FrameLayout, encode_frame
 from hw.wire.protocol import GET_INFO, GET_STATUS, RATE_FORMAT, SET_RATE, START, STOP, Info, Status
 
+MAX_FRAME_DURATION_S = 0.05  # s, of docs/reference/protocol.md
+
 
 class Halted(Exception):  # noqa: N818 - a state of the endpoint
     """The endpoint is halted, or the request refused."""
@@ -44,15 +46,20 @@ class Firmware:
             return Info(self.layout.channels, self.rate, self._max_rate, tuple(self._scale), "virtual 1").encode()
         if request == GET_STATUS:
             return Status(self.stream, self.overruns, self.sent, self.index).encode()
-        if request == SET_RATE and not self.stream:
+        if request == SET_RATE and not self.stream and len(data) == RATE_FORMAT.size:
             self.rate = min(self._max_rate, max(1.0, RATE_FORMAT.unpack(data)[0] / 1e3))  # the request is in mHz
         elif request == START and value:
             self.stream, self.index, self.sent, self.overruns, self._ready = value, 0, 0, 0, b""
         elif request == STOP:
-            self.stream = 0
+            self.stream, self._ready = 0, b""
         else:
             raise Halted
         return b""
+
+    @property
+    def rows(self) -> int:
+        """Number of samples per channel in a frame: it is queued when it is full, or 50 ms after its first sample."""
+        return min(self.layout.rows, 1 + int(self.rate * MAX_FRAME_DURATION_S))
 
     def send(self, size: int) -> bytes:
         """Return the bytes for a read of ``size`` bytes; none while no stream runs."""
@@ -64,7 +71,7 @@ class Firmware:
 
     def build_frames(self, count: int, flags: int = 0) -> bytes:
         """Return the bytes of the next ``count`` frames, all with the same flags."""
-        rows = self.layout.rows
+        rows = self.rows
         index = self.index + np.arange(count * rows)
         counts = np.rint(self._signals(index / self.rate) / self._scale)
         codes: Codes = np.clip(counts, MIN_CODE, MAX_CODE).astype(np.int16)

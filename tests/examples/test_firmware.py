@@ -18,7 +18,7 @@ from hw.common.samples import Floats
 from hw.reader import Reader
 from hw.serial_port.device import SerialDevice
 from hw.serial_port.packets import encode_request, encode_response
-from hw.simulation.firmware import Firmware
+from hw.simulation.firmware import Firmware, Halted
 from hw.usb.device import UsbDevice
 from hw.wire.protocol import GET_INFO, GET_STATUS, SET_RATE, START, STOP, Info, Status
 from hw.wire.stream import StreamTransport
@@ -65,15 +65,15 @@ def test_the_page_s_code_compiles(tmp_path: Path) -> None:
     compile_firmware([tmp_path / "page.c"], "-c", "-Wno-unused-variable", "-o", str(tmp_path / "page.o"))
 
 
-@pytest.mark.parametrize(("size", "channels"), [(64, 2), (512, 3), (33, 2)])
-def test_every_byte_is_that_of_the_virtual_probe(size: int, channels: int) -> None:
-    with posix_board("-f", "-s", str(size), "-c", str(channels), "-r", "20000") as port:
+@pytest.mark.parametrize(("size", "channels", "rate"), [(64, 2, 20_000), (512, 3, 20_000), (33, 2, 20_000), (1024, 3, 100)])
+def test_every_byte_is_that_of_the_virtual_probe(size: int, channels: int, rate: int) -> None:
+    with posix_board("-f", "-s", str(size), "-c", str(channels), "-r", str(rate)) as port:
         transport = StreamTransport(SerialDevice(port))
         data = b""
         while len(data) < 40_000:
             data += transport.read().data
         transport.close()
-    virtual = Firmware(lambda times: films(times, 20_000.0, channels), 20_000.0, SCALES[:channels], size)
+    virtual = Firmware(lambda times: films(times, rate, channels), float(rate), SCALES[:channels], size)
     virtual.control(START, transport.header.stream, b"")
     assert data == virtual.send(len(data))
 
@@ -107,6 +107,22 @@ def test_requests_while_it_runs_and_while_it_does_not() -> None:
         device.request(STOP)
         assert Status.decode(device.request(GET_STATUS)).stream == 0
         device.close()
+
+
+def test_the_virtual_probe_grants_and_refuses_as_the_board_does() -> None:
+    model, virtual = ModelBoard(2, 64, 1000.0, 12, False), Firmware(codes_volts, 1000.0, (0.25, 0.5), 64)
+    generator, steps = np.random.default_rng(5), [model.init()]
+    for _ in range(300):
+        number, value = int(generator.choice([2, 3, 4, 5, 6])), int(generator.integers(0, 3))
+        data = generator.bytes(2) + bytes(generator.choice([1, 2, 2, 2, 3])) if number == SET_RATE else b""
+        step, _ = model.control(number, value, data)
+        try:
+            answer = virtual.control(number, value, data)
+        except Halted:
+            steps.append((step, b"\0\0\0"))
+        else:
+            steps.append((step, struct.pack("<BH", 1, len(answer)) + answer))
+    check(steps)
 
 
 def test_a_frame_waits_50_ms_at_most() -> None:

@@ -96,7 +96,7 @@ class FaultyFirmware(Firmware):
 
     def _spoil_frames(self, fault: Fault) -> bytes:
         if fault.kind == "overrun":
-            self.index += fault.count * self.layout.rows
+            self.index += fault.count * self.rows
             self.overruns += 1
             return self.build_frames(1, OVERRUN_FLAG)
         frames = self.build_frames(fault.count)
@@ -114,7 +114,7 @@ class FaultyFirmware(Firmware):
         """Perform a failing read: do nothing, or lose a frame and raise."""
         if kind == "silence":
             return
-        self.index += self.layout.rows
+        self.index += self.rows
         self.sent += 1
         if kind == "reset":
             self.stream = 0
