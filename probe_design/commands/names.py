@@ -46,6 +46,7 @@ COMMANDS = {
     "sweep": CommandName(DESIGN, "sweep:SweepRequest", "Evaluate thousands of designs, each once."),
     "tolerances": CommandName(DESIGN, "evaluate:TolerancesRequest", "Effect of manufacturing tolerances on the ratio."),
     "tradeoff": CommandName(DESIGN, "sweep:TradeoffRequest", "Time and error of every evaluator on your scenes."),
+    "explore": CommandName(DESIGN, "explore:ExploreRequest", "A page on which you see what each dimension does."),
     "export": CommandName(DESIGN, "export:ExportRequest", "Write the files that a workshop needs."),
     "evaluate": CommandName(PREDICT, "evaluate:EvaluateRequest", "Film stresses, their ratio and its sensitivity to the tumour."),
     "plan": CommandName(PREDICT, "evaluate:PlanRequest", "Which model reaches an accuracy, and what it neglects."),

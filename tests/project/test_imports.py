@@ -203,6 +203,15 @@ ALLOWED: dict[str, set[str]] = {
         "solver.reading_tables",
         *ANSWERS,
     },
+    "probe_design.explorer": {
+        "probe_design.data",
+        "probe_design.maps",
+        "geometry.cad",  # the STEP file, in the worker
+        "geometry.processes",
+        "solver.closed_form",
+        "solver.evaluators",
+        *ANSWERS,
+    },
     "probe_design.tolerances": {
         "geometry.cad.materials",  # how each block is made
         "geometry.workshop.tolerance",  # and how exactly
@@ -294,6 +303,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.design_search",
         "probe_design.doctor",
         "probe_design.estimation",
+        "probe_design.explorer",
         "probe_design.locating",
         "probe_design.maps",
         "probe_design.material_fit",

@@ -1,0 +1,94 @@
+"""The state of one page: the design, undo and redo, the designs that are kept, and the address that holds all changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from time import monotonic
+from urllib.parse import parse_qsl, urlencode
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
+from probe_design.explorer.variables import Variable, list_variables
+
+KEPT_NAMES = ("A", "B", "C")
+MAX_HISTORY = 200  # steps of undo
+SAME_DRAG_S = 1.0  # s: changes of the same number within this time are one step of undo
+MAX_ADDRESS_LENGTH = 4000  # characters
+
+
+@dataclass
+class Session:
+    """The design of a page.
+
+    Attributes
+    ----------
+    start
+        The scene named at the start.
+    variables
+        What the page varies.
+    changes
+        Changes of the start by key, as a scene file writes them.
+    scene
+        The present design: the last one that was allowed.
+    """
+
+    start: Scene
+    variables: dict[str, Variable] = field(init=False)
+    changes: dict[str, str] = field(default_factory=dict)
+    scene: Scene = field(init=False)
+    _past: list[dict[str, str]] = field(default_factory=list)
+    _future: list[dict[str, str]] = field(default_factory=list)
+    _last: tuple[tuple[str, ...], float] = ((), 0.0)
+
+    def __post_init__(self) -> None:
+        self.variables = {variable.key: variable for variable in list_variables(self.start)}
+        self.scene = self.start
+
+    def change(self, entries: dict[str, str]) -> None:
+        """Change numbers of the design, given as typed.
+
+        Raises
+        ------
+        InputError
+            There is no such number, or the design is not allowed; the present one then stays.
+        """
+        for key in entries:
+            if key not in self.variables:
+                raise InputError("variable", key[:80], "a number that the page shows")
+        texts = {key: self.variables[key].read_text(text) for key, text in entries.items()}
+        changes = self.changes | texts
+        self.scene = self.start.replace(changes)
+        names, now = tuple(sorted(texts)), monotonic()
+        if names != self._last[0] or now - self._last[1] > SAME_DRAG_S:
+            self._past = [*self._past, self.changes][-MAX_HISTORY:]
+        self._last, self._future, self.changes = (names, now), [], changes
+
+    def undo(self) -> bool:
+        """Return to the design before the last change; False where there is none."""
+        return self._step(self._past, self._future)
+
+    def redo(self) -> bool:
+        """Repeat the change that was undone last; False where there is none."""
+        return self._step(self._future, self._past)
+
+    def _step(self, source: list[dict[str, str]], target: list[dict[str, str]]) -> bool:
+        """Take the last changes of one list, and put the present ones on the other."""
+        if not source:
+            return False
+        target.append(self.changes)
+        self.changes = source.pop()
+        self.scene, self._last = self.start.replace(self.changes), ((), 0.0)
+        return True
+
+    @property
+    def fragment(self) -> str:
+        """The changes as the fragment of the page's address, without #."""
+        return urlencode(self.changes)
+
+    def read_fragment(self, fragment: str) -> None:
+        """Make the design that an address holds the present one. Raises ``InputError`` where it is not allowed."""
+        if len(fragment) > MAX_ADDRESS_LENGTH:
+            raise InputError("address", Words(f"{len(fragment)} characters"), f"at most {MAX_ADDRESS_LENGTH} characters")
+        entries = dict(parse_qsl(fragment))
+        if entries:
+            self.change(entries)

@@ -1,0 +1,139 @@
+"""The explorer's page in a real Chromium: its numbers are the Python face's, and nobody else is served."""
+
+from __future__ import annotations
+
+import http.client
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from geometry.scenes.scene_file import read_scene
+from probe_design import evaluate
+from tests.support.browser import NAMES
+from tests.support.paths import ROOT
+
+sync_api = pytest.importorskip("playwright.sync_api")
+EXAMPLE = ROOT / "examples" / "scene.toml"
+PATIENCE_MS = 60_000  # for a busy machine
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """The address that the command prints first; afterwards Ctrl-C ends it cleanly."""
+    command = [sys.executable, "-m", "probe_design", "explore", str(EXAMPLE), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as server:
+        assert server.stdout is not None
+        yield server.stdout.readline().strip()
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=60)
+    assert (server.returncode, errors) == (0, "")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[sync_api.Browser]:
+    program = next((path for name in NAMES if (path := shutil.which(name))), None)
+    if program is None:
+        pytest.skip("no Chromium")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def open_page(browser: sync_api.Browser, address: str) -> sync_api.Page:
+    page = browser.new_context(accept_downloads=True).new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(address)
+    page.wait_for_selector("[data-output=ratio]")
+    return page
+
+
+def wait_for_ratio(page: sync_api.Page, ratio: float) -> None:
+    page.wait_for_function(f"() => Number(document.querySelector('[data-output=ratio]')?.dataset.value) === {ratio!r}")
+
+
+def ask(address: str, path: str = "/", **headers: str) -> tuple[int, dict[str, str]]:
+    """Return status and headers of a response."""
+    parts = urlsplit(address)
+    assert parts.hostname == "127.0.0.1"
+    with closing(http.client.HTTPConnection("127.0.0.1", parts.port, timeout=60)) as connection:
+        connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        with connection.getresponse() as response:
+            return response.status, {name.lower(): value for name, value in response.headers.items()}
+
+
+def test_only_the_browser_with_the_token_is_served(address: str) -> None:
+    query = "/?" + urlsplit(address).query
+    assert [ask(address, path)[0] for path in ("/", "/?token=wrong", query + "x", "/_nicegui/components")] == [403] * 4
+    status, headers = ask(address, query)
+    cookie = headers["set-cookie"]
+    assert (status, headers["location"]) == (303, "/")
+    assert {"HttpOnly", "SameSite=Strict"} <= {part.strip() for part in cookie.split(";")}
+    assert urlsplit(address).query.removeprefix("token=") not in cookie
+    cookie = cookie.split(";")[0]
+    assert ask(address, Cookie=cookie)[0] == 200
+    assert ask(address, Cookie=cookie[:-1])[0] == 403
+    assert ask(address, query, Host="rebound.example")[0] == 403
+    socket_path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    upgrade = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec_WebSocket_Version": "13",
+        "Sec_WebSocket_Key": "A" * 22 + "==",
+    }
+    for path, others in (("/", {}), (socket_path, upgrade)):
+        for foreign in ({"Origin": "http://127.0.0.1:1"}, {"Origin": "null"}, {"Host": "rebound.example"}):
+            assert ask(address, path, Cookie=cookie, **others, **foreign)[0] == 403
+    assert ask(address, socket_path, **upgrade)[0] == 403
+
+
+def test_visit(address: str, browser: sync_api.Browser, tmp_path: Path) -> None:
+    page, other = open_page(browser, address), open_page(browser, address)
+    hosts: set[str] = set()
+    page.on("request", lambda request: hosts.add(urlsplit(request.url).hostname or ""))
+    assert "token" not in page.url
+    start = evaluate(read_scene(EXAMPLE), evaluator="closed-form")
+    wait_for_ratio(page, start.ratio)
+    gap = page.get_by_label("gap, value")
+    gap.fill("0,5")
+    gap.press("Enter")
+    wider = evaluate(read_scene(EXAMPLE).replace({"probe.gap": "0.5 mm"}), evaluator="closed-form")
+    wait_for_ratio(page, wider.ratio)
+    page.wait_for_function("() => location.hash.includes('probe.gap=0.5')")
+    page.reload()  # the address holds the design
+    wait_for_ratio(page, wider.ratio)
+    gap.fill("-1")
+    gap.press("Enter")
+    page.get_by_text("probe.gap = '-1 mm'").wait_for()
+    assert page.locator("[data-output=ratio]").get_attribute("data-value") == repr(wider.ratio)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Scene TOML").click()
+    download.value.save_as(tmp_path / "scene.toml")
+    assert evaluate(tmp_path / "scene.toml", evaluator="closed-form").ratio == wider.ratio
+    page.get_by_role("button", name="Undo").click()
+    wait_for_ratio(page, start.ratio)
+    wait_for_ratio(other, start.ratio)
+    assert "gap" not in other.url
+    for junk in ("null", "7", "'x'", "{index: 9, x: 1, depth: 1}", "{index: 0, x: 'NaN', depth: 1}", "{index: 0, depth: []}"):
+        page.evaluate(f"emitEvent('explorer_move', {junk})")
+    page.locator("[data-tumour]").press("ArrowDown")
+    deeper = evaluate(read_scene(EXAMPLE).replace({"inclusion.depth": "9.5 mm"}), evaluator="closed-form")
+    wait_for_ratio(page, deeper.ratio)
+    assert hosts == {"127.0.0.1"}
+
+
+@pytest.mark.slow
+def test_check_in_a_worker(address: str, browser: sync_api.Browser) -> None:
+    page = open_page(browser, address)
+    page.get_by_role("button", name="Check").click()
+    page.get_by_text("checked by").wait_for()
+    result = evaluate(read_scene(EXAMPLE))
+    cells = page.locator("table.outputs tbody tr").first.locator("td").all_inner_texts()
+    assert float(cells[1].split()[0]) == pytest.approx(result.ratio, rel=1e-3)  # four digits
