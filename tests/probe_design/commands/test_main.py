@@ -141,14 +141,6 @@ def test_refusals_are_one_line_and_exit_2(arguments: tuple[str | Path, ...], wor
         assert word in line
 
 
-@pytest.mark.slow
-def test_an_accuracy_out_of_reach_is_refused_after_every_evaluator_was_asked() -> None:
-    """What is being solved stands on the lines before."""
-    ended = run("evaluate", REFERENCE / "solid" / "two-tumours-between.toml", "--accuracy", "1e-6", "--linear")
-    assert ended.returncode == 2
-    assert re.search(r"accuracy = 1e-06: allowed: 0.00\d+ or more for this scene", ended.stderr.splitlines()[-1])
-
-
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [

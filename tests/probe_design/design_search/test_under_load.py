@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import pytest
@@ -24,6 +25,7 @@ NOISE = Noise()
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 
 
+@cache
 def loaded(name: str, force: float) -> tuple[TumourVerification, TumourVerification]:
     """A reference's probe under a force, verified linearly up to the linear limit, and by contact."""
     scene = scene_of(name).model_copy(update={"load": Load(force=force)})
@@ -66,10 +68,10 @@ def test_beyond_closure_the_gap_is_kept_open() -> None:
 @pytest.mark.timeout(1800)
 def test_a_wider_limit_never_makes_a_design_worse() -> None:
     """Below linear elasticity's end, just beyond it, far beyond it, and beyond what it can be pressed."""
-    verified_designs = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.05, 0.12, 0.3, 3.0)]
+    verified_designs = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.09, 3.0)]
     values = [verified_design.value for verified_design in verified_designs]
     assert all(wider <= tighter for tighter, wider in pairwise(values)), values
-    assert [verified_design.evaluator for verified_design in verified_designs[1:]] == ["contact"] * 6
+    assert [verified_design.evaluator for verified_design in verified_designs[1:]] == ["contact"] * 4
     assert verified_designs[-1].pressing.limited_by in ("depth", "gap closure")
     assert verified_designs[-1].pressing.force < 0.5
 
