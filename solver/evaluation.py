@@ -127,7 +127,7 @@ def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
     from solver.contact.evaluator import ContactEvaluator
     from solver.contact.load_curve import LoadEnds, find_load_ends
 
-    reason = ContactEvaluator().refusal_of_mesh(scene)
+    reason = ContactEvaluator().refusal(scene)
     if reason is not None:
         text = f"loads are bounded, not computed, for this scene; contact computes them for {reason}"
         return replace(result, warnings=(*result.warnings, Note("linear", text)))

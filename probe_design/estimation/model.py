@@ -27,6 +27,7 @@ from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.predictions import Predictions, build_turned_bodies, build_turned_scenes, insert_phases
 from probe_design.maps.target_grid import check_spheres, compute_free_radii
 from solver.contact.evaluator import ContactEvaluator
+from solver.contact.preloaded_tissue import PreloadedTissue
 from solver.contact.pressed_tissue import PressedTissue
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -114,11 +115,11 @@ class TargetModel:
         return EquivalentInclusion().prepare(self._farthest_scene, self.accuracy)
 
     @cached_property
-    def _pressed(self) -> dict[float, PressedTissue]:
+    def _pressed(self) -> dict[float, PressedTissue | PreloadedTissue]:
         """Cache: the probe pressed on tissue without tumours by force, N."""
         return {}
 
-    def _press(self, force: float) -> PressedTissue:
+    def _press(self, force: float) -> PressedTissue | PreloadedTissue:
         """Return the probe pressed by a reading's force, N, or by the scene's load for NaN."""
         scene = _replace_force(self._farthest_scene, force)
         key = scene.load.force or 0.0

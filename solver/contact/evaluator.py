@@ -17,6 +17,7 @@ from geometry.scenes.scene_tables import Contact
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.law_ranges import list_range_notes
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, compute_modulus_curve, press_with_enough_points
+from solver.contact.preloaded_tissue import PreloadedTissue
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import StoppedError
 from solver.contact.tumours_anywhere import build_decision, prepare_tissue, solve_tumours
@@ -50,8 +51,8 @@ class ContactEvaluator(FilmEvaluator):
     def refusal_off_axis(self, scene: Scene) -> str | None:
         """Return the reason why tumours cannot act by their first-order effects under load, wherever they are, or None."""
         # meshes without a sphere are too coarse for faces that slide: no step converges beyond small loads
-        if scene.contact.interface != "bonded" or scene.contact.edge_radius > 0 or scene.load.preload:
-            return f"{ONE_SPHERE} where faces slide or open, edges are round or there is a preload"
+        if scene.contact.interface != "bonded" or scene.contact.edge_radius > 0:
+            return f"{ONE_SPHERE} where faces slide or open, or edges are round"
         return EquivalentInclusion().refusal(scene)
 
     def refusal_of_mesh(self, scene: Scene) -> str | None:
@@ -74,7 +75,7 @@ class ContactEvaluator(FilmEvaluator):
         """
         with limit_to_one_thread(), self._convert_errors(scene):
             if not is_round(scene):
-                self._check(scene)
+                self.check(scene)
                 return solve_tumours(scene, accuracy, moduli)
             result, loaded, notes = press_refined(
                 self.prepare_scene(scene, accuracy), lambda films: _is_accurate(films, scene, accuracy)
@@ -87,15 +88,15 @@ class ContactEvaluator(FilmEvaluator):
         with limit_to_one_thread(), self._convert_errors(scene):
             return press_refined(self.prepare_scene(scene, accuracy), lambda films: films.compute_max_error(scene) <= accuracy)[1]
 
-    def _check(self, scene: Scene) -> None:
+    def check(self, scene: Scene) -> None:
         """Raise ``Refusal`` for a scene that is not supported."""
         reason = self.refusal(scene)
         if reason is not None:
             raise Refusal("evaluator", self.name, reason)
 
     @use_own_workspace
-    def press_tissue(self, scene: Scene, accuracy: float) -> PressedTissue:
-        """Press a scene's probe on its tissue without tumours to its force, ready for tumours anywhere.
+    def press_tissue(self, scene: Scene, accuracy: float) -> PressedTissue | PreloadedTissue:
+        """Press a scene's probe on its tissue without tumours to its force or preload, ready for tumours anywhere.
 
         Raises
         ------
@@ -108,7 +109,8 @@ class ContactEvaluator(FilmEvaluator):
         if scene.load.force is None:
             raise Refusal(*describe_load(scene), "load.force in its place, where contact reads many tumours or positions")
         with limit_to_one_thread(), self._convert_errors(scene):
-            return prepare_tissue(scene, accuracy).press(scene.load.force)
+            tissue = prepare_tissue(scene, accuracy)
+            return tissue.press_beside(scene.load.preload) if scene.load.preload else tissue.press(scene.load.force)
 
     @contextmanager
     def _convert_errors(self, scene: Scene) -> Iterator[None]:

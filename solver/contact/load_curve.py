@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import SolveError, Words
+from geometry.common.errors import Refusal, SolveError, Words
 from geometry.common.json_types import JsonObject
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.probe import format_mm
@@ -22,11 +22,14 @@ from solver.contact.limits import find_change_load, find_gap_closure_load, is_ga
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, press_with_enough_points
 from solver.contact.path import Path
 from solver.contact.states import PathPoint, StoppedError
+from solver.contact.tumours_anywhere import TumoursUnderLoad
+from solver.contact.tumours_at_loads import WITHOUT_TUMOURS, find_changes, press_tumours
 from solver.linalg.threads import limit_to_one_thread
 from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_charges import RATIO_FIELDS, compute_charge_ratio_fields, explain_null_charges
 from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_limits import LargestLoad
+from solver.results.refusals import is_round
 from solver.results.result import LoadCurve, LoadRange
 from solver.results.warnings import Note, explain_null_sensitivity
 
@@ -64,20 +67,35 @@ def compute_load_curve(
     start = perf_counter()
     evaluator, points, stopped = ContactEvaluator(), [], None
     with start_clock(), limit_to_one_thread():
-        loaded = evaluator.prepare_scene(scene, accuracy)
+        press = _prepare_press(evaluator, scene, accuracy, by_force)
         try:
             for k, load in enumerate(loads):
                 progress(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
-                point, loaded = press_with_enough_points(loaded, partial(_press, load=float(load), by_force=by_force))
-                points.append(point)
-        except (StoppedError, LimitReached) as fault:
+                points.append(press(float(load)))
+        except (StoppedError, LimitReached, Refusal) as fault:
             if not points:
-                if isinstance(fault, LimitReached):
+                if not isinstance(fault, StoppedError):
                     raise
                 load_entry = ("force", Words(f"{load:g} N")) if by_force else ("indentation", format_mm(float(load)))
                 raise evaluator.build_stop_refusal(load_entry, fault) from fault
-            stopped = str(fault)
+            stopped = fault.allowed if isinstance(fault, Refusal) else str(fault)
     return _build_curve(scene, points, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
+
+
+def _prepare_press(evaluator: ContactEvaluator, scene: Scene, accuracy: float, by_force: bool) -> Callable[[float], LoadedForces]:
+    """Return a function that presses a scene to a force, N, or an indentation, m; loads have to rise."""
+    if not is_round(scene):
+        evaluator.check(scene)
+        return partial(press_tumours, TumoursUnderLoad.from_scene(scene, accuracy), by_force=by_force)
+    loaded = evaluator.prepare_scene(scene, accuracy)
+
+    def press(load: float) -> LoadedForces:
+        """Press the scene, with more contact points from a load on that needs them."""
+        nonlocal loaded
+        point, loaded = press_with_enough_points(loaded, partial(_press, load=load, by_force=by_force))
+        return point
+
+    return press
 
 
 def _press(loaded: LoadedScene, load: float, by_force: bool) -> LoadedForces:
@@ -109,6 +127,8 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
         See ``compute_load_curve``.
     """
     with start_clock(), limit_to_one_thread():
+        if not is_round(scene):
+            return _find_ends_off_axis(scene, accuracy)
         loaded = ContactEvaluator().prepare_scene(scene, accuracy)
         closure, notes = _find_closure(loaded)
         changes = list(_list_changes(loaded, scene, accuracy))
@@ -120,6 +140,16 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
             reached = f"up to {loaded.paths[0].last.force:.3g} N, as far as is known"
             notes.append(Note("linear", f"{change.quantity} stays within {change.allowed:.2g} of linear elasticity {reached}"))
     return LoadEnds(limits["ratio"], limits.get("log_sensitivity"), closure, tuple(notes))
+
+
+def _find_ends_off_axis(scene: Scene, accuracy: float) -> LoadEnds:
+    """Find the load limits of a scene with tumours off the axis; the gap closes as it does without them."""
+    ContactEvaluator().check(scene)
+    under_load = TumoursUnderLoad.from_scene(scene, accuracy)
+    limits, notes = find_changes(under_load, accuracy)
+    closure, closure_notes = _find_closure(under_load.tissue.loaded)
+    note = Note("linear", "gap_closure_load is that without tumours")
+    return LoadEnds(limits["ratio"], limits.get("log_sensitivity"), closure, (*notes, *(closure_notes or [note])))
 
 
 @dataclass(frozen=True)
@@ -207,6 +237,8 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
         warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
     if scene.load.preload:
         warnings.append(Note("linear", "load.preload is left out: the curve is of presses from zero to each load"))
+    if not is_round(scene):
+        warnings.append(Note("linear", WITHOUT_TUMOURS))
     if stopped is not None:
         warnings.append(Note("limit", f"the curve ends early: {stopped}"))
 

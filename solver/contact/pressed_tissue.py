@@ -54,16 +54,24 @@ class LoadedChanges:
         Bounds on the errors of what the load adds to them, shape (d, n, k + 1).
     ratio_errors
         The same of the logarithms of ratios, inner over outer, shape (d, n, k / 2).
+    spreads
+        Differences of the two meshes, shape (d, n, k + 1).
     """
 
     changes: Floats
     errors: Floats
     ratio_errors: Floats
+    spreads: Floats
 
     @property
     def ratios(self) -> Floats:
         """Changes of the logarithms of ratios, inner over outer, shape (d, n, k / 2)."""
         return _subtract_outer(self.changes)
+
+    @property
+    def ratio_spreads(self) -> Floats:
+        """Differences of the two meshes in the logarithms of ratios, shape (d, n, k / 2)."""
+        return _subtract_outer(self.spreads)
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,8 @@ class PressedTissue:
     ----------
     base
         The linear solution.
+    loaded
+        The load paths.
     bare
         Film forces without tumours under the load.
     responses
@@ -81,6 +91,7 @@ class PressedTissue:
     """
 
     base: Undisturbed
+    loaded: LoadedScene
     bare: LoadedForces
     responses: tuple[tuple[TumourResponse, TumourResponse], ...]
 
@@ -95,7 +106,7 @@ class PressedTissue:
             )
             for path in loaded.paths
         ]
-        return cls(base, bare, tuple(responses))
+        return cls(base, loaded, bare, tuple(responses))
 
     def compute_readings(self, linear: Readings, tumours: Tumours, target: int = 0, *, shape_error: float = 0.0) -> Readings:
         """Return the readings at the force, per indentation, from the ``linear`` ones; parameters as of ``compute_changes``."""
@@ -103,19 +114,19 @@ class PressedTissue:
         rise, rise_error = changes.changes[0, :, -1:], changes.errors[0, :, -1:]
         parts = []
         for number, (films, bare, part) in enumerate(
-            zip(_list_films(self.base.films), _list_films(self.bare.films), linear.parts, strict=True)
+            zip(list_films(self.base.films), list_films(self.bare.films), linear.parts, strict=True)
         ):
             columns = slice(2 * number, 2 * number + 2)
             values, *derivatives = changes.changes[..., columns]
             totals = bare.totals * np.exp(values + rise)
             if number == 0:  # the forces add up to the force, not only to first order
                 totals *= bare.totals.sum() * np.exp(rise) / totals.sum(axis=1, keepdims=True)
-            effect_errors = _bound_effects(part, films) / np.abs(part.totals)
+            effect_errors = bound_effects(part, films) / np.abs(part.totals)
             errors = bare.relative_errors + effect_errors + changes.errors[0, :, columns] + rise_error
             log_ratio = bare.bound.log_ratio + part.log_ratio_bound - films.bound.log_ratio + changes.ratio_errors[0, :, number]
             loaded = replace(
                 part,
-                forces=_build_diagonals(totals),
+                forces=build_diagonals(totals),
                 bound=errors * np.abs(totals),
                 log_ratio_bound=log_ratio,
                 first_share=log_ratio,
@@ -125,7 +136,7 @@ class PressedTissue:
             if linear.derivatives:
                 # derivatives at constant indentation, as those of linear readings are
                 slopes = {
-                    key: _build_diagonals(totals * (change + changes.changes[number, :, -1:]))
+                    key: build_diagonals(totals * (change + changes.changes[number, :, -1:]))
                     for number, (key, change) in enumerate(zip(LOG_DERIVATIVES, derivatives, strict=False), start=1)
                     if key in part.derivatives
                 }
@@ -158,7 +169,7 @@ class PressedTissue:
         """
         linear = compute_linear_changes(self.base, readings)
         if not tumours.shape[1]:
-            return LoadedChanges(linear, np.zeros_like(linear), np.zeros_like(_subtract_outer(linear)))
+            return LoadedChanges(linear, np.zeros_like(linear), np.zeros_like(_subtract_outer(linear)), np.zeros_like(linear))
         inside, left_out = self.base.move_inside(tumours)
         effects = [
             [
@@ -181,7 +192,7 @@ class PressedTissue:
 
         stiffening = np.abs(linear[..., -1:])
         parts = linear, growth, spread
-        return LoadedChanges(linear + growth, bound(*parts), bound(*(_subtract_outer(part) for part in parts)))
+        return LoadedChanges(linear + growth, bound(*parts), bound(*(_subtract_outer(part) for part in parts)), spread)
 
 
 def _subtract_outer(changes: Floats) -> Floats:
@@ -189,17 +200,17 @@ def _subtract_outer(changes: Floats) -> Floats:
     return np.asarray(changes[..., 0:-1:2] - changes[..., 1:-1:2])
 
 
-def _list_films(films: FilmForces) -> list[FilmForces]:
+def list_films(films: FilmForces) -> list[FilmForces]:
     """Return the film forces and, where they are modelled, the charges."""
     return [films, *([] if films.charges is None else [films.charges])]
 
 
-def _bound_effects(readings: Readings, films: FilmForces) -> Floats:
+def bound_effects(readings: Readings, films: FilmForces) -> Floats:
     """Return the bounds on the errors of the tumours' effects alone, (n, 2), from bounds with those of the bare ``films``."""
     return np.asarray(np.maximum(readings.bound - films.bound.totals, 0.0))
 
 
-def _build_diagonals(totals: Floats) -> Floats:
+def build_diagonals(totals: Floats) -> Floats:
     """Return matrices with the totals, shape (n, 2), on their diagonals, shape (n, 2, 2)."""
     return np.asarray(totals[:, :, None] * np.eye(2))
 
@@ -207,7 +218,7 @@ def _build_diagonals(totals: Floats) -> Floats:
 def compute_linear_changes(base: Undisturbed, readings: Readings) -> Floats:
     """Return the linear changes by n sets, as in ``LoadedChanges``; derivatives are zero without a target."""
     totals, bare = (
-        np.concatenate([part.totals for part in parts], axis=-1) for parts in (readings.parts, _list_films(base.films))
+        np.concatenate([part.totals for part in parts], axis=-1) for parts in (readings.parts, list_films(base.films))
     )
     stiffness = readings.stiffness[:, None]
     rise = np.log(stiffness / bare[:2].sum())

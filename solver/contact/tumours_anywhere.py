@@ -16,10 +16,12 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.contact.limits import CLOSED_GAP_RELATIVE
 from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene
+from solver.contact.preloaded_tissue import STEP_RELATIVE, PreloadedTissue
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import StoppedError
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion, build_film_forces
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, remove_tumours, solve_undisturbed
+from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import keep_within_limits
 from solver.results.evaluator import FilmSolution
@@ -65,10 +67,11 @@ class TissueUnderLoad:
         """Return whether an indentation, m, is so small that the linear limit holds."""
         return indentation <= SMALL_INDENTATION_RELATIVE * self.loaded.paths[0].unit
 
-    def press(self, force: float, load_entry: tuple[str, object] | None = None) -> PressedTissue:
+    def press(self, force: float, load_entry: tuple[str, object] | None = None, *, refine: bool = True) -> PressedTissue:
         """Press to a force, N, that is not light.
 
-        ``load_entry`` is the key of the load in the scene, or its name, and its value; by default the force.
+        ``load_entry`` is the key of the load in the scene, or its name, and its value; by default the force. Without ``refine``,
+        coarse meshes count as accurate enough.
 
         Raises
         ------
@@ -79,7 +82,7 @@ class TissueUnderLoad:
         """
         key, value = load_entry or ("load.force", Words(f"{force:g} N"))
         self._check_depth(force, key, value)
-        pressed = self._press_paths(force)
+        pressed = self._press_paths(force, refine)
         min_gap = CLOSED_GAP_RELATIVE * self.loaded.paths[0].points[0].walls
         if pressed.bare.point.walls <= min_gap:
             open_points = [point for point in self.loaded.paths[0].points if point.walls > min_gap]
@@ -87,7 +90,13 @@ class TissueUnderLoad:
             raise Refusal(key, value, f"up to {limit} for contact: tumours off the axis are not modelled once the gap is closed")
         return pressed
 
-    def _press_paths(self, force: float) -> PressedTissue:
+    def press_beside(self, preload: float) -> PreloadedTissue:
+        """Press to a preload, N, that is not light, ready for tangent responses; for errors see ``press``."""
+        entry = "load.preload", Words(f"{preload:g} N")
+        self._check_depth((1 + STEP_RELATIVE) * preload, *entry, margin=1 + STEP_RELATIVE)
+        return PreloadedTissue.from_pressed(self.press(preload, entry), preload)
+
+    def _press_paths(self, force: float, refine: bool) -> PressedTissue:
         """Press the load paths to a force, N: on finer meshes for accuracy, with more contact points where no step converges."""
         try:
             pressed = PressedTissue.from_loaded(self.base, self.loaded, force)
@@ -95,7 +104,7 @@ class TissueUnderLoad:
             if self._denser is None:
                 raise
             return PressedTissue.from_loaded(self.base, self._denser, force)
-        if self._bound_ratio(pressed) <= BARE_SHARE * self.loaded.accuracy:
+        if not refine or self._bound_ratio(pressed) <= BARE_SHARE * self.loaded.accuracy:
             return pressed
         try:
             return min(pressed, PressedTissue.from_loaded(self.base, self._refined, force), key=self._bound_ratio)
@@ -111,8 +120,8 @@ class TissueUnderLoad:
         self._check_depth(0.0, "load.indentation", format_mm(indentation), indentation)
         return self.loaded.press_to_indentation(indentation).point.force
 
-    def _check_depth(self, force: float, key: str, value: object, indentation: float = 0.0) -> None:
-        """Refuse a force, N, or an indentation, m, deeper than ``MAX_X``."""
+    def _check_depth(self, force: float, key: str, value: object, indentation: float = 0.0, margin: float = 1.0) -> None:
+        """Refuse a force, N, or an indentation, m, deeper than ``MAX_X``; ``margin`` is what the force is more than allowed."""
         path = self.loaded.paths[0]
         deepest = MAX_X * path.radius
         if indentation <= deepest:
@@ -120,7 +129,7 @@ class TissueUnderLoad:
                 return
         else:
             path.press_to_indentation(deepest)
-        limit = _format_limit(key, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)), deepest)
+        limit = _format_limit(key, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)) / margin, deepest)
         reason = f"what load does to tumours off the axis is known up to an indentation of {MAX_X:g} outer radii"
         raise Refusal(key, value, f"up to {limit} for contact: {reason}")
 
@@ -149,6 +158,73 @@ def prepare_tissue(scene: Scene, accuracy: float) -> TissueUnderLoad:
     return TissueUnderLoad(solve_undisturbed(scene, LINEAR_SHARE * accuracy), _load_tissue(remove_tumours(scene), accuracy))
 
 
+@dataclass(frozen=True)
+class TumoursUnderLoad:
+    """A scene with spheres or ellipsoids anywhere, to be pressed to any number of loads.
+
+    Attributes
+    ----------
+    tissue
+        Probe and tissue without them.
+    scene
+        The scene; its load does not matter.
+    solution, readings
+        The linear solution and readings, for each modulus of the target.
+    tumours
+        Spheres for each modulus, arrays of shape (n, inclusions).
+    """
+
+    tissue: TissueUnderLoad
+    scene: Scene
+    solution: FilmSolution
+    readings: Readings
+    tumours: Tumours
+
+    @classmethod
+    def from_scene(cls, scene: Scene, accuracy: float, moduli: Floats | None = None) -> TumoursUnderLoad:
+        """Solve a scene linearly, for each of several moduli of its target, Pa, or for its own; see ``prepare_tissue``."""
+        tissue = prepare_tissue(scene, accuracy)
+        solution, readings = EquivalentInclusion().solve_readings(tissue.base, scene, accuracy, moduli)
+        spheres = Tumours.from_scene(scene)
+        tumours = spheres if moduli is None else spheres.with_moduli(moduli, scene.target or 0)
+        return cls(tissue, scene, solution, readings, tumours)
+
+    def convert_to_force(self, indentation: float, load_entry: tuple[str, object] | None = None) -> float:
+        """Return the force, N, at an indentation, m: one that is not light takes what the tumours raise the force there."""
+        if self.tissue.is_light(indentation):
+            return indentation * float(self.readings.stiffness.min())
+        bare_force = self.tissue.press_to_indentation(indentation)
+        changes = self.tissue.press(bare_force, load_entry).compute_changes(self.readings, self.tumours, self.scene.target or 0)
+        return bare_force * float(np.exp(changes.changes[0, 0, -1]))
+
+    def is_light(self, force: float) -> bool:
+        """Return whether a force, N, is so small that the linear limit holds."""
+        return self.tissue.is_light(force / float(self.readings.stiffness.min()))
+
+    def press(
+        self, force: float, load_entry: tuple[str, object] | None = None, *, refine: bool = True
+    ) -> tuple[PressedTissue, tuple[FilmForces, ...]]:
+        """Press to a force, N, that is not light; return the state without tumours, and film forces for each modulus.
+
+        For the parameters and errors see ``TissueUnderLoad.press``.
+        """
+        pressed = self.tissue.press(force, load_entry, refine=refine)
+        return pressed, self._read(pressed)
+
+    def press_beside(self, preload: float) -> tuple[PreloadedTissue, tuple[FilmForces, ...]]:
+        """Press to a preload, N, that is not light; return the same of the tangent response, see ``press``."""
+        preloaded = self.tissue.press_beside(preload)
+        return preloaded, self._read(preloaded)
+
+    def _read(self, pressed: PressedTissue | PreloadedTissue) -> tuple[FilmForces, ...]:
+        """Return the film forces for each modulus under a load."""
+        scene = self.scene
+        longest = max((max(body.diameters) / min(body.diameters) for body in scene.inclusion if body.diameters), default=1.0)
+        shape_error = min(1.0, SHAPE_ERROR_FACTOR * log(longest))
+        loaded = pressed.compute_readings(self.readings, self.tumours, scene.target or 0, shape_error=shape_error)
+        return tuple(build_film_forces(loaded, k, scene.target is not None) for k in range(len(loaded.forces)))
+
+
 def solve_tumours(scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
     """Solve a scene with spheres or ellipsoids anywhere under its load; see ``ContactEvaluator.solve``.
 
@@ -159,28 +235,19 @@ def solve_tumours(scene: Scene, accuracy: float, moduli: Floats | None = None) -
     StoppedError
         No further step converges.
     """
-    tissue = prepare_tissue(scene, accuracy)
-    solution, readings = EquivalentInclusion().solve_readings(tissue.base, scene, accuracy, moduli)
-    spheres, target = Tumours.from_scene(scene), scene.target or 0
-    tumours = spheres if moduli is None else spheres.with_moduli(moduli, target)
-    load = scene.load
-    force = load.force or 0.0
-    if load.indentation is not None and not tissue.is_light(load.indentation):
-        # a reading at a given indentation is one at the force that the tumours raise there
-        bare_force = tissue.press_to_indentation(load.indentation)
-        pressed = tissue.press(bare_force, describe_load(scene))
-        force = bare_force * float(np.exp(pressed.compute_changes(readings, tumours, target).changes[0, 0, -1]))
-    if tissue.is_light(force / float(readings.stiffness.min())):
+    under_load, load = TumoursUnderLoad.from_scene(scene, accuracy, moduli), scene.load
+    force = load.preload or load.force or 0.0
+    solution, entry = under_load.solution, describe_load(scene)
+    if load.indentation is not None:
+        force = under_load.convert_to_force(load.indentation, entry)
+    if under_load.is_light(force):
         return solution
-    pressed = tissue.press(force, describe_load(scene))
-    longest = max((max(body.diameters) / min(body.diameters) for body in scene.inclusion if body.diameters), default=1.0)
-    loaded = pressed.compute_readings(readings, tumours, target, shape_error=min(1.0, SHAPE_ERROR_FACTOR * log(longest)))
-    films = tuple(build_film_forces(loaded, k, scene.target is not None) for k in range(len(loaded.forces)))
+    pressed, films = under_load.press_beside(force) if load.preload else under_load.press(force, entry)
     number = max(range(len(films)), key=lambda k: films[k].compute_max_error(scene))
     worst = films[number]
     residual = max(solution.residual or 0.0, pressed.bare.point.residual)
-    decision = build_decision(scene, worst, solution.films[number], accuracy)
-    notes = (*tissue.base.notes, *find_shortfalls(worst, worst.compute_max_error(scene), accuracy, tissue.base.stopped))
+    decision, base = build_decision(scene, worst, solution.films[number], accuracy), under_load.tissue.base
+    notes = (*base.notes, *find_shortfalls(worst, worst.compute_max_error(scene), accuracy, base.stopped))
     return FilmSolution(films, residual, (*solution.plan, decision), notes)
 
 

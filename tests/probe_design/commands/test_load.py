@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from geometry import read_scene
+from probe_design import press
 from tests.support.paths import SCENE
 from tests.support.program import run
 
@@ -39,6 +42,18 @@ def test_table_and_what_ends(tmp_path: Path) -> None:
     assert "0.3" in ended.stdout
     assert "log_sensitivity within 0.05 of linear elasticity: up to 0.04" in ended.stdout
     assert "the gap stays open: up to 0.4" in ended.stdout
+
+
+@pytest.mark.slow
+def test_off_the_axis_loads_are_as_on_it() -> None:
+    scenes = [read_scene(SCENE).replace({"inclusion.x": x}) for x in (0.0, 1e-7)]
+    on_axis, beside = (press(scene, force=0.08, points=1) for scene in scenes)
+    np.testing.assert_allclose(beside.ratio, on_axis.ratio, rtol=2e-3)
+    np.testing.assert_allclose(beside.log_sensitivity, on_axis.log_sensitivity, rtol=0.02)
+    np.testing.assert_allclose(beside.force, [0.08], rtol=1e-9)
+    limits = beside.load_limits, on_axis.load_limits
+    assert limits[0].log_sensitivity.force == pytest.approx(limits[1].log_sensitivity.force, rel=0.12)
+    assert any("without tumours" in str(text) for text in beside.warnings)
 
 
 @pytest.mark.parametrize(
