@@ -27,7 +27,6 @@ from geometry.tetra.tet_mesh import TetMesh
 
 SOURCE_FOLDER = Path(__file__).parent
 PROGRAM_FOLDER = Path(mesh_programs.__file__).parent
-MESHER_PACKAGES = "netgen-mesher", "pytetwild"
 
 
 def read_or_make_mesh(

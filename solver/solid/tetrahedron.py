@@ -29,10 +29,6 @@ EDGE_CORNERS = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 CHUNK_ELEMENTS = 8192  # elements at once: 60 MB of matrices
 STRAIGHT_TOLERANCE_RELATIVE = 1e-6  # of the longest edge: smaller offsets of mid-edge nodes are neglected
 
-NODE_PLACES = np.vstack([np.eye(4), (np.eye(4)[EDGE_CORNERS[:, 0]] + np.eye(4)[EDGE_CORNERS[:, 1]]) / 2])[
-    :, 1:
-]  # of the nodes, (10, 3)
-
 
 @dataclass(frozen=True)
 class Rule:
