@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
@@ -31,6 +31,7 @@ from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallba
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import ErrorKind
+from solver.results.warnings import Note
 
 MIN_COVER_DIAMETERS = 0.1  # of an inclusion, in its diameters
 MAX_LOG_ERROR = 1.0  # of the formulas' ratio, totals and stiffness: scenes with larger errors are refused
@@ -169,9 +170,19 @@ class ClosedForm(FilmEvaluator):
 def _build_solution(solutions: Sequence[ClosedFormForces], accuracy: float) -> FilmSolution:
     """Return the film forces of several moduli, with a warning where the largest of their errors is above ``accuracy``."""
     worst = max(solutions, key=lambda item: item.max_error)
-    notes = tuple(find_shortfalls(worst.films, worst.max_error, accuracy, kind=ERROR_KIND))
+    notes = (*find_shortfalls(worst.films, worst.max_error, accuracy, kind=ERROR_KIND), *_warn_of_charges(solutions, accuracy))
     films, residual = tuple(item.films for item in solutions), max(item.residual for item in solutions)
     return FilmSolution(films, residual, notes=notes, error_kind=ERROR_KIND)
+
+
+def _warn_of_charges(solutions: Sequence[ClosedFormForces], accuracy: float) -> Iterator[Note]:
+    """Yield a warning where the largest error of a charge is above ``accuracy``: they are less accurate than the stresses."""
+    charges = [item.films.charges for item in solutions if item.films.charges is not None]
+    each = max((float(np.max(item.relative_errors)) for item in charges), default=0.0)
+    ratio = max((item.ratio_error for item in charges), default=0.0)
+    if max(each, ratio) > accuracy:
+        sizes = f"{ERROR_KIND} errors of the charges are {each:.2g}, of their ratio {ratio:.2g}"
+        yield Note("accuracy", f"{sizes}: equivalent-inclusion and axisymmetric compute both more accurately")
 
 
 def _is_near_interface(body: Inclusion, scene: Scene) -> bool:

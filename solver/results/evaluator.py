@@ -19,7 +19,7 @@ from solver.results.film_charges import (
     compute_charge_fields,
     compute_charge_ratio_fields,
     explain_null_charges,
-    warn_of_unknown_bonds,
+    warn_of_bonds,
 )
 from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
 from solver.results.result import Curve, Decision, ErrorKind, Result
@@ -121,7 +121,7 @@ class FilmSolution:
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
         films, warnings = self.films[0], fields.pop("warnings")  # those of the film forces first
-        warnings = (*warnings, *warn_of_unknown_bonds(scene, films), *self.notes, *explain_null_charges(name, scene, films))
+        warnings = (*warnings, *warn_of_bonds(scene, films), *self.notes, *explain_null_charges(name, scene, films))
         fields |= {"observable": scene.observable, "error_kind": self.error_kind, "response": scene.load.response}
         return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
 

@@ -46,6 +46,12 @@ def test_a_film_without_bonds_is_warned_of_once(tmp_path: Path, film: str, start
         assert "tape makes its charge 5 to 15 times larger: give [probe.film.bond_to_base]" in warnings[0]
 
 
+def test_bonds_that_eq_12_leaves_out_are_warned_of(tmp_path: Path) -> None:
+    output = json.loads(run("evaluate", write_scene(tmp_path, "psi1 = 0.0\n" + BOND), "--json").stdout)
+    assert any("eq. (12)" in line for line in output["warnings"])
+    assert output["charge_per_force_outer"] == pytest.approx(-20e-12)
+
+
 def test_an_adhesive_of_an_older_version_is_a_bond_and_one_line(tmp_path: Path) -> None:
     """In a process of its own, where every warning of Python is an error, and in one that shows them."""
     path = write_scene(tmp_path, ADHESIVE)
