@@ -29,6 +29,7 @@ from solver.results.warnings import Note
 
 NEGLIGIBLE_SHARE = 0.05  # of the accuracy: films and base with a smaller effect are left out
 CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a feature changes the shear on a film, too
+CLAMPED_LIGHT_MIN_ACCURACY = 0.02  # below it films bonded rigidly on both sides need more than the light mesh
 UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: thin films and bonds, an elastic base, layers' ends
 
 
@@ -109,6 +110,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if is_graded_everywhere(sections.section) else (),
         margin=UNEVEN_MARGIN_FACTOR if sections.section.has_details or sections.section.interfaces else 1.0,
         one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
+        starts_light=accuracy >= CLAMPED_LIGHT_MIN_ACCURACY or not _has_clamped_film(scene),
     )
     films = _build_films(scene, mesh_sample, errors, omitted)
     if scene.models_charges:
@@ -116,6 +118,12 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         feature_changes.append(replace(bound_detail(stacks, mesh_sample), modelled=True))
     plan = tuple(change.build_decision(accuracy) for change in feature_changes)
     return Converged(films, mesh_sample, plan, tuple(_write_notes(scene, films, omitted, accuracy, reason)), reason)
+
+
+def _has_clamped_film(scene: Scene) -> bool:
+    """Return whether the charge of a film that is bonded rigidly on both sides is modelled."""
+    films = scene.probe.film.by_block if scene.probe.film is not None and scene.models_charges else ()
+    return any(film.stack_height == film.thickness for film in films)
 
 
 def _build_films(

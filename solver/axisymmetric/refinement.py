@@ -53,6 +53,7 @@ def refine(
     *,
     margin: float = 1.0,
     one_mesh_orders: Sequence[int] = ONE_MESH_ORDERS,
+    starts_light: bool = True,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is accurate enough and its error bounds, or the best that could be solved.
 
@@ -73,6 +74,8 @@ def refine(
         Factor of error bounds from several meshes; above 1 they are used only where no mesh bounds its own errors.
     one_mesh_orders
         Orders of the meshes that can bound their own errors.
+    starts_light
+        Whether the light mesh is tried first where the accuracy is low.
 
     Raises
     ------
@@ -83,7 +86,7 @@ def refine(
     """
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
-    for level in _list_meshes(accuracy, bool(one_mesh_bounds), margin == 1):
+    for level in _list_meshes(accuracy, bool(one_mesh_bounds), margin == 1, starts_light):
         if one_mesh_bounds and margin > 1 and level.order < min(one_mesh_orders):
             continue
         try:
@@ -113,7 +116,9 @@ def refine(
     return *best, "this is the finest"
 
 
-def _list_meshes(accuracy: float, has_one_mesh_bounds: bool, trusts_several: bool) -> Sequence[MeridianFineness]:
+def _list_meshes(
+    accuracy: float, has_one_mesh_bounds: bool, trusts_several: bool, starts_light: bool
+) -> Sequence[MeridianFineness]:
     """Return the meshes to solve, in order, without coarse ones that are hardly ever accurate enough (``COARSE_ENOUGH``).
 
     Where one mesh bounds its own error (``has_one_mesh_bounds``), the second mesh comes first. If that is not accurate enough,
@@ -122,7 +127,8 @@ def _list_meshes(accuracy: float, has_one_mesh_bounds: bool, trusts_several: boo
     levels = MESH_LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not has_one_mesh_bounds:
         return levels
-    return (*((LIGHT_MESH,) if accuracy >= LIGHT_MESH_MIN_ACCURACY else ()), levels[1], *levels[:trusts_several], *levels[2:])
+    light = (LIGHT_MESH,) if starts_light and accuracy >= LIGHT_MESH_MIN_ACCURACY else ()
+    return (*light, levels[1], *levels[:trusts_several], *levels[2:])
 
 
 def _iterate_bounds(
