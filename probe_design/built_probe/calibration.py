@@ -265,7 +265,7 @@ def _list_omitted_films(scene: Scene) -> list[str]:
     key = "psi1 and psi2" if film.uses_psi else "[reading] observable"
     return [
         f"a film's charge is taken as a multiple of its force, by {key} of the scene: of a bonded film it is none, and gains "
-        "from pins or blocks leave an error of up to 20 % of the ratio; give the bonds in [probe.film], and read charges"
+        "from pins or blocks leave an error of up to 40 % of the ratio; give the bonds in [probe.film], and read charges"
     ]
 
 
