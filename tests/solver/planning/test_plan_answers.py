@@ -23,7 +23,7 @@ EXAMPLE = read_scene(SCENE)
 ANSWERED, REFUSED, NOT_ASKED, STOPPED = OUTCOMES[:4]
 
 
-@pytest.mark.parametrize("kind", slow_unless(lambda kind: kind not in ("several in layers", "ellipsoid"), list(KINDS)))
+@pytest.mark.parametrize("kind", slow_unless(lambda kind: kind not in ("several in layers", "ellipsoid", "loaded"), list(KINDS)))
 def test_scenes_of_every_kind_are_answered_as_planned_or_refused_by_both(kind):
     for scene in islice(scenes(kind, 1), 2):
         error, said = outcome(scene, 0.01, solid=False)
@@ -63,6 +63,7 @@ def test_what_the_load_leaves_is_what_the_level_may_be_off():
     assert not [line for line in result.warnings if "accuracy" in line]
 
 
+@pytest.mark.slow
 def test_refusals_quote_what_was_asked_and_what_is_reached():
     with pytest.raises(OutOfReach, match=r"^accuracy = 0\.001: allowed: 0\.00\d+ or more for this scene \(solid reaches 0\.003"):
         evaluate(ellipsoid(1e-6), accuracy=0.001)
