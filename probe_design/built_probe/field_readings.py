@@ -65,6 +65,8 @@ class FieldReading:
         Of its samples.
     log_bonds
         ln of the factor on the moduli of the films' bonds by the calibration; 0 where none was fitted.
+    blank
+        Whether its recording says that it is over tumour-free tissue.
     """
 
     ratio: float
@@ -75,6 +77,7 @@ class FieldReading:
     placement: tuple[float, float] | None
     fingerprint: Fingerprint = NO_SAMPLES
     log_bonds: float = 0.0
+    blank: bool = False
 
 
 def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
@@ -195,6 +198,7 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
         placement=None if place is None else _get_placement(place, name),
         fingerprint=fingerprint,
         log_bonds=0.0 if contents.get("log_bonds") is None else _get_number(contents, "log_bonds", name),
+        blank=contents.get("blank") is True,
     )
 
 

@@ -66,6 +66,20 @@ def collect_field_readings(
     HardwareError
         No ratio can be computed from a recording.
     """
+    measured, places, warnings = collect_measured(setup, texts, columns, rate, any_probe)
+    triples = zip(measured, compute_spreads(measured), places, strict=True)
+    readings = tuple(_build_reading(setup.scene, reading, spread, place) for reading, spread, place in triples)
+    scene = scale_bonds(setup.scene, find_common_bonds(measured))
+    return _apply_largest_load(scene, measured, warnings), readings, warnings
+
+
+def collect_measured(
+    setup: HardwareSetup, texts: tuple[str, ...], columns: ColumnMap, rate: float | None, any_probe: bool
+) -> tuple[list[FieldReading], list[dict[str, str]], list[str]]:
+    """Read all files of readings; return what was measured, the texts of the places by their keys, and warnings.
+
+    For the arguments and exceptions see ``collect_field_readings``.
+    """
     file_places = [_split_reading_text(text) for text in texts]
     for path, _ in file_places:
         if not os.path.isfile(path):
@@ -86,10 +100,7 @@ def collect_field_readings(
         "reading", [(str(path), reading.fingerprint) for (path, _), reading in zip(file_places, measured, strict=True)]
     )
     warnings += check_serials(serials, any_probe)
-    pairs = zip(measured, compute_spreads(measured), file_places, strict=True)
-    readings = tuple(_build_reading(setup.scene, reading, spread, place) for reading, spread, (_, place) in pairs)
-    scene = scale_bonds(setup.scene, find_common_bonds(measured))
-    return _apply_largest_load(scene, measured, warnings), readings, warnings
+    return measured, [place for _, place in file_places], warnings
 
 
 def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
@@ -124,9 +135,10 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
         samples = reader.collect()
     origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
     measurement = measure_samples(samples, setup.bench, frequency)
-    return build_reading_without_prediction(
+    contents = build_reading_without_prediction(
         measurement, setup.scene, setup.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
     )
+    return contents | {"blank": samples.source.get("blank") is True}  # as `survey` records it
 
 
 def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: dict[str, str]) -> Reading:
@@ -147,7 +159,7 @@ def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: d
     x, y = (POSITION_QUANTITY.read(key, place[key]) if key in place else default for key, default in (("x", x), ("y", y)))
     placed_scene = scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})})
     (reading,) = build_single_reading(placed_scene, measured.ratio, max(spread, MIN_NOISE))
-    blank = {"true": True, "false": False}.get(place.get("blank", "false").lower())
+    blank = {"true": True, "false": False}.get(place.get("blank", str(measured.blank)).lower())
     if blank is None:
         raise InputError("blank", place["blank"], "true or false")
     return replace(reading, blank=blank)

@@ -39,6 +39,10 @@ class ReadRequest(SourceRequest):
     any_probe: AnyProbe = False
     calibration: Calibration = None
     accuracy: Annotated[Accuracy, Option("Relative error that the prediction may have.")] = 0.01
+    hide: Annotated[
+        Path | None,
+        Option("File of the tumours in the virtual probe's tissue, tables [[inclusion]].", left_out="those of SCENE"),
+    ] = None
 
     def run(self) -> None:
         """Read the probe, show live numbers meanwhile, and compare the result with the prediction."""

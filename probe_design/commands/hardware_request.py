@@ -50,9 +50,10 @@ class SourceRequest(LimitedRequest):
     seed: Annotated[int, Field(ge=0, le=2**31), Option("Seed of its noise.")] = 0
     linear: Linear = False
 
-    resume: bool = False  # these three are options of some commands only
+    resume: bool = False  # these four are options of some commands only
     wait: float | None = None
     any_probe: bool = False
+    hide: Path | None = None
 
     @model_validator(mode="after")
     def _check_sources(self) -> Self:
@@ -70,6 +71,8 @@ class SourceRequest(LimitedRequest):
                 raise InputError(
                     "record", str(self.record), "a name that ends in .h5 beside --replay, whose file is the recording"
                 )
+        if self.hide is not None and not self.virtual:
+            raise InputError("hide", str(self.hide), "nothing without --virtual: it states what the virtual tissue holds")
         for key, value in (("column", self.column), ("rate", self.rate)):
             if value and self.virtual:
                 raise InputError(key, value, "nothing beside --virtual, which has its own")

@@ -27,6 +27,7 @@ from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe.bench import Bench, read_bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
+from probe_design.built_probe.hidden_tumours import read_hidden_tumours
 from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
 from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT, VirtualBench
@@ -62,7 +63,7 @@ def build_openers(
     """
     recorded_files, (rate, columns) = list_recorded_files(source, count), _read_device_options(source)
     if source.virtual and None in recorded_files:
-        source_openers: list[Opener] = [partial(_open_virtual, signal, pace) for signal in signals()]
+        source_openers: list[Opener] = [partial(open_virtual, signal, pace) for signal in signals()]
     else:
         source_openers = [build_device_opener(source)] * count
     return tuple(
@@ -179,17 +180,22 @@ class HardwareSetup:
         InputError
             A file is not valid, or the calibration is that of another probe or amplifier.
         """
+        given = None if scene is None else read_scene(scene)
+        hashes = {} if scene is None else {"scene_sha256": compute_sha256(scene)}
+        return cls.from_scene(given, bench, calibration, hashes)
+
+    @classmethod
+    def from_scene(
+        cls, scene: Scene | None, bench: Path | None, calibration: Path | None, origin: Mapping[str, object] | None = None
+    ) -> HardwareSetup:
+        """Return the setup for a scene that is read already; see ``from_files``. ``origin`` holds the hash of its file."""
         record = None if calibration is None else read_record(calibration)
         recorded_scene, recorded_bench = (None, None) if record is None else (record.build_scene(), record.build_bench())
         setup = cls(
-            read_scene(scene) if scene is not None else recorded_scene or builtin_bench_scene(),
+            scene if scene is not None else recorded_scene or builtin_bench_scene(),
             read_bench(bench) if bench is not None else recorded_bench or read_builtin_bench(),
             record,
-            {
-                f"{key}_sha256": compute_sha256(path)
-                for key, path in (("scene", scene), ("calibration", calibration))
-                if path is not None
-            },
+            dict(origin or {}) | ({} if calibration is None else {"calibration_sha256": compute_sha256(calibration)}),
         )
         difference = (
             None if recorded_scene is None else describe_probe_difference(list_probe_numbers(recorded_scene), setup.scene)
@@ -221,6 +227,8 @@ class HardwareSetup:
     def build_virtual_bench(self, source: SourceRequest) -> VirtualBench:
         """Return the virtual probe on its bench, with the deviations of --built from the drawing."""
         scene = express_by_outer_radius(self.scene)
+        if source.hide is not None:
+            scene = scene.model_copy(update={"inclusion": read_hidden_tumours(source.hide, self.scene)})
         new_values = dict(_read_change(scene, text) for text in source.built)
         return VirtualBench(self.scene, scene.replace(new_values), self.bench, seed=source.seed)
 
@@ -253,7 +261,7 @@ def describe_device(samples: Samples) -> str:
     return ", ".join(f"{key} {value}" for key, value in samples.source.items() if key in ("transport", "serial", "firmware"))
 
 
-def _open_virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
+def open_virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
     """Open the virtual probe with given signals, a function of time; with ``pace`` it sends them in real time."""
     return Reader.open(make_virtual_probe(signals, SAMPLE_RATE_HZ, channels=CHANNEL_COUNT, scale=VOLTS_PER_COUNT, pace=pace))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from geometry.common.errors import InputError, Words
-from probe_design.commands.fields import LimitedRequest, Picture
+from probe_design.commands.fields import AnyProbe, LimitedRequest, Picture
 from probe_design.commands.output import check_picture, print_result
 from probe_design.commands.request import Number, Option, use_request
 
@@ -31,6 +31,7 @@ class LocateRequest(LimitedRequest):
     \b
     probe-design locate DESIGN.toml --readings scan.csv -o out
     probe-design locate DESIGN.toml --readings scan.csv --next --json
+    probe-design locate DESIGN.toml --reading "a.probe, x=30 mm, y=0 mm, blank=true" --reading "b.probe, x=-8 mm, y=-8 mm" ...
 
     \b
     scan.csv holds one press a line (or scan.toml, tables [[reading]] with these keys):
@@ -43,7 +44,14 @@ class LocateRequest(LimitedRequest):
     """  # noqa: D301
 
     design: Annotated[Path, Option("Design file.", is_argument=True)]
-    readings: Annotated[Path, Option("Readings of the scan: a .toml or .csv file, see below.")]
+    readings_file: Annotated[Path | None, Option("Readings of the scan: a .toml or .csv file, see below.", "--readings")] = None
+    reading: Annotated[
+        tuple[str, ...],
+        Option("In place of --readings: a recording, and its place where it states none, once for each press; see below."),
+    ] = ()
+    calibration: Annotated[Path | None, Option("Of recordings: file that calibrate has written.")] = None
+    bench: Annotated[Path | None, Option("Of recordings: TOML file of load and amplifier.")] = None
+    any_probe: AnyProbe = False
     output: Annotated[Path | None, Option("Folder for a report with pictures and numbers.", "-o/--output")] = None
     advise: Annotated[bool, Option("Report which place is expected to say the most about the tumours.", "--next")] = False
     outliers: Annotated[
@@ -59,14 +67,16 @@ class LocateRequest(LimitedRequest):
         from geometry.common.files import check_writable
         from probe_design.locating.figures import draw_location
         from probe_design.locating.report import build_tables, list_lines, write_files
+        from probe_design.locating.run import run_locate
         from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import show_spinner, warn, write_message
 
         check_picture(self.picture)
         if self.output is not None:
             check_writable(self.output)
-        with show_spinner(f"locating tumours in {self.readings}"):
-            result = self.call(locate)
+        design, readings = self.read_input()
+        with show_spinner(f"locating tumours in {self.readings_file or 'recordings'}"):
+            result = run_locate(design, readings, self.outliers, self.seed, advise=self.advise)
         if self.picture is not None:
             save_figure(draw_location(result), self.picture)
         if self.output is not None:
@@ -76,6 +86,29 @@ class LocateRequest(LimitedRequest):
             warn(result.warnings)
             if self.output is not None:
                 write_message(f"wrote {self.output / 'report.html'}")
+
+    def read_input(self) -> tuple[Design, tuple[Reading, ...] | Path]:
+        """Return the design and the readings: their file, or those of the recordings with the gain of their calibration."""
+        from probe_design.terminal.console import warn
+
+        design = read_locate_design(self.design)
+        if (self.readings_file is None) == (not self.reading):
+            given = Words("missing" if self.readings_file is None else "given beside --reading")
+            raise InputError("readings", given, "--readings FILE, or --reading RECORDING once for each press")
+        if self.readings_file is not None:
+            if self.calibration is not None or self.bench is not None:
+                raise InputError("calibration", Words("given beside --readings"), "nothing: it is that of recordings, --reading")
+            return design, self.readings_file
+        from hw.files.columns import ColumnMap
+        from probe_design.commands.hardware_sources import HardwareSetup
+        from probe_design.commands.scan_recordings import read_scan_recordings, use_calibration
+
+        setup = HardwareSetup.from_scene(design.scene, self.bench, self.calibration)
+        readings, warnings = read_scan_recordings(
+            setup, design, self.reading, columns=ColumnMap(), rate=None, any_probe=self.any_probe
+        )
+        warn(warnings)
+        return use_calibration(design, self.calibration), readings
 
 
 @use_request(LocateRequest)

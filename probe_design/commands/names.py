@@ -56,6 +56,7 @@ COMMANDS = {
     "detectability": CommandName(PREDICT, "maps:DetectabilityRequest", "Which tumours are detected, over depth and diameter."),
     "estimate": CommandName(READINGS, "estimate:EstimateRequest", "Modulus, diameter or depth from readings."),
     "locate": CommandName(READINGS, "locate:LocateRequest", "Where tumours lie, how deep and how large, from a scan."),
+    "survey": CommandName(READINGS, "survey:SurveyRequest", "Press after press: the map, where to press, when to stop."),
     "read": CommandName(BUILT_PROBE, "hardware:ReadRequest", "Read a built probe under a sinusoidal load."),
     "calibrate": CommandName(
         BUILT_PROBE, "hardware:CalibrateRequest", "Determine gains, cross-talk and offsets of a built probe."

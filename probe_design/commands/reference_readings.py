@@ -114,7 +114,7 @@ def _read_reference(
         if recorded is None:
             if file is not None and file.exists():  # an earlier attempt of a resumed calibration
                 continue
-            _ask_for(reference, f"{index_and_count[0] + 1} of {index_and_count[1]}", source)
+            ask_for(f"{index_and_count[0] + 1} of {index_and_count[1]}", reference.name, source)
         try:
             with opener() as reader:
                 check_serials(setup.collect_serials({reference.name: read_board_serial(reader.header.source)}), source.any_probe)
@@ -135,15 +135,15 @@ def _read_reference(
     raise Flawed(f"{reference.name}: {MAX_ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
 
 
-def _ask_for(reference: Reference, label: str, source: SourceRequest) -> None:
-    """Ask the user to press the probe on a reference, and wait; do nothing for recordings and the virtual probe."""
+def ask_for(label: str, place: str, source: SourceRequest) -> None:
+    """Ask the user to press the probe on a reference or at a place, and wait; do nothing for recordings and the virtual probe."""
     from geometry.common.errors import InputError, Words
     from probe_design.terminal.console import write_line
 
     if not source.is_live:
         return
     if source.wait is not None:
-        write_line(f"{label}: press on: {reference.name}; reading begins in {source.wait:g} s")
+        write_line(f"{label}: press on: {place}; reading begins in {source.wait:g} s")
         sleep(source.wait)
         return
     if not sys.stdin.isatty():
@@ -152,7 +152,7 @@ def _ask_for(reference: Reference, label: str, source: SourceRequest) -> None:
             Words("without a terminal"),
             "a terminal, to change references at, --wait SECONDS or --replay for each reading",
         )
-    write_line(f"{label}: press on: {reference.name}; start the load, then press Enter")
+    write_line(f"{label}: press on: {place}; start the load, then press Enter")
     input()
 
 

@@ -18,12 +18,13 @@ from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
 from probe_design.locating.prior import ForwardModel, TumourPrior
-from probe_design.locating.scan_data import ScanData, TumourFree
+from probe_design.locating.scan_data import MIN_READINGS, ScanData, TumourFree
 from probe_design.locating.stopping import PlannedScan, Stop, find_stop
 from probe_design.locating.streaming import Stream
 from probe_design.populations.design_file import Design, DesignSource, read_design_source
 from probe_design.populations.noise import compute_reading_variances
 
+DETECTED_SETS = 1000  # of tumours, by which the probability of detectable ones is known to 0.01
 Region = tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -161,9 +162,14 @@ class Locator:
         places = places[[is_on_tissue(scene, *place) for place in places.tolist()]]
         if not len(places):
             raise InputError("candidates", Words("none on the tissue"), "places where the whole probe stands on the tissue")
+        return choose_position(
+            self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, places, self._next_variances
+        )
+
+    def draw_sets(self, count: int) -> tuple[Floats, ...]:
+        """Return equally probable sets of tumours of each number above 0, shape (count, number, 5) each."""
         rng = np.random.default_rng((self.seed, 0, len(self.readings)))
-        groups = [self.prior.transform(stream.sample.resample(MAX_PARTICLES, rng)) for stream in self._streams]
-        return choose_position(self._likelihood, groups, self._posterior.probability, places, self._next_variances)
+        return tuple(self.prior.transform(stream.sample.resample(count, rng)) for stream in self._streams)
 
     @cached_property
     def planned_scan(self) -> PlannedScan:
@@ -172,19 +178,19 @@ class Locator:
 
     def compute_detectable_probability(self) -> float:
         """Return the probability that tumours lie there which the protocol's scan detects with a probability of 0.9."""
-        rng = np.random.default_rng((self.seed, 99, len(self.readings)))
-        groups = [self.prior.transform(stream.sample.resample(1000, rng)) for stream in self._streams]
-        fractions = [self.planned_scan.compute_detected_fraction(tumours) for tumours in groups]
+        fractions = [self.planned_scan.compute_detected_fraction(tumours) for tumours in self.draw_sets(DETECTED_SETS)]
         return float(self._posterior.probability[1:] @ np.array(fractions))
 
     def find_stop(self, following: NextPosition | None = None) -> Stop | None:
-        """Return why the survey may stop, or None while further readings are worth their while.
+        """Return why the survey may stop, or None while further readings are worth their while, three at least.
 
         Parameters
         ----------
         following
             Result of ``next_position``, where it is computed before.
         """
+        if sum(not reading.blank for reading in self.readings) < MIN_READINGS:
+            return None
         following = self.next_position() if following is None else following
         return find_stop(self.probability_none, self.compute_detectable_probability(), following.information)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from geometry.common.files import write_together
@@ -112,8 +112,10 @@ def build_headline(result: Location) -> str:
     return f"{number} The clearest lies at x = {x:.1f} mm, y = {y:.1f} mm, within {area:.2g} mm^2 with a probability of 0.9."
 
 
-def write_files(result: Location, folder: Path) -> list[Path]:
+def write_files(result: Location, folder: Path, first_chapters: Sequence[Chapter] = ()) -> list[Path]:
     """Write the page, its pictures and the JSON object into ``folder``, all or none; return their paths.
+
+    The page begins with ``first_chapters``.
 
     Raises
     ------
@@ -134,6 +136,7 @@ def write_files(result: Location, folder: Path) -> list[Path]:
             figure.savefig(draft / name, dpi=110)
         (draft / "locate.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         chapters = [
+            *first_chapters,
             Chapter("How many tumours", (*build_tables(result), *(Text(line) for line in list_lines(result)))),
             *(
                 Chapter(title, (Picture.from_file(draft / name, title), Text(LEGENDS[name])))

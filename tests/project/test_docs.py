@@ -19,7 +19,18 @@ from tests.support.slow import slow_unless
 
 PAGES = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in sorted(DOCS.rglob("*.md"))}
 # pages that show shortened tables, placeholders for files, or checks that fail by intention: only their other commands run
-SHORTENED_NAMES = ("design-search", "films", "hardware", "lab", "locate", "materials", "next-reading", "sweep", "tolerances")
+SHORTENED_NAMES = (
+    "design-search",
+    "films",
+    "hardware",
+    "lab",
+    "locate",
+    "materials",
+    "next-reading",
+    "survey",
+    "sweep",
+    "tolerances",
+)
 SHORTENED = {f"guides/{name}.md" for name in SHORTENED_NAMES}
 COMMANDS = {
     name: lines

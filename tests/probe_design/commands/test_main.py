@@ -40,6 +40,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
     "detectability": (SCENE, "--points", "2", "--accuracy", "0.1"),
     "estimate": (EXAMPLE, "--ratio", "0.563", "--accuracy", "0.05"),
     "locate": (EXAMPLES / "scans" / "none.toml", "--readings", EXAMPLES / "scans" / "none.csv"),
+    "survey": (EXAMPLES / "scans" / "none.toml", "--virtual", "--presses", "1", "-o", "out"),
     "optimize": (EXAMPLE, "-o", "out", "--starts", "1"),
     "export": (SCENE, "-o", "out"),
     "tradeoff": (REFERENCE / "axisymmetric" / "homogeneous.toml", "-o", "out"),
@@ -55,7 +56,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
 }
 
 
-LONG = ("export", "load", "locate", "optimize", "tradeoff")  # quick tests ask for them in this process, for less
+LONG = ("export", "load", "locate", "optimize", "survey", "tradeoff")  # quick tests ask for them in this process, for less
 
 
 @pytest.mark.parametrize(

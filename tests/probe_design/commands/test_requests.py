@@ -26,7 +26,7 @@ PYTHON_ONLY = {
     "evaluate": {"progress", "limits"},
     "export": {"progress"},
     "load": {"force", "indentation", "progress", "limits"},
-    "locate": {"advise"},
+    "locate": {"advise", "readings"},
     "optimize": {"design", "progress"},
     "plan": {"solid"},
     "scan": {"positions", "progress"},
@@ -42,7 +42,7 @@ OPTION_ONLY_OF = {
     "curve": {"points"},
     "scan": {"points"},
     "estimate": {"bench", "readings_file"},
-    "locate": {"output"},
+    "locate": {"output", "bench", "readings_file"},
     "optimize": {"scene"},
     "sweep": {"sweep"},
 }

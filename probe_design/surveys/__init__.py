@@ -1,0 +1,1 @@
+"""Survey a tissue press by press: its record, its maps, and a virtual tissue that holds tumours."""

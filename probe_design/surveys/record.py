@@ -1,0 +1,127 @@
+"""Record a survey in its folder press by press, so that an interruption loses nothing that was read."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from geometry.common.errors import InputError, Words
+from geometry.common.files import write_together
+from geometry.common.json_types import JsonObject
+from probe_design.estimation.measurements import Reading
+from probe_design.populations.design_file import Design
+
+RECORD_FILE, SCAN_FILE = "survey.json", "scan.csv"
+MAX_ATTEMPTS = 100  # recordings of one press
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press of a survey.
+
+    Attributes
+    ----------
+    reading
+        What was read.
+    file
+        Name of its raw recording.
+    probability
+        Of no tumour, of one and so on, after it.
+    """
+
+    reading: Reading
+    file: str
+    probability: tuple[float, ...]
+
+    def as_dict(self) -> JsonObject:
+        """Return the entry of the record."""
+        return {"reading": asdict(self.reading), "file": self.file, "probability": list(self.probability)}
+
+
+@dataclass(frozen=True)
+class SurveyRecord:
+    """The folder of a survey.
+
+    Attributes
+    ----------
+    folder
+        Holds the recordings, the record and the scan's file.
+    settings
+        What all presses of one survey have in common.
+    presses
+        So far.
+    extra
+        Further entries, such as the tumours that a virtual tissue hides.
+    """
+
+    folder: Path
+    settings: JsonObject
+    presses: tuple[Press, ...]
+    extra: JsonObject
+
+    @classmethod
+    def open(cls, folder: Path, design: Design, settings: JsonObject) -> SurveyRecord:
+        """Return the record of a folder: a new one, or that of an interrupted survey.
+
+        Raises
+        ------
+        InputError
+            The folder holds a survey of another design or other settings, or its record cannot be read.
+        """
+        settings = {"design_sha256": sha256(design.model_dump_json().encode()).hexdigest()} | settings
+        path = folder / RECORD_FILE
+        if not path.exists():
+            return cls(folder, settings, (), {})
+        allowed = "a new folder, or that of a survey of this design with the same options"
+        try:
+            contents = json.loads(path.read_text(encoding="utf-8"))
+            presses = tuple(
+                Press(Reading(**entry["reading"]), str(entry["file"]), tuple(entry["probability"]))
+                for entry in contents["presses"]
+            )
+            stored = dict(contents["settings"])
+        except (ValueError, KeyError, TypeError, OSError):
+            raise InputError("output", Words(f"{path} that cannot be read"), allowed) from None
+        for key, value in settings.items():
+            if stored.get(key) != value:
+                raise InputError("output", Words(f"{folder} with another {key.removesuffix('_sha256')}"), allowed)
+        extra = {key: value for key, value in contents.items() if key not in ("settings", "presses")}
+        return cls(folder, settings, presses, extra)
+
+    def name_recording(self) -> Path:
+        """Return a new name for the next press's recording; that of an interrupted one stays."""
+        number = len(self.presses) + 1
+        for attempt in range(1, MAX_ATTEMPTS):
+            path = self.folder / f"press-{number:03d}{'' if attempt == 1 else f'-again{attempt}'}.probe"
+            if not path.exists():
+                return path
+        raise InputError("output", Words(f"{MAX_ATTEMPTS} recordings of press {number}"), "a new folder")
+
+    def add(self, press: Press, extra: JsonObject) -> SurveyRecord:
+        """Return the record with a press more, written whole."""
+        record = SurveyRecord(self.folder, self.settings, (*self.presses, press), extra)
+        record.write(extra)
+        return record
+
+    def write(self, extra: JsonObject) -> None:
+        """Write the record, with further entries, and the scan's file for `locate`."""
+        contents: dict[str, Any] = {"settings": self.settings, "presses": [press.as_dict() for press in self.presses]} | extra
+        with write_together(self.folder, (RECORD_FILE, SCAN_FILE)) as draft:
+            (draft / RECORD_FILE).write_text(json.dumps(contents, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            (draft / SCAN_FILE).write_text(format_scan([press.reading for press in self.presses]), encoding="utf-8")
+
+
+def format_scan(readings: Sequence[Reading]) -> str:
+    """Return readings as a scan's .csv file."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("x", "y", "ratio", "noise", "blank"))
+    for part in readings:
+        writer.writerow((f"{part.x!r} m", f"{part.y!r} m", repr(part.ratio), repr(part.noise), str(part.blank).lower()))
+    return text.getvalue()
