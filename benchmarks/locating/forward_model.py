@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from statistics import median
 from time import process_time
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -33,23 +34,22 @@ from solver.reading_tables.build import read_or_build_table
 from solver.reading_tables.reading_table import ReadingTable
 from solver.reading_tables.tumour_ranges import TumourRanges
 
-SCENE = Scene.from_tables(
-    {
-        "probe": {
-            "inner_radius": "6.26 mm",
-            "outer_radius": "8.37 mm",
-            "gap": "0.5 mm",
-            "height": "1.25 mm",
-            "inner": {"youngs_modulus": "1 MPa", "poisson_ratio": 0.48},
-            "outer": {"youngs_modulus": "1 MPa", "poisson_ratio": 0.48},
-            "base": {"rigid": True},
-        },
-        "tissue": {"shape": "cylinder", "radius": "50.5 mm", "depth": "60 mm", "youngs_modulus": "5.3 kPa", "poisson_ratio": 0.4},
-        "inclusion": [{"diameter": "8 mm", "depth": "10 mm", "youngs_modulus": "25 kPa", "poisson_ratio": 0.45}],
-        "contact": {"interface": "bonded"},
-        "load": {"force": "10 mN"},
-    }
-)
+SCENE_TABLES: dict[str, Any] = {
+    "probe": {
+        "inner_radius": "6.26 mm",
+        "outer_radius": "8.37 mm",
+        "gap": "0.5 mm",
+        "height": "1.25 mm",
+        "inner": {"youngs_modulus": "1 MPa", "poisson_ratio": 0.48},
+        "outer": {"youngs_modulus": "1 MPa", "poisson_ratio": 0.48},
+        "base": {"rigid": True},
+    },
+    "tissue": {"shape": "cylinder", "radius": "50.5 mm", "depth": "60 mm", "youngs_modulus": "5.3 kPa", "poisson_ratio": 0.4},
+    "inclusion": [{"diameter": "8 mm", "depth": "10 mm", "youngs_modulus": "25 kPa", "poisson_ratio": 0.45}],
+    "contact": {"interface": "bonded"},
+    "load": {"force": "10 mN"},
+}
+SCENE = Scene.from_tables(SCENE_TABLES)
 RANGES = {
     "narrow": TumourRanges((8e-3, 20e-3), (5e-3, 12e-3), (16e3, 32e3), min_cover=2e-3),
     "wide": TumourRanges((5e-3, 25e-3), (4e-3, 16e-3), (8e3, 160e3), min_cover=2e-3),

@@ -14,7 +14,7 @@ from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
 from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
-from probe_design.locating.posterior import compute_quantiles, compute_region, summarise
+from probe_design.locating.posterior import compute_quantiles, find_region, summarise
 from probe_design.locating.samples import CONVERGED_SIZE, Sample
 from probe_design.locating.sampling import draw_posteriors
 from probe_design.locating.scan_data import TumourFree
@@ -131,7 +131,7 @@ def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_f
         np.abs(likelihood.model.predict(sets[:200, [index]], positions)).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])
     ]
     tumours = tuple(
-        Tumour(summary, compute_region(prior, sample.points[:, index], sample.weights))
+        Tumour(summary, find_region(prior, sample.points[:, index], sample.weights).area)
         for index, summary in enumerate(summarise(prior, sample))
     )
     order = np.argsort(strengths)[::-1]

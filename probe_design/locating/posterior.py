@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Bools, Floats
 from probe_design.locating.prior import TUMOUR_QUANTITIES, TumourPrior
 from probe_design.locating.samples import Sample
 
@@ -81,8 +81,36 @@ def _scale(values: Floats) -> Floats:
     return scaled
 
 
-def compute_region(prior: TumourPrior, points: Floats, weights: Floats, probability: float = 0.9) -> float:
-    """Return the area, m^2, of the smallest region that holds the place of a tumour with a probability (HPD region).
+@dataclass(frozen=True)
+class Region:
+    """The smallest region that holds the place of a tumour with a probability (HPD region), in cells.
+
+    Attributes
+    ----------
+    cells
+        Which cells belong to it, shape (columns, rows).
+    x_edges, y_edges
+        Edges of the cells, m.
+    """
+
+    cells: Bools
+    x_edges: Floats
+    y_edges: Floats
+
+    @property
+    def area(self) -> float:
+        """Area, m^2."""
+        return float(self.cells.sum() * (self.x_edges[1] - self.x_edges[0]) * (self.y_edges[1] - self.y_edges[0]))
+
+    def contains(self, x: float, y: float) -> bool:
+        """Return whether a place lies in it."""
+        column, row = (int(np.searchsorted(edges, value)) - 1 for edges, value in ((self.x_edges, x), (self.y_edges, y)))
+        columns, rows = self.cells.shape
+        return 0 <= column < columns and 0 <= row < rows and bool(self.cells[column, row])
+
+
+def find_region(prior: TumourPrior, points: Floats, weights: Floats, probability: float = 0.9) -> Region:
+    """Return the smallest region that holds the place of a tumour with a probability.
 
     Parameters
     ----------
@@ -96,9 +124,12 @@ def compute_region(prior: TumourPrior, points: Floats, weights: Floats, probabil
     x, y = prior.transform(points)[:, :2].T
     edges = [_build_edges(coordinates) for coordinates in (x, y)]
     density, *_ = np.histogram2d(x, y, edges, weights=weights)
-    density = np.sort(gaussian_filter(density, 0.7, mode="constant").ravel())[::-1]
-    cells = int(np.searchsorted(np.cumsum(density), probability * density.sum())) + 1
-    return float(cells * (edges[0][1] - edges[0][0]) * (edges[1][1] - edges[1][0]))
+    density = gaussian_filter(density, 0.7, mode="constant")
+    order = np.argsort(density, axis=None)[::-1]
+    count = int(np.searchsorted(np.cumsum(density.ravel()[order]), probability * density.sum())) + 1
+    cells = np.zeros(density.size, dtype=bool)
+    cells[order[:count]] = True
+    return Region(cells.reshape(density.shape), *edges)
 
 
 def _build_edges(coordinates: Floats) -> Floats:
