@@ -1,6 +1,6 @@
 """Measure how often the posterior of one tumour holds the truth, how true P(no tumour) is, and how many tumours are detected.
 
-    nice python -m benchmarks.locating.coverage [--scans 600] [--setting narrow]
+    nice python -m benchmarks.locating.coverage [--scans 600] [--settings narrow wide]
 
 Scans are simulated by ``equivalent-inclusion`` with reflections, not by the tables that the inference uses, with white noise, a
 gain common to scan and baseline reading and, for hand-held readings, a place that differs from the stated one by 0.5 mm along
@@ -27,7 +27,7 @@ from scipy.linalg import block_diag
 from benchmarks.locating.forward_model import SCENE_TABLES, build_positions
 from benchmarks.tables import MeasuredTable
 from geometry import Scene
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Bools, Floats
 from probe_design.locating.forward_model import build_model
 from probe_design.locating.inference import Posterior
 from probe_design.locating.likelihood import Likelihood
@@ -89,7 +89,8 @@ def simulate(scene: Scene, tumour: Floats, positions: Floats) -> Floats:
     """Return ln ratio and ln stiffness against tissue without tumours, by reflections, shape (k, 2)."""
     base = EquivalentInclusion().prepare(scene, 0.003)
     x, y, depth, diameter, modulus = np.repeat(tumour[:, None], len(positions), axis=1)
-    tumours = Tumours(*(part[:, None] for part in (x - positions[:, 0], y - positions[:, 1], depth, diameter, modulus)), 0.45)
+    columns = (x - positions[:, 0], y - positions[:, 1], depth, diameter, modulus)
+    tumours = Tumours(*np.broadcast_arrays(*(part[:, None] for part in columns), 0.45))
     readings, blank = compute_readings(base, tumours, reflect=True), base.films.totals
     ratio = np.log(readings.totals[:, 0] / readings.totals[:, 1] / (blank[0] / blank[1]))
     return np.stack([ratio, np.log(readings.stiffness / blank.sum())], axis=-1)
@@ -146,7 +147,7 @@ def run(name: str, scans: int) -> Outcome:
     return outcome
 
 
-def detect(statistic: Floats, is_free: Floats) -> float:
+def detect(statistic: Floats, is_free: Bools) -> float:
     """Return the fraction of scans with a tumour above the quantile of those without."""
     return float(np.mean(statistic[~is_free] > np.quantile(statistic[is_free], 1 - FALSE_ALARM)))
 
@@ -155,7 +156,7 @@ def main() -> None:
     """Print all tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=600)
-    parser.add_argument("--setting", choices=list(SETTINGS))
+    parser.add_argument("--settings", nargs="*", choices=list(SETTINGS), default=list(SETTINGS))
     arguments = parser.parse_args()
     console = Console()
     coverage = MeasuredTable("90 % intervals that hold the truth", ("setting", "scans", *QUANTITIES, "region of the place"))
@@ -163,9 +164,10 @@ def main() -> None:
         "Detected at 5 % false alarms, and place of the detected",
         ("setting", "locate", "optimize", "median, mm", "90 %, mm", "scan, s"),
     )
-    bins = MeasuredTable("P(no tumour), all settings", ("stated", "scans", "true", "two standard deviations"))
-    none, is_free = [], []
-    for name in [arguments.setting] if arguments.setting else SETTINGS:
+    bins = MeasuredTable("P(no tumour), all these settings", ("stated", "scans", "true", "two standard deviations"))
+    none: list[float] = []
+    is_free: list[bool] = []
+    for name in arguments.settings:
         outcome = run(name, arguments.scans)
         held = np.array(outcome.covered)
         coverage.add(name, len(held), *(f"{value:.2f}" for value in held.mean(axis=0)))

@@ -17,9 +17,11 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.noise import compute_common_variances
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
+from solver.planning.load_limits import compute_load_limits
 
 MIN_READINGS = 3  # over the tissue: with fewer, every tumour of a population explains them
 BASE_ACCURACY = 0.01  # relative, of the probe on tumour-free tissue
+LOAD_ACCURACY = 0.01  # relative change of the ratio by the load above which it is refused, as in `optimize`
 MIN_GAIN_SD_RELATIVE = 1e-6  # of a gain that is known: the likelihood divides by its variance
 
 
@@ -86,7 +88,14 @@ class ScanData:
 
     @classmethod
     def from_readings(cls, readings: Sequence[Reading], design: Design, tumour_free: TumourFree) -> ScanData:
-        """Return the data of readings with the noise of a design file; no reading or any number of them."""
+        """Return the data of readings with the noise of a design file; no reading or any number of them.
+
+        Raises
+        ------
+        InputError
+            A reading was taken at a larger load than linear elasticity, by which the readings are predicted, allows.
+        """
+        _check_loads(readings, tumour_free.scene)
         k, noise = len(readings), design.noise
         values, variance = np.zeros((k, 2)), np.full((k, 2), math.inf)
         for index, reading in enumerate(readings):
@@ -140,3 +149,24 @@ def check_readings(readings: Sequence[Reading]) -> None:
         x, y = places.pop()
         place = Words(f"all at x = {format_mm(x)}, y = {format_mm(y)}")
         raise InputError("readings", place, "readings at several places, stated by the columns x and y with their units")
+
+
+def _check_loads(readings: Sequence[Reading], scene: Scene) -> None:
+    """Refuse readings at loads at which finite strain or the closing gap change the ratio, see ``LOAD_ACCURACY``."""
+    if not readings:
+        return
+    largest = compute_load_limits(scene, LOAD_ACCURACY).linear
+    if largest is None:
+        return
+    allowed = f"up to {1e3 * largest.force:.3g} mN: above it linear elasticity, by which locate predicts readings, is off by 1 %"
+    for index, reading in enumerate(readings):
+        if reading.force is not None and reading.force > largest.force:
+            raise InputError(f"reading[{index}].force", Words(f"{1e3 * reading.force:.4g} mN"), allowed)
+    load = scene.load
+    if all(reading.force is not None for reading in readings):
+        return
+    if load.indentation is not None and load.indentation > largest.indentation:
+        allowed = f"up to {format_mm(largest.indentation)}: above it linear elasticity, by which locate predicts, is off by 1 %"
+        raise InputError("load.indentation", format_mm(load.indentation), allowed)
+    if load.force is not None and load.force > largest.force:
+        raise InputError("load.force", Words(f"{1e3 * load.force:.4g} mN"), allowed)

@@ -12,6 +12,7 @@ from scipy.stats import logistic, multivariate_normal, multivariate_t
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
+from probe_design.estimation.measurements import Reading
 from probe_design.locating import inference
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
@@ -285,6 +286,15 @@ def test_margin_and_weights_of_the_population() -> None:
     assert prior.numbers == pytest.approx([0.9, 0.05, 0.03, 0.02])
     with pytest.raises(InputError, match="weights"):
         design(weights=(0.5, 0.5))
+
+
+def test_readings_at_a_load_beyond_linear_elasticity_are_refused() -> None:
+    known = design()
+    free = TumourFree.from_scene(known.scene)
+    scanned = tuple(Reading(x, 0.0, 0.4, 0.01, force=force) for x, force in ((-8e-3, 5e-3), (0.0, 5e-3), (8e-3, 0.5)))
+    assert len(ScanData.from_readings(scanned[:2], known, free)) == 2
+    with pytest.raises(InputError, match=r"reading\[2\].force = 500 mN: allowed: up to"):
+        ScanData.from_readings(scanned, known, free)
 
 
 def test_information_of_a_reading_is_that_of_two_hypotheses() -> None:
