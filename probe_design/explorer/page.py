@@ -6,10 +6,12 @@ import asyncio
 import html
 import io
 import json
+import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from fastapi import FastAPI
 from nicegui import Client, context, events, ui
@@ -32,6 +34,17 @@ FOLDER = Path(__file__).parent
 SLIDER_STEPS = 400  # of a slider from end to end
 # loads that the slider of the force marks
 LIMITS = (("linear_limit_load", "L", "linear elasticity holds up to"), ("gap_closure_load", "G", "the gap stays open up to"))
+
+
+# one thread for the formulas of all pages, as each thread has work arrays of its own
+COMPUTING_THREAD = ThreadPoolExecutor(1, "formulas")
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+async def _compute(function: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
+    """Call a function in the thread of the formulas."""
+    return await asyncio.get_running_loop().run_in_executor(COMPUTING_THREAD, partial(function, *arguments, **options))
 
 
 def build_application(start: Scene, name: str) -> FastAPI:
@@ -66,7 +79,7 @@ class Page:
         self.kept: dict[str, tuple[dict[str, str], dict[str, quick.Reading]]] = {}
         self.result: Result | None = None
         self.readings: dict[str, quick.Reading] = {}
-        self._pending, self._is_updating, self._is_quiet = False, False, False
+        self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
         self.client: Client = context.client
         self.client.on_delete(self.worker.cancel)
         ui.add_css((FOLDER / "explorer.css").read_text())
@@ -211,8 +224,8 @@ class Page:
     async def _compute_quantities(self, scene: Scene) -> bool:
         """Compute and show the outputs; False where the formulas refuse the design."""
         try:
-            result = await asyncio.to_thread(quick.evaluate_quickly, scene)
-            error = await asyncio.to_thread(quick.compute_sensitivity_error, scene)
+            result = await _compute(quick.evaluate_quickly, scene)
+            error = await _compute(quick.compute_sensitivity_error, scene)
         except ProbeError as refusal:
             self._say(str(refusal))
             self._show_numbers()
@@ -231,7 +244,7 @@ class Page:
     async def _compute_charts(self, scene: Scene) -> None:
         """Compute and show curves and map."""
         variables = [item for item in self.session.variables.values() if not item.key.startswith("load.")]
-        curves = await asyncio.to_thread(quick.compute_curves, scene, variables)
+        curves = await _compute(quick.compute_curves, scene, variables)
         names = ["ratio", "log_sensitivity", "stiffness"]
         if scene.probe.film is not None:
             names.append("charge_ratio")
@@ -239,10 +252,14 @@ class Page:
         if self._pending:
             return
         try:
-            detected = await asyncio.to_thread(quick.compute_map, scene, Thresholds(self.noise))
-            self.map.content = draw_map(detected, scene)
+            detected = await _compute(quick.compute_map, scene, Thresholds(self.noise))
+            picture = draw_map(detected, scene)
         except ProbeError as refusal:
-            self.map.content = f"<p>No map: {html.escape(str(refusal))}</p>"
+            picture = f"<p>No map: {html.escape(str(refusal))}</p>"
+        self._drawings += 1
+        self.map.content = (
+            f'{picture}<span hidden data-drawings="{self._drawings}"></span>'  # for those who wait for the last drawing
+        )
 
     def _say(self, text: str, warnings: list[str] | None = None) -> None:
         """Show a refusal, or that the design is shown, with what evaluated it."""
@@ -278,8 +295,9 @@ class Page:
                         marks.append({"value": round(SLIDER_STEPS * variable.find_fraction(value)), "label": sign})
         self.limits.content = html.escape("; ".join(texts))
         for key in {"load.force", "load.indentation"} & self.sliders.keys():
-            self.sliders[key].props["marker-labels"] = marks
-            self.sliders[key].update()
+            if marks or "marker-labels" in self.sliders[key].props:
+                self.sliders[key].props["marker-labels"] = marks
+                self.sliders[key].update()
 
     def _show_outputs(self) -> None:
         """Show the outputs, beside them those that were checked and kept."""
@@ -339,10 +357,20 @@ class Page:
 
 
 def _write_cell(name: str, reading: quick.Reading | None, is_present: bool) -> str:
-    """Return a cell with a number, its error and its unit; the present design's holds all digits as ``data-value``."""
+    """Return a cell with a number, its error and its unit; the present design's is marked, and holds all digits."""
     if reading is None or reading.value is None:
         return "<td>not known</td>"
     unit, factor = quick.UNITS.get(name, ("", 1.0))
-    error = "" if reading.error is None else f" ± {factor * reading.error:.2g}"
-    mark = f' data-output="{name}" data-value="{reading.value!r}"' if is_present else ""
-    return f"<td{mark}>{factor * reading.value:.4g}{error} {unit}</td>"
+    value, error = factor * reading.value, None if reading.error is None else factor * reading.error
+    mark = f' data-output="{name}"' if is_present else ""
+    return f'<td{mark} data-value="{reading.value!r}">{_format_number(value, error)} {unit}</td>'
+
+
+def _format_number(value: float, error: float | None) -> str:
+    """Return a number with the digits that its error supports, and the error."""
+    if error is None:
+        return f"{value:.3g} (error not stated)"
+    if not 0 < error < math.inf:
+        return f"{value:.4g}"
+    decimals = max(0, 1 - math.floor(math.log10(error)))  # two digits of the error
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from time import monotonic
 from urllib.parse import parse_qsl, urlencode
@@ -57,11 +58,20 @@ class Session:
                 raise InputError("variable", key[:80], "a number that the page shows")
         texts = {key: self.variables[key].read_text(text) for key, text in entries.items()}
         changes = self.changes | texts
-        self.scene = self.start.replace(changes)
+        self.scene = self._apply(changes)
         names, now = tuple(sorted(texts)), monotonic()
         if names != self._last[0] or now - self._last[1] > SAME_DRAG_S:
             self._past = [*self._past, self.changes][-MAX_HISTORY:]
         self._last, self._future, self.changes = (names, now), [], changes
+
+    def _apply(self, changes: dict[str, str]) -> Scene:
+        """Return the start with changes. Raises ``InputError``."""
+        values: dict[str, str | float] = dict(changes)
+        for key, text in changes.items():
+            if not self.variables[key].unit:
+                with suppress(ValueError):  # refused by the scene, as any text is
+                    values[key] = float(text)
+        return self.start.replace(values)
 
     def undo(self) -> bool:
         """Return to the design before the last change; False where there is none."""
@@ -77,7 +87,7 @@ class Session:
             return False
         target.append(self.changes)
         self.changes = source.pop()
-        self.scene, self._last = self.start.replace(self.changes), ((), 0.0)
+        self.scene, self._last = self._apply(self.changes), ((), 0.0)
         return True
 
     @property

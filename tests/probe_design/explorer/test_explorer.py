@@ -16,6 +16,8 @@ import pytest
 
 from geometry.scenes.scene_file import read_scene
 from probe_design import evaluate
+from probe_design.explorer.session import Session
+from probe_design.explorer.variables import get_value
 from tests.support.browser import NAMES
 from tests.support.paths import ROOT
 
@@ -129,11 +131,26 @@ def test_visit(address: str, browser: sync_api.Browser, tmp_path: Path) -> None:
     assert hosts == {"127.0.0.1"}
 
 
+def test_every_slider_changes_its_number() -> None:
+    session = Session(read_scene(EXAMPLE))
+    for key, variable in session.variables.items():
+        value = variable.find_value(0.55)
+        session.change({key: variable.format_value(value)})
+        assert get_value(session.scene, key) == pytest.approx(value, rel=1e-12)
+        assert get_value(session.start.replace({key: value}), key) == get_value(session.scene, key)
+    assert len(session.variables) == 12
+    before = session.scene
+    session.change({"probe.area_ratio": "1,5"})
+    assert session.scene.probe.area_ratio == 1.5
+    assert session.undo()
+    assert session.scene == before
+
+
 @pytest.mark.slow
 def test_check_in_a_worker(address: str, browser: sync_api.Browser) -> None:
     page = open_page(browser, address)
     page.get_by_role("button", name="Check").click()
     page.get_by_text("checked by").wait_for()
     result = evaluate(read_scene(EXAMPLE))
-    cells = page.locator("table.outputs tbody tr").first.locator("td").all_inner_texts()
-    assert float(cells[1].split()[0]) == pytest.approx(result.ratio, rel=1e-3)  # four digits
+    checked = page.locator("table.outputs tbody tr").first.locator("td").nth(1)
+    assert checked.get_attribute("data-value") == repr(result.ratio)
