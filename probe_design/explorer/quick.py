@@ -15,6 +15,7 @@ from probe_design.maps.sphere_effects import Thresholds
 from probe_design.maps.target_grid import choose_sizes, compute_free_radii
 from solver import evaluate
 from solver.closed_form.evaluator import ClosedForm, ClosedFormForces
+from solver.linalg.workspace import Workspace, use_workspace
 from solver.results.film_forces import FilmForces, compute_ratio_fields
 from solver.results.result import Result
 
@@ -80,7 +81,8 @@ class DetectionMap:
 
 def evaluate_quickly(scene: Scene) -> Result:
     """Return the closed form's result, the same as ``evaluate(scene, "closed-form")``. Raises ``InputError``."""
-    return evaluate(scene, EVALUATOR)
+    with use_workspace(Workspace()):  # the process's would keep what belongs to each of thousands of designs
+        return evaluate(scene, EVALUATOR)
 
 
 def list_readings(result: Result, sensitivity_error: float | None) -> dict[str, Reading]:

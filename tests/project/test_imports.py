@@ -211,6 +211,7 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.processes",
         "solver.closed_form",
         "solver.evaluators",
+        "solver.linalg.workspace",  # of each design its own, so that memory stays
         *ANSWERS,
     },
     "probe_design.surveys": {

@@ -1,0 +1,86 @@
+"""From an event of a slider to the redrawn page, and memory of the server, in headless Chromium.
+
+    python -m benchmarks.explorer.latency [EVENTS]
+
+Each event is a key on a random slider of examples/scene.toml. Times are from the key to the frame after the new ratio, and to the
+frame after the new map of detection, the last of all. Duration: 4 minutes with 300 events.
+"""
+
+from __future__ import annotations
+
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+WATCH = """() => {
+  window.start = 0; window.times = {};
+  addEventListener("keydown", () => { window.start = performance.now(); window.times = {}; }, true);
+  const watch = (name, selector) => new MutationObserver(() => requestAnimationFrame(() => {
+    window.times[name] ??= performance.now() - window.start; })).observe(document.querySelector(selector).parentElement,
+    { childList: true, subtree: true, characterData: true });
+  watch("outputs", "table.outputs"); watch("map", "[data-drawings]"); }"""
+PAUSE_MS = 10_000  # until an event counts as lost
+SEED = 41
+
+
+def main() -> None:
+    events = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    command = [sys.executable, "-m", "probe_design", "explore", "examples/scene.toml", "--no-browser"]
+    start = time.perf_counter()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            times, growth = _measure(server, start, events)
+        finally:
+            server.terminate()
+    print("| redrawn | median, ms | 95th percentile, ms |\n|---|---|---|")
+    for name, values in times.items():
+        print(f"| {name} | {np.median(values):.0f} | {np.percentile(values, 95):.0f} |")
+    print(f"{events} events, memory of the server grew by {growth:.1f} MB")
+
+
+def _measure(server: subprocess.Popen[str], start: float, events: int) -> tuple[dict[str, list[float]], float]:
+    """Return times by what is redrawn, ms, and the growth of the server's memory, MB."""
+    assert server.stdout is not None
+    address = server.stdout.readline().strip()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page()
+        page.goto(address)
+        page.wait_for_selector("[data-output=ratio]")
+        print(f"first page after {time.perf_counter() - start:.1f} s")
+        page.wait_for_selector("[data-drawings]", state="attached")
+        page.evaluate(WATCH)
+        _press_keys(page, 20, random.Random(SEED + 1))
+        before = _read_memory(server.pid)
+        times = _press_keys(page, events, random.Random(SEED))
+        growth = _read_memory(server.pid) - before
+        browser.close()
+    return times, growth
+
+
+def _press_keys(page: Page, events: int, chance: random.Random) -> dict[str, list[float]]:
+    """Press an arrow key on random sliders, and return the times of outputs and map, ms."""
+    sliders = page.locator(".q-slider [tabindex]")
+    count, times = sliders.count(), {"outputs": [], "map": []}  # type: tuple[int, dict[str, list[float]]]
+    for _ in range(events):
+        sliders.nth(chance.randrange(count)).press(chance.choice(("ArrowLeft", "ArrowRight")))
+        page.wait_for_function("() => window.times.map !== undefined", timeout=PAUSE_MS)
+        for name, value in page.evaluate("() => window.times").items():
+            times[name].append(value)
+    return times
+
+
+def _read_memory(process: int) -> float:
+    """Return the memory that a process holds, MB (Linux)."""
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    return next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
+
+
+if __name__ == "__main__":
+    main()
