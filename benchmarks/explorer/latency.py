@@ -3,7 +3,9 @@
     python -m benchmarks.explorer.latency [EVENTS]
 
 Each event is a key on a random slider of examples/scene.toml. Times are from the key to the frame after the new ratio, and to the
-frame after the new map of detection, the last of all. Duration: 4 minutes with 300 events.
+frame after the new map of detection, the last of all.
+
+Duration: 4 minutes.
 """
 
 from __future__ import annotations
