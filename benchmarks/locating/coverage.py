@@ -106,8 +106,8 @@ def run(name: str, scans: int) -> Outcome:
     places, k = np.vstack([[30e-3, 0.0], grid]), len(grid) + 1
     prior = TumourPrior.from_design(design, grid)
     model = build_model(prior)
-    points = rng.random((scans, 1, 5))
-    tumours = prior.transform(points)
+    tumours = prior.transform(rng.random((2 * scans, 1, 5)))
+    tumours = tumours[prior.find_allowed(tumours)][:scans]  # a skin leaves no room for some
     variance = np.tile(np.where([True, has_stiffness], WHITE**2, np.inf), (k, 1))
     channels = [0, 1] if has_stiffness else [0]
     covariance = block_diag(*(WHITE[c] ** 2 * np.eye(k) + GAIN[c] ** 2 for c in channels))
@@ -118,7 +118,8 @@ def run(name: str, scans: int) -> Outcome:
         return np.concatenate([values[:, :, channel] for channel in channels], axis=1)
 
     drawn = prior.transform(prior.draw(TEMPLATES, 1, 2))
-    signals = np.zeros((TEMPLATES, k, 2))
+    drawn = drawn[prior.find_allowed(drawn)]
+    signals = np.zeros((len(drawn), k, 2))
     signals[:, 1:] = model.predict(drawn, grid)
     templates = whiten(factor, stack(signals))
     outcome = Outcome([], [], [], [], [], [])
