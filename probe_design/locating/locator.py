@@ -18,6 +18,7 @@ from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
 from probe_design.locating.prior import ForwardModel, TumourPrior
+from probe_design.locating.samples import Sample
 from probe_design.locating.scan_data import MIN_READINGS, ScanData, TumourFree
 from probe_design.locating.stopping import PlannedScan, Stop, find_stop
 from probe_design.locating.streaming import Stream
@@ -165,6 +166,10 @@ class Locator:
         return choose_position(
             self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, places, self._next_variances
         )
+
+    def get_sample(self, number: int) -> Sample:
+        """Return the weighted sample of the posterior of a number of tumours, 1 or more."""
+        return self._streams[number - 1].sample
 
     def draw_sets(self, count: int) -> tuple[Floats, ...]:
         """Return equally probable sets of tumours of each number above 0, shape (count, number, 5) each."""

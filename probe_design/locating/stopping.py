@@ -46,7 +46,9 @@ class Stop:
     text: str
 
 
-def find_stop(probability_none: float, detectable: float, information: float) -> Stop | None:
+def find_stop(
+    probability_none: float, detectable: float, information: float, limit: float = DETECTABLE_PROBABILITY
+) -> Stop | None:
     """Return why a survey may stop, or None.
 
     Parameters
@@ -57,11 +59,13 @@ def find_stop(probability_none: float, detectable: float, information: float) ->
         Probability that tumours lie there which the scan detects with a probability of 0.9.
     information
         Expected of the best next reading, nats.
+    limit
+        Probability of these tumours below which a survey stops.
     """
     if probability_none < PROBABILITY_NONE:
         return Stop("tumour", f"a tumour lies there: the probability of none is {probability_none:.1g}, below 0.01")
-    if detectable < DETECTABLE_PROBABILITY:
-        text = f"a tumour that the scan would detect (90 %) lies there with a probability of {detectable:.2g}, below 0.1"
+    if detectable < limit:
+        text = f"a tumour that the scan would detect (90 %) lies there with a probability of {detectable:.2g}, below {limit:g}"
         return Stop("none", text)
     if information < MIN_INFORMATION_NATS:
         return Stop("nothing to learn", f"the best next reading is expected to say {information:.1g} nats: nothing more to learn")
