@@ -224,16 +224,6 @@ ALLOWED: dict[str, set[str]] = {
         "solver.inclusions",
         *ANSWERS,
     },
-    "probe_design.surveys": {
-        "probe_design.built_probe",  # the virtual one
-        "probe_design.estimation.measurements",
-        "probe_design.locating",
-        "probe_design.populations",
-        "probe_design.reporting",
-        "solver.equivalent_inclusion",
-        "solver.inclusions",
-        *ANSWERS,
-    },
     "probe_design.tolerances": {
         "geometry.cad.materials",  # how each block is made
         "geometry.workshop.tolerance",  # and how exactly
