@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import examine
 from probe_design.populations.performance import Performance
@@ -57,16 +58,22 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
     widest = _replace_table(design, "protocol", positions=positions)
     scan, maximise = examine(scene, widest), design.objective.maximise
 
-    def evaluate(changed: Design) -> Performance:
+    def evaluate(changed: Design, force_factor: float = 1.0) -> Performance:
         """Return the performance with a changed design, from the readings at those of the scan's positions that it uses."""
         distances = np.abs(changed.protocol.places[:, None] - widest.protocol.places)
-        return scan.select(distances.argmin(axis=1), "both").evaluate(changed)
+        load = Load(force=force_factor * (scene.load.force or 0.0)) if scene.load.force else scene.load
+        pressed = replace(scan, draw=replace(scan.draw, scene=scan.draw.scene.model_copy(update={"load": load})))
+        return pressed.select(distances.argmin(axis=1), "both").evaluate(changed)
 
     start = evaluate(design)
     results = [Improvement("as it is", start.means[maximise], 0.0, 0.0)]
     for name, changed in changes.items():
         better = evaluate(changed)
         results.append(Improvement(name, better.means[maximise], *better.compute_gain(start, design.objective)))
+    # charges grow with the load, their noise does not; whether a probe bears that load, only its verification shows
+    if scene.load.force and design.noise.charge:
+        better = evaluate(design, 2.0)
+        results.append(Improvement("force doubled", better.means[maximise], *better.compute_gain(start, design.objective)))
     return tuple(results)
 
 

@@ -40,6 +40,7 @@ CHANNEL_LABELS: dict[ChannelSet, str] = {"ratio": "ratio alone", "stiffness": "s
 FORCE_LIMIT_LABELS = {
     "scene": "load", "force": "force limit", "largest force": "largest force", "linearity": "linearity",
     "indentation": "indentation", "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
+    "pressure": "pressure", "contact": "depth of contact", "last_converged": "convergence", "indentation_per_depth": "depth",
 }  # fmt: skip
 
 

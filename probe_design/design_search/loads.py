@@ -10,7 +10,8 @@ force, of those that the limits of force, indentation, tissue strain and charge 
 and of the force that keeps the ratio within ``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest
 and thinnest cover (``solver.planning.loads``, PL.7). Where the design file names the force as a variable, its bounds, steps or
 choices replace the scene's force: the force is the largest of these values within the limits, since a larger one never has a
-worse objective. A design without such a value is not allowed.
+worse objective. A design without such a value is not allowed. Where ``contact`` models the scene, a ``loaded`` rule has its
+limits in place of those of linear elasticity, see ``loaded_limits``.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.force_variable import find_max_force, find_variable_force, round_load_down
+from probe_design.design_search.loaded_limits import PressedDesign, compute_search_limits, supports_loads
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
@@ -127,35 +129,6 @@ def check_load(scene: Scene) -> None:
 
 
 @dataclass(frozen=True)
-class PressedDesign:
-    """The force on a design.
-
-    Attributes
-    ----------
-    force
-        Force, N.
-    indentation
-        Largest indentation over all tissues, m.
-    tissue_strain
-        Largest tissue strain over all tissues.
-    charge
-        Charges of the weaker and of the stronger channel, C.
-    limited_by
-        The limit of the force: scene, force, largest force (of the design file's variable), indentation, tissue_strain,
-        gap_closure, charge or linearity.
-    allowed
-        The force that each of these allows, N.
-    """
-
-    force: float
-    indentation: float
-    tissue_strain: float
-    charge: tuple[float, float]
-    limited_by: str
-    allowed: dict[str, float]
-
-
-@dataclass(frozen=True)
 class PressingRule:
     """The limits and tissues from which the force on each design is computed.
 
@@ -173,6 +146,8 @@ class PressingRule:
         Approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for all designs.
     charge_factors
         Whether eq. PL.13 holds, 1 or 0, and eq. PL.14 at the start, likewise; 0 and 1 where stresses are read.
+    loaded
+        Whether forces beyond linear elasticity are allowed.
     """
 
     design: Design
@@ -181,6 +156,7 @@ class PressingRule:
     approach_ratio: float
     charge_factors: tuple[int, float]
     safety_factor: float = COARSE_MODEL_SAFETY_FACTOR
+    loaded: bool = False
 
     @classmethod
     def from_draws(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
@@ -197,7 +173,8 @@ class PressingRule:
             for d, z in zip(tumours.diameter.tolist(), tumours.depth.tolist(), strict=True)
         ]
         tissues = (*draw.tissues, *(tissue for tissue in unseen.tissues if tissue not in draw.tissues))
-        return cls(design, tissues, compute_cover_factor(bodies), *_measure_start(draw.tissues[0]))
+        start = _measure_start(draw.tissues[0])
+        return cls(design, tissues, compute_cover_factor(bodies), *start, loaded=supports_loads(draw.tissues[0]))
 
     @classmethod
     def from_scene(cls, design: Design) -> PressingRule:
@@ -358,15 +335,20 @@ class PressingRule:
             allowed["scene"] = compute_force(load, stiffness)
         if max_variable_force is not None:
             allowed["largest force"] = max_variable_force
-        max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
-        on_tape, factor = self.charge_factors
-        min_ratio = on_tape * compute_flatness_factor(sizes.outer_radius, minimum_by_real_part(*sizes.heights))
-        allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -min_ratio * x) * factor) * stiffness
+        if limits.pressure is not None:
+            allowed["pressure"] = limits.pressure * np.pi * sizes.outer_radius**2
+        if self.loaded:
+            allowed |= compute_search_limits(limits, tissue, sizes.outer_radius, stiffness, closure)
+        else:
+            max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
+            on_tape, factor = self.charge_factors
+            min_ratio = on_tape * compute_flatness_factor(sizes.outer_radius, minimum_by_real_part(*sizes.heights))
+            allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -min_ratio * x) * factor) * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
             allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
-        if limits.gap_closure:
+        if limits.gap_closure and not self.loaded:
             allowed["gap_closure"] = self.safety_factor * minimum_by_real_part(
                 CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
             )

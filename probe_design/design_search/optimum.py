@@ -25,11 +25,18 @@ from probe_design.design_search.verification import (
 from probe_design.populations.design_file import Design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import DesignLimits
+from solver.contact.tumours_anywhere import MAX_X
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 LIMIT_KEYS = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
 FORCE_SOURCES = {"scene": "the scene's load", "force": "limits.force", "largest force": "variables.force"}
-LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force due to linear elasticity
+FORCE_LIMIT_REASONS = {  # limits of the force that no number of the design file states
+    "linearity": "the largest at which linear elasticity is accurate enough; contact models more with bonded faces alone",
+    "gap_closure": "as the gap closes under more: a wider gap, or stiffer blocks, help",
+    "contact": f"which indents by {MAX_X:g} outer radii, the most for which contact knows tumours off the axis",
+    "last_converged": "the largest that contact computes for this probe",
+    "indentation_per_depth": "which limits.indentation_per_depth allows",
+}
 Verified = TypeVar("Verified", PopulationVerification, TumourVerification)
 
 
@@ -297,18 +304,13 @@ class PopulationOptimum(Optimum[PopulationVerification]):
             yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"
 
     def _warn_unused_force(self) -> Iterator[str]:
-        """Yield a warning if linear elasticity limits the force below the one that the design file allows.
-
-        ``contact`` could model more force, but only tumours on the probe's axis.
-        """
+        """Yield a warning that names the limit of the force, if it is below the one that the design file allows."""
         pressed = self.best.pressed
         key = next(name for name in FORCE_SOURCES if name in pressed.allowed)
-        if pressed.limited_by in LINEARITY_LIMITS:
-            named = FORCE_SOURCES[key]
+        if (reason := FORCE_LIMIT_REASONS.get(pressed.limited_by)) is not None:
             yield (
-                f"{named} of {pressed.allowed[key]:.3g} N is more than linear elasticity allows: searched and verified under "
-                f"{pressed.force:.3g} N (limited by {pressed.limited_by}); contact, which models larger loads, takes "
-                "no tumours off the axis"
+                f"{FORCE_SOURCES[key]} of {pressed.allowed[key]:.3g} N is more than the recommended design allows: verified "
+                f"under {pressed.force:.3g} N, {reason}"
             )
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 
@@ -13,6 +13,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
 from probe_design.design_search.film_choices import FilmChoice
+from probe_design.design_search.loaded_pressing import press_design
 from probe_design.design_search.loads import PressingRule, check_load
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.population_objective import MAX_SEARCH_TUMOURS, PopulationObjective
@@ -100,8 +101,10 @@ class PopulationStudy:
         Refusal
             The evaluators cannot model the scene.
         """
-        loaded, pressed = self.objective.rule.apply_force(scene)
-        performance = examine(loaded, self.design, unseen=True, progress=advance).evaluate_all_channels(self.design)
+        population = ScenePopulation.from_scene(scene, self.design.population)
+        loaded, pressed, pressed_tissues = press_design(self.objective.rule, scene, population.draw_tumours(unseen=True).tissues)
+        examined = examine(loaded, self.design, unseen=True, pressed=pressed_tissues, progress=advance)
+        performance = examined.evaluate_all_channels(self.design)
         materials = () if choice is None else choice.combination.materials
         return PopulationVerification(loaded, pressed, performance, self.design.objective, materials)
 
@@ -168,6 +171,7 @@ class PopulationStudy:
         try:
             scene = build_middle_scene(self.design)
             rule = PressingRule.from_scene(self.design.model_copy(update={"scene": scene}))
+            rule = replace(rule, loaded=self.objective.rule.loaded)
             noise = Noise.from_scene(scene, max(self.design.noise.white, MIN_SINGLE_NOISE))
             objective = TumourObjective.from_scene(rule, noise, SINGLE_STARTS)
             search = search_combinations(objective, self.search_space, partial(progress, "designing for one tumour"))

@@ -12,7 +12,8 @@ from geometry.common.errors import InputError, Refusal
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
-from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE, PressedDesign, Pressing, compute_pressing
+from probe_design.design_search.loaded_limits import PressedDesign
+from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE, Pressing, compute_pressing
 from probe_design.design_search.objective_bounds import bound_objective, compute_objective
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.variables import is_same_design

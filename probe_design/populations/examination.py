@@ -23,6 +23,7 @@ from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector
 from probe_design.populations.inclusion_scan import Progress, compute_inclusion_readings
+from probe_design.populations.loaded_scan import PressedScan
 from probe_design.populations.noise import build_difference_noise, build_full_noise
 from probe_design.populations.performance import ControlSample, Kind, MeanError, Performance, estimate_statistic
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -35,7 +36,10 @@ from probe_design.populations.resolved import (
     is_undecided,
 )
 from probe_design.populations.scan_readings import ScanReadings, compute_closed_form_readings
-from probe_design.populations.tables import CHANNEL_INDICES, ChannelSet
+from probe_design.populations.tables import CHANNEL_INDICES, ChannelSet, Protocol
+from probe_design.populations.tissue_scan import InclusionScan
+from solver.contact.pressed_tissue import PressedTissue
+from solver.equivalent_inclusion.readings import compute_readings
 
 DETECTOR_TUMOURS = 256  # reference tumours of the detector
 
@@ -230,7 +234,13 @@ class Examination:
 
 
 def examine(
-    scene: Scene, design: Design, *, samples: int | None = None, unseen: bool = False, progress: Progress | None = None
+    scene: Scene,
+    design: Design,
+    *,
+    samples: int | None = None,
+    unseen: bool = False,
+    pressed: tuple[PressedTissue, ...] = (),
+    progress: Progress | None = None,
 ) -> Examination:
     """Compute the readings over a population: by the closed form over the design's draw, or by finite elements over another.
 
@@ -247,6 +257,8 @@ def examine(
         Number of tumours; default: that of the design.
     unseen
         Whether to use equivalent-inclusion with reflections, and tumours that were not used in a search.
+    pressed
+        The draw's tissues under the scene's force, where it is beyond linear elasticity: readings are then those of ``contact``.
     progress
         Called by finite elements with the number of tissues done and the number of all.
 
@@ -262,7 +274,7 @@ def examine(
     names = ("object", *(name for name, values in population.ranges.items() if not values.is_single and name != "object"))
     first, control, reflected = None, None, np.arange(len(draw))
     if unseen:
-        inclusion = compute_inclusion_readings(draw, protocol, names, noise=design.noise, progress=progress)
+        inclusion = compute_inclusion_readings(draw, protocol, names, noise=design.noise, pressed=pressed, progress=progress)
         readings, reflected = inclusion.best, inclusion.reflected
         first = inclusion.first if len(reflected) < len(draw) else None
         control = ControlSample.from_draw(protocol, population, draw) if len(draw) > 1 else None
@@ -271,8 +283,28 @@ def examine(
     # seed + 1: reference tumours that are not among those of the draw
     known_tumours = replace(population, seed=population.seed + 1).draw_tumours(DETECTOR_TUMOURS)
     reference = compute_closed_form_readings(known_tumours, protocol).signal
-    evaluator = "equivalent-inclusion" if unseen else "closed-form"
+    if pressed and all(values.is_single for name, values in population.ranges.items() if name.endswith("thickness")):
+        reference = reference + _compute_reference_changes(known_tumours, protocol, pressed)
+    evaluator = "contact" if pressed else "equivalent-inclusion" if unseen else "closed-form"
     return Examination(population, draw, readings, reference, evaluator, reflected, first, control)
+
+
+def _compute_reference_changes(draw: TumourDraw, protocol: Protocol, pressed: tuple[PressedTissue, ...]) -> Floats:
+    """Return what the load adds to the signals of reference tumours, shape (K, m).
+
+    Their tissues are others than the pressed ones of the same population, which stand for them: a detector that is trained on
+    readings a little off detects a little less, and is what is verified.
+    """
+    changes = np.zeros((len(draw), protocol.channels * len(protocol.positions)))
+    for number in range(len(draw.tissues)):
+        tissue = pressed[number % len(pressed)]
+        scan = InclusionScan(draw, protocol, number, tissue.base)
+        which, offset, indices = scan.list_distinct()
+        tumours = scan.build_tumours(which, offset)
+        readings = compute_readings(tissue.base, tumours, 0, reflect=False)
+        signal = PressedScan.from_tumours(tissue, tumours).compute_change(readings).signal
+        changes[scan.members] = scan.join_channels(signal[indices])
+    return changes
 
 
 def _evaluate_tumours(

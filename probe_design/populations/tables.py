@@ -24,6 +24,7 @@ CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
 DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS, MAX_TUMOURS = 64, 4096, 101, 3
 
 Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
+Pressure = Annotated[float, Quantity("pressure", "Pa", "kPa", 1e-3, 1e9)]
 Moduli = Annotated[Range, Ranged(MODULUS_QUANTITY)]
 Places = Annotated[Range, Ranged(POSITION_QUANTITY, log=False)]
 Charge = Annotated[float, CHARGE_QUANTITY]
@@ -235,6 +236,10 @@ class DesignLimits(Frozen):
     tissue_strain: Annotated[float, PERCENTAGE, Field(gt=0.0, le=1.0)] | None = Field(
         default=None, description="largest mean strain of the tissue under the probe: above 0, up to 1", examples=[0.1]
     )
+    indentation_per_depth: Annotated[float, PERCENTAGE, Field(gt=0.0, le=1.0)] = Field(
+        default=0.3, description="largest indentation over the tissue's depth, where contact models the load: above 0, up to 1"
+    )
+    pressure: Pressure | None = Field(default=None, description="largest mean pressure under the probe", examples=["10 kPa"])
     gap_closure: bool = Field(default=True, description="whether the gap has to stay open under the load: true or false")
     charge: Annotated[tuple[Charge, Charge], Field(strict=False)] | None = Field(
         default=None,

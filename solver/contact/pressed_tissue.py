@@ -22,6 +22,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from solver.contact.loaded_scene import LoadedForces, LoadedScene
+from solver.contact.tabulated_response import TabulatedResponse
 from solver.contact.tumour_effects import TumourResponse
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
@@ -75,6 +76,33 @@ class LoadedChanges:
 
 
 @dataclass(frozen=True)
+class Growths:
+    """First-order effects of n sets of tumours on the stiffness at rest, and what the load adds to all effects.
+
+    Attributes
+    ----------
+    at_rest
+        Of the stiffness on the finer mesh, shape (d, n, 1).
+    coarse, fine
+        What the load adds on both meshes, shape (d, n, k + 1).
+    """
+
+    at_rest: Floats
+    coarse: Floats
+    fine: Floats
+
+    @property
+    def mean(self) -> Floats:
+        """What the load adds, the mean of both meshes, shape (d, n, k + 1)."""
+        return (self.coarse + self.fine) / 2
+
+    def compute_factor(self, linear: Floats) -> Floats:
+        """Return f of eq. CT.10, (d, n, 1), for the linear changes, (d, n, k + 1); see ``compute_linear_changes``."""
+        factor = np.divide(linear[..., -1:], self.at_rest, out=np.ones_like(self.at_rest), where=self.at_rest != 0)
+        return np.where(np.abs(np.log(np.maximum(factor, 1e-300))) < np.log(MAX_REFLECTION_FACTOR), factor, 1.0)
+
+
+@dataclass(frozen=True)
 class PressedTissue:
     """A probe pressed on tissue without tumours, on two meshes, with what tumours anywhere change about that state.
 
@@ -93,7 +121,7 @@ class PressedTissue:
     base: Undisturbed
     loaded: LoadedScene
     bare: LoadedForces
-    responses: tuple[tuple[TumourResponse, TumourResponse], ...]
+    responses: tuple[tuple[TumourResponse | TabulatedResponse, TumourResponse | TabulatedResponse], ...]
 
     @classmethod
     def from_loaded(cls, base: Undisturbed, loaded: LoadedScene, force: float) -> PressedTissue:
@@ -107,6 +135,19 @@ class PressedTissue:
             for path in loaded.paths
         ]
         return cls(base, loaded, bare, tuple(responses))
+
+    def tabulate(self, tumours: Tumours) -> PressedTissue:
+        """Return the same with tabulated responses, for tumours within the distances and depths of these."""
+        radius, offset, depth = tumours.diameter / 2, tumours.offset, tumours.depth
+        reach = float((offset + radius).max()), float((depth - radius).min()), float((depth + radius).max())
+        faces = self.base.strata.interfaces
+
+        def build(response: TumourResponse | TabulatedResponse) -> TabulatedResponse:
+            """Return a response with tables for these tumours."""
+            bare = response.response if isinstance(response, TabulatedResponse) else response
+            return TabulatedResponse(bare, *reach, faces)
+
+        return replace(self, responses=tuple((build(light), build(pressed)) for light, pressed in self.responses))
 
     def compute_readings(self, linear: Readings, tumours: Tumours, target: int = 0, *, shape_error: float = 0.0) -> Readings:
         """Return the readings at the force, per indentation, from the ``linear`` ones; parameters as of ``compute_changes``."""
@@ -146,13 +187,31 @@ class PressedTissue:
             parts.append(loaded)
         return replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
 
+    def compute_growths(self, tumours: Tumours, target: int = 0, *, by_diameter: bool = False) -> Growths:
+        """Compute first-order effects of n sets of t tumours at rest, and what the load adds to them."""
+        inside, left_out = self.base.move_inside(tumours)
+        (coarse_light, coarse), (light, fine) = (
+            [
+                compute_first_order_changes(response, self.base, inside, left_out, target, by_diameter=by_diameter)
+                for response in pair
+            ]
+            for pair in self.responses
+        )
+        return Growths(light[..., -1:], coarse - coarse_light, fine - light)
+
     @property
     def x(self) -> float:
         """Indentation without tumours, in outer radii."""
         return float(self.bare.point.indentation / self.base.scene.probe.tube_radius)
 
     def compute_changes(
-        self, readings: Readings, tumours: Tumours, target: int = 0, *, shape_error: float = 0.0
+        self,
+        readings: Readings,
+        tumours: Tumours,
+        target: int = 0,
+        *,
+        shape_error: float = 0.0,
+        growths: Growths | None = None,
     ) -> LoadedChanges:
         """Compute what n sets of t tumours change at the force.
 
@@ -166,22 +225,17 @@ class PressedTissue:
             Number of the tumour among the t to which the derivatives refer.
         shape_error
             Error of what the load adds, relative, where spheres stand for other shapes.
+        growths
+            Result of ``compute_growths``, where it is known.
         """
         linear = compute_linear_changes(self.base, readings)
         if not tumours.shape[1]:
             return LoadedChanges(linear, np.zeros_like(linear), np.zeros_like(_subtract_outer(linear)), np.zeros_like(linear))
-        inside, left_out = self.base.move_inside(tumours)
-        effects = [
-            [
-                compute_first_order_changes(response, self.base, inside, left_out, target, by_diameter=len(linear) > 2)
-                for response in pair
-            ]
-            for pair in self.responses
-        ]
-        at_rest = effects[-1][0][..., -1:]
-        factor = np.divide(linear[..., -1:], at_rest, out=np.ones_like(at_rest), where=at_rest != 0)
-        factor = np.where(np.abs(np.log(np.maximum(factor, 1e-300))) < np.log(MAX_REFLECTION_FACTOR), factor, 1.0)
-        coarse, fine = (factor * (pressed - light) for light, pressed in effects)
+        if growths is None:
+            growths = self.compute_growths(tumours, target, by_diameter=len(linear) > 2)
+        linear = linear[: len(growths.fine)]
+        factor = growths.compute_factor(linear)
+        coarse, fine = factor * growths.coarse, factor * growths.fine
         growth, spread = (coarse + fine) / 2, coarse - fine
         model_errors = self.x * MODEL_ERRORS_PER_X[: len(linear), None, None]
 
@@ -234,7 +288,7 @@ def compute_linear_changes(base: Undisturbed, readings: Readings) -> Floats:
     return np.stack(rows)
 
 
-def _integrate(response: TumourResponse, tumours: Tumours) -> Floats:
+def _integrate(response: TumourResponse | TabulatedResponse, tumours: Tumours) -> Floats:
     """Integrate the densities over each of t spheres, see ``TumourResponse.integrate``; spheres of one place and size once."""
     places = np.stack([np.round(tumours.offset, 12), tumours.depth, tumours.diameter], axis=-1)
     _, first, indices = np.unique(places, axis=0, return_index=True, return_inverse=True)
@@ -242,7 +296,13 @@ def _integrate(response: TumourResponse, tumours: Tumours) -> Floats:
 
 
 def compute_first_order_changes(
-    response: TumourResponse, base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, *, by_diameter: bool = False
+    response: TumourResponse | TabulatedResponse,
+    base: Undisturbed,
+    tumours: Tumours,
+    left_out: Bools,
+    target: int,
+    *,
+    by_diameter: bool = False,
 ) -> Floats:
     """Return the sums of first-order effects about one state of n sets of t tumours, (n, t), as in ``LoadedChanges``.
 

@@ -35,6 +35,7 @@ LINEAR_SHARE = 0.3  # of the accuracy, for the linear readings
 BARE_SHARE = 0.5  # of the accuracy, for the ratio without tumours: beyond it the finest mesh is used
 DECISION_FEATURE = "finite strain and contact"
 SHAPE_ERROR_FACTOR = 2.0  # of what the load adds, times ln of an ellipsoid's aspect ratio: it counts as the sphere of its volume
+LAST_CONVERGED_SHARE = 0.9  # of the last load at which a step converges, or the gap is open: other meshes end elsewhere
 MAX_X = 0.47  # outer radii, without tumours: the force of 0.45 with them, up to which tests/reference/loaded confirms readings
 
 
@@ -95,6 +96,31 @@ class TissueUnderLoad:
         entry = "load.preload", Words(f"{preload:g} N")
         self._check_depth((1 + STEP_RELATIVE) * preload, *entry, margin=1 + STEP_RELATIVE)
         return PreloadedTissue.from_pressed(self.press(preload, entry), preload)
+
+    def find_largest_load(self, force: float, indentation: float) -> tuple[float, str]:
+        """Return the largest load, N, up to a force, N, and an indentation, m, both without tumours, and what limits it.
+
+        The limit is "force", "indentation", "contact" (``MAX_X``), "gap_closure", or "last_converged", where no further step
+        converges: 0.9 of the last force at which one does.
+        """
+        path = self.loaded.paths[0]
+        deepest, name = min((indentation, "indentation"), (MAX_X * path.radius, "contact"))
+        min_gap, reached = CLOSED_GAP_RELATIVE * path.points[0].walls, path.points[0]
+        try:
+            while path.last.indentation < deepest * (1 - 1e-12) and path.last.force < force and path.last.walls > min_gap:
+                next(path.iterate_steps(deepest))
+        except StoppedError as fault:
+            name, deepest = "last_converged", LAST_CONVERGED_SHARE * fault.last.indentation
+        for point in path.points:
+            if point.walls <= min_gap:
+                return LAST_CONVERGED_SHARE * reached.force, "gap_closure"
+            if point.indentation > deepest * (1 + 1e-9):
+                break
+            reached = point
+        if reached.force >= force:
+            return force, "force"
+        limit = path.press_to_indentation(deepest).force
+        return (force, "force") if limit >= force else (limit, name)
 
     def _press_paths(self, force: float, refine: bool) -> PressedTissue:
         """Press the load paths to a force, N: on finer meshes for accuracy, with more contact points where no step converges."""

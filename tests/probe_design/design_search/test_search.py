@@ -183,7 +183,8 @@ def test_the_force_is_a_variable_of_which_each_design_has_the_largest_value_allo
         ([0.1 * allowed, 3 * allowed], allowed),
     ]
     for entry, force in entries:
-        objective, _ = ready(make_design(limits=limits, variables={"force": entry}))
+        pressed_start = start.replace({"load.force": 1.0})
+        objective, _ = ready(make_design(limits=limits, variables={"force": entry}, scene=pressed_start))
         pressed = objective.rule.compute_pressed_design(start)
         assert pressed.force == pytest.approx(force, rel=0.01)
         assert pressed.force <= allowed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
-from probe_design.populations import inclusion_scan
+from probe_design.populations import inclusion_scan, tissue_scan
 from probe_design.populations.design_file import read_builtin_design
 from probe_design.populations.examination import Examination, examine
 from probe_design.populations.noise import build_difference_noise
@@ -20,7 +20,7 @@ NOISE = {"white": 0.02, "charge": "0 pC"}
 def test_more_tumours_make_no_error_larger(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where fewer tumours get reflections than are drawn, bounds on what the others lack once grew with their number."""
     monkeypatch.setattr(inclusion_scan, "MAX_REFLECTED_READINGS", 24)
-    monkeypatch.setattr(inclusion_scan, "MIN_REFLECTED", 8)
+    monkeypatch.setattr(tissue_scan, "MIN_REFLECTED", 8)
     design = example_design(population=SUPERFICIAL, protocol=THREE, noise=NOISE)
     few_tumours, many_tumours = (verify(design.scene, design, samples=samples) for samples in (8, 64))
     for kind, error in many_tumours.errors.items():
