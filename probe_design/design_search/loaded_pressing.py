@@ -49,8 +49,8 @@ def press_design(
     allowed = {name: force for name, force in linear[1].allowed.items() if name in FORCE_LIMITS}
     try:
         for tissue in scenes:
-            found = find_contact_limits(rule.design.limits, tissue, min(allowed.values()))
-            allowed |= {name: min(force, allowed.get(name, force)) for name, force in found.items()}
+            contact_limits = find_contact_limits(rule.design.limits, tissue, min(allowed.values()))
+            allowed |= {name: min(force, allowed.get(name, force)) for name, force in contact_limits.items()}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force, pressed, reached = press_tissues(scenes, allowed[limited_by], rule._choose_force)
     except (Refusal, SolveError):  # what linear elasticity allows remains
