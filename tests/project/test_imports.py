@@ -147,6 +147,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.maps.sphere_effects",
         "probe_design.maps.scan_line",
         "solver.closed_form",
+        "solver.contact",  # readings under a load
         "solver.equivalent_inclusion",
         "solver.inclusions",
         "solver.planning",
