@@ -155,7 +155,7 @@ class Examination:
             "information": objective.compute_error(information, draw.tissue),
         }
         means: dict[Kind, float] = {
-            "detection": detection,
+            "detection": min(max(detection, 0.0), 1.0),  # the control variate may lead beyond
             "resolved": float(resolved.mean()),
             "information": objective.compute_statistic(information),
         }
