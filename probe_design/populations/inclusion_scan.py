@@ -104,7 +104,7 @@ def compute_inclusion_readings(
     for number in range(tissue_count):
         scan = InclusionScan.from_draw(draw, protocol, number)
         reflected.append(scan.select_reflected(allowed))
-        _fill_tissue(best, first, scan, noise, reflected[-1], pressed[number] if pressed else None)
+        _fill_tissue(best, first, scan, noise, reflected[-1], pressed=pressed[number] if pressed else None)
         if progress is not None:
             progress(number + 1, tissue_count)
     for scan_readings in (best, first):  # ``_write_signals`` has summed the logarithms of the forces over the tumours
@@ -130,6 +130,7 @@ def _fill_tissue(
     scan: InclusionScan,
     noise: NoiseModel,
     reflected: Ints,
+    *,
     pressed: PressedTissue | None,
 ) -> None:
     """Compute the readings of one tissue and write them into the arrays of all tumours.
@@ -157,7 +158,7 @@ def _fill_tissue(
         check_films_compressed(readings.totals, scene)
         check_charge_signs(blank_totals, stack_totals(scene, readings))
         change = None if loaded is None else loaded.compute_change(readings)
-        _write_signals(target, scan, readings, indices, scene, change)
+        _write_signals(target, scan, readings, indices, scene, change=change)
         if pressed is not None:
             _write_loaded_baseline(target, scan, pressed, indices)
         # eq. PO.15
@@ -172,7 +173,7 @@ def _fill_tissue(
 
 
 def _write_signals(
-    target: ScanReadings, scan: InclusionScan, readings: Readings, indices: Ints, scene: Scene, change: LoadedChange | None
+    target: ScanReadings, scan: InclusionScan, readings: Readings, indices: Ints, scene: Scene, *, change: LoadedChange | None
 ) -> None:
     """Write the signals of one tissue, their errors and their derivatives by the tumours' numbers into the common arrays.
 
