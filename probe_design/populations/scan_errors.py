@@ -31,7 +31,7 @@ ERROR_CAUSES = {  # causes of the model's error: description, and how to reduce 
         "a scan nearer the tissue's middle",
     ),
     GROOVE_CAUSE: ("the groove, which equivalent-inclusion leaves out", "a smaller groove"),
-    LOAD_CAUSE: ("finite strain under the load, which linear elasticity leaves out", "a smaller force"),
+    LOAD_CAUSE: ("what the model of finite strain under the load leaves open", "a smaller force"),
 }
 MAX_RELATIVE_ERROR = 0.999999  # error bound of a total at most
 GROOVE_FLOOR_FACTOR = 2.0  # of eq. PO.14
