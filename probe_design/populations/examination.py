@@ -149,14 +149,17 @@ class Examination:
             "information": float(np.minimum(fraction, information)[reflected].mean()),
         }
         detection, detection_error = estimate_statistic(values["detection"], draw.tissue, objective, control)
+        least_error = 1 / (len(draw) + (0 if control is None else len(control.other_tumours)) + 2)  # Laplace's rule of succession
+        if len(draw) > 1 and min(detection, 1 - detection) < least_error:  # all or none detected says no more than that
+            detection_error = max(detection_error, least_error)
         sampling_errors: dict[Kind, float] = {
             "detection": math.hypot(detection_error, threshold_error),
             "resolved": max(objective.compute_error(resolved, draw.tissue), compute_fraction_error(resolved)),
             "information": objective.compute_error(information, draw.tissue),
         }
         means: dict[Kind, float] = {
-            "detection": min(max(detection, 0.0), 1.0),  # the control variate may lead beyond
-            "resolved": float(resolved.mean()),
+            "detection": min(max(detection, 0.0), 1.0),  # the control variate may lead beyond, as may eq. PO.13
+            "resolved": min(max(float(resolved.mean()), 0.0), 1.0),
             "information": objective.compute_statistic(information),
         }
         errors = {
