@@ -35,7 +35,7 @@ from probe_design.design_search.loaded_limits import PressedDesign, compute_sear
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
-from probe_design.populations.film_totals import check_films_compressed
+from probe_design.populations.film_totals import check_films_compressed, weigh_charges
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel, compute_charge_per_force, find_charge_factors
@@ -268,6 +268,7 @@ class PressingRule:
             Number of each tumour's tissue, shape (m,).
         """
         forces: list[Array] = []
+        weights = np.ones(len(totals), dtype=totals.dtype)
         for number, tissue in enumerate(self.tissues):  # the tissues of the search come first
             members = np.flatnonzero(which == number)
             if not len(members):
@@ -280,7 +281,8 @@ class PressingRule:
                 self.design.scene, sizes, film_totals, tissue, charges=charges, closure=closure
             )
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
-        force = find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
+            weights *= weigh_charges(self.design.scene, totals[:, members[0]])
+        force = weights * find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
         return np.repeat(force[:, None], totals.shape[1], axis=1)
 
     def _choose_force(self, allowed_force: float) -> float:

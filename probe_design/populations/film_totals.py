@@ -10,7 +10,12 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.readings import Readings
+from solver.planning.charge_changes import has_soft_bond
 from solver.results.film_forces import FilmForces
+
+MIN_STIFF_SHARE, MIN_SOFT_SHARE = 0.4, 1.5  # of |d33| times force: films glued have 0.55 to 0.85, on tape 2.4 to 10
+SHARE_WIDTH_RELATIVE = 0.08  # of the step: a film that is glued rigidly keeps 0.99 of its force
+MAX_EXPONENT = 40.0  # its factor is 0 to rounding; larger ones would overflow
 
 
 def stack_totals(scene: Scene, films: FilmForces | Readings) -> Floats:
@@ -31,6 +36,32 @@ def check_charge_signs(blank: Floats, totals: Floats) -> None:
         return
     remedy = "bonds on which both films give charges of one sign over every tumour, such as softer ones"
     raise Refusal("probe.film", Words("a film's charge changes its sign"), remedy)
+
+
+def weigh_charges(scene: Scene, totals: Any) -> Any:
+    """Return a factor on a design's force in a search, which leaves out films whose charges nearly cancel.
+
+    Where what d31 and d33 give cancels, the ratio is sensitive to everything, most of all to the bonds' modulus, which nobody
+    knows to a factor of two, and to the load. The factor is 1 where both charges have the sign and more than the least size that
+    films on such bonds have, and falls to 0 below; it is smooth, for gradients.
+
+    Parameters
+    ----------
+    scene
+        Scene with the films.
+    totals
+        Forces on both films and, where they are read, their charges, without tumours, shape (..., 2 or 4), real or complex.
+    """
+    film = scene.probe.film
+    if totals.shape[-1] == 2 or film is None or film.uses_psi:
+        return np.ones(totals.shape[:-1])
+    factor, least = np.ones(totals.shape[:-1]), MIN_SOFT_SHARE if has_soft_bond(scene) else MIN_STIFF_SHARE
+    shares = [totals[..., 2 + number] / (item.d33 * totals[..., number]) for number, item in enumerate(film.by_block) if item.d33]
+    for share in shares:
+        sign = np.where(np.real(shares[0]) < 0, -1, 1)  # both conventions of charges, with the sign of d33 or of the force
+        exponent = (least - sign * share) / (SHARE_WIDTH_RELATIVE * least)
+        factor = factor / (1 + np.exp(np.where(np.real(exponent) > MAX_EXPONENT, MAX_EXPONENT, exponent)))
+    return factor
 
 
 def check_films_compressed(totals: Floats, scene: Scene) -> None:

@@ -140,8 +140,8 @@ def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_tighter_limit_of_the_load_never_gives_a_better_optimum() -> None:
-    """The whole loop: within linear elasticity, where only some designs ask for more, and where all do."""
-    optima = [optimize(pressed_nodule(force), starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.03, 0.1)]
+    """The whole loop: within linear elasticity, and where all designs ask for more."""
+    optima = [optimize(pressed_nodule(force), starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.1)]
     best = [optimum.finalists[0].value for optimum in optima]
     assert all(wider <= tighter for tighter, wider in pairwise(best)), best
     assert optima[0].finalists[0].evaluator == "axisymmetric"
