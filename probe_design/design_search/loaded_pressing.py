@@ -18,6 +18,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Load
 from probe_design.design_search.loaded_limits import PressedDesign, list_indentation_limits
 from probe_design.design_search.loads import PressingRule
+from probe_design.populations.film_totals import check_loaded_charges
 from probe_design.populations.loaded_scan import CONTACT_ACCURACY, press_tissue
 from probe_design.populations.tables import DesignLimits
 from solver.contact.pressed_tissue import PressedTissue
@@ -53,6 +54,8 @@ def press_design(
             allowed |= {name: min(force, allowed.get(name, force)) for name, force in contact_limits.items()}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force, pressed, reached = press_tissues(scenes, allowed[limited_by], rule._choose_force)
+        for item in pressed:
+            check_loaded_charges(item.base.scene, item.bare.films)
     except (Refusal, SolveError):  # what linear elasticity allows remains
         return *linear, ()
     if force <= linear[1].force:

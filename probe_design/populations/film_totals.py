@@ -13,7 +13,8 @@ from solver.equivalent_inclusion.readings import Readings
 from solver.planning.charge_changes import has_soft_bond
 from solver.results.film_forces import FilmForces
 
-MIN_STIFF_SHARE, MIN_SOFT_SHARE = 0.4, 1.5  # of |d33| times force: films glued have 0.55 to 0.85, on tape 2.4 to 10
+MIN_STIFF_SHARE, MIN_SOFT_SHARE = 0.4, 3.0  # of |d33| times force: films glued have 0.55 to 0.85, most films on tape 4 to 10
+LOADED_FACTOR = 0.5  # of these under load, which moves charges towards 0
 SHARE_WIDTH_RELATIVE = 0.08  # of the step: a film that is glued rigidly keeps 0.99 of its force
 MAX_EXPONENT = 40.0  # its factor is 0 to rounding; larger ones would overflow
 
@@ -38,6 +39,37 @@ def check_charge_signs(blank: Floats, totals: Floats) -> None:
     raise Refusal("probe.film", Words("a film's charge changes its sign"), remedy)
 
 
+def find_least_share(scene: Scene) -> float:
+    """Return the least charge of a film that a search accepts, over d33 times its force: larger where films have soft bonds."""
+    return MIN_SOFT_SHARE if has_soft_bond(scene) else MIN_STIFF_SHARE
+
+
+def compute_charge_shares(scene: Scene, totals: Any) -> list[Any]:
+    """Return the charge of each film over d33 times its force, from totals of shape (..., 4); above 0 on most bonds.
+
+    The sign is relative to the inner film's: closed form and finite elements count charges with different signs.
+    """
+    films = [] if scene.probe.film is None else scene.probe.film.by_block
+    shares = [totals[..., 2 + number] / (item.d33 * totals[..., number]) for number, item in enumerate(films) if item.d33]
+    return [np.where(np.real(shares[0]) < 0, -1, 1) * share for share in shares]
+
+
+def check_loaded_charges(scene: Scene, films: FilmForces) -> None:
+    """Refuse a probe under a load at which what d31 and d33 give of a film's charge nearly cancels.
+
+    Raises
+    ------
+    Refusal
+        A charge is below ``LOADED_FACTOR`` times the least one of a search.
+    """
+    film = scene.probe.film
+    if scene.observable == "stress" or film is None or film.uses_psi:
+        return
+    if min(compute_charge_shares(scene, stack_totals(scene, films)), default=np.inf) < LOADED_FACTOR * find_least_share(scene):
+        remedy = "a load under which both films give charges that do not nearly cancel, or higher blocks"
+        raise Refusal("load.force", Words("a film's charge nearly cancels"), remedy)
+
+
 def weigh_charges(scene: Scene, totals: Any) -> Any:
     """Return a factor on a design's force in a search, which leaves out films whose charges nearly cancel.
 
@@ -55,11 +87,9 @@ def weigh_charges(scene: Scene, totals: Any) -> Any:
     film = scene.probe.film
     if totals.shape[-1] == 2 or film is None or film.uses_psi:
         return np.ones(totals.shape[:-1])
-    factor, least = np.ones(totals.shape[:-1]), MIN_SOFT_SHARE if has_soft_bond(scene) else MIN_STIFF_SHARE
-    shares = [totals[..., 2 + number] / (item.d33 * totals[..., number]) for number, item in enumerate(film.by_block) if item.d33]
-    for share in shares:
-        sign = np.where(np.real(shares[0]) < 0, -1, 1)  # both conventions of charges, with the sign of d33 or of the force
-        exponent = (least - sign * share) / (SHARE_WIDTH_RELATIVE * least)
+    factor, least = np.ones(totals.shape[:-1]), find_least_share(scene)
+    for share in compute_charge_shares(scene, totals):
+        exponent = (least - share) / (SHARE_WIDTH_RELATIVE * least)
         factor = factor / (1 + np.exp(np.where(np.real(exponent) > MAX_EXPONENT, MAX_EXPONENT, exponent)))
     return factor
 
