@@ -39,7 +39,7 @@ def check_charge_signs(blank: Floats, totals: Floats) -> None:
     raise Refusal("probe.film", Words("a film's charge changes its sign"), remedy)
 
 
-def find_least_share(scene: Scene) -> float:
+def find_min_share(scene: Scene) -> float:
     """Return the least charge of a film that a search accepts, over d33 times its force: larger where films have soft bonds."""
     return MIN_SOFT_SHARE if has_soft_bond(scene) else MIN_STIFF_SHARE
 
@@ -65,7 +65,7 @@ def check_loaded_charges(scene: Scene, films: FilmForces) -> None:
     film = scene.probe.film
     if scene.observable == "stress" or film is None or film.uses_psi:
         return
-    if min(compute_charge_shares(scene, stack_totals(scene, films)), default=np.inf) < LOADED_FACTOR * find_least_share(scene):
+    if min(compute_charge_shares(scene, stack_totals(scene, films)), default=np.inf) < LOADED_FACTOR * find_min_share(scene):
         remedy = "a load under which both films give charges that do not nearly cancel, or higher blocks"
         raise Refusal("load.force", Words("a film's charge nearly cancels"), remedy)
 
@@ -87,9 +87,9 @@ def weigh_charges(scene: Scene, totals: Any) -> Any:
     film = scene.probe.film
     if totals.shape[-1] == 2 or film is None or film.uses_psi:
         return np.ones(totals.shape[:-1])
-    factor, least = np.ones(totals.shape[:-1]), find_least_share(scene)
+    factor, min_share = np.ones(totals.shape[:-1]), find_min_share(scene)
     for share in compute_charge_shares(scene, totals):
-        exponent = (least - share) / (SHARE_WIDTH_RELATIVE * least)
+        exponent = (min_share - share) / (SHARE_WIDTH_RELATIVE * min_share)
         factor = factor / (1 + np.exp(np.where(np.real(exponent) > MAX_EXPONENT, MAX_EXPONENT, exponent)))
     return factor
 
