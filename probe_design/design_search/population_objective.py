@@ -176,7 +176,10 @@ class PopulationObjective(SearchObjective):
         return films, LinearGaussian.from_shared_errors(self._build_shared_errors(probes, films, variance), variance)
 
     def _compute_films(self, tumours: ManyTumours, probes: Array) -> Films:
-        """Return film forces and, where the scene reads them, charges without sign; NaN where a film is in tension."""
+        """Return film forces and, where the scene reads them, charges without sign.
+
+        NaN where a film is in tension, or its charge has not the sign that d33 gives: it passes 0 for some modulus of the bonds.
+        """
         films = tumours.compute_films(probes, self.stacks)
         film = self.design.scene.probe.film
         if self.design.scene.observable == "charge" and film is not None and film.uses_psi:
@@ -186,8 +189,10 @@ class PopulationObjective(SearchObjective):
             )
         sign = np.where(films.without.real < 0, -1.0, 1.0)
         sign[..., :2] = 1.0
-        forces, charges = np.split(sign * films.without, [2], axis=-1)
-        without = np.concatenate([_mask_non_positive(forces), charges], axis=-1)
+        if films.without.shape[-1] == 4 and film is not None and not film.uses_psi:
+            signs = [np.sign(item.d33) for item in film.by_block]
+            sign[..., 2:] = np.where(np.array(signs) == 0, sign[..., 2:], signs)
+        without = _mask_non_positive(sign * films.without)
         return Films(without, sign[:, :, None] * films.change, sign[:, :, None] * films.by_log)
 
     def _stack_channels(self, ratio: Array, stiffness: Array) -> Array:

@@ -45,13 +45,9 @@ def find_min_share(scene: Scene) -> float:
 
 
 def compute_charge_shares(scene: Scene, totals: Any) -> list[Any]:
-    """Return the charge of each film over d33 times its force, from totals of shape (..., 4); above 0 on most bonds.
-
-    The sign is relative to the inner film's: closed form and finite elements count charges with different signs.
-    """
+    """Return the charge of each film over d33 times its force, from totals of shape (..., 4); above 0 on most bonds."""
     films = [] if scene.probe.film is None else scene.probe.film.by_block
-    shares = [totals[..., 2 + number] / (item.d33 * totals[..., number]) for number, item in enumerate(films) if item.d33]
-    return [np.where(np.real(shares[0]) < 0, -1, 1) * share for share in shares]
+    return [totals[..., 2 + number] / (item.d33 * totals[..., number]) for number, item in enumerate(films) if item.d33]
 
 
 def check_loaded_charges(scene: Scene, films: FilmForces) -> None:
@@ -88,8 +84,10 @@ def weigh_charges(scene: Scene, totals: Any) -> Any:
     if totals.shape[-1] == 2 or film is None or film.uses_psi:
         return np.ones(totals.shape[:-1])
     factor, min_share = np.ones(totals.shape[:-1]), find_min_share(scene)
-    for share in compute_charge_shares(scene, totals):
-        exponent = (min_share - share) / (SHARE_WIDTH_RELATIVE * min_share)
+    shares = compute_charge_shares(scene, totals)
+    for share in shares:
+        sign = np.where(np.real(shares[0]) < 0, -1, 1)  # a search over a population counts charges of the right sign as positive
+        exponent = (min_share - sign * share) / (SHARE_WIDTH_RELATIVE * min_share)
         factor = factor / (1 + np.exp(np.where(np.real(exponent) > MAX_EXPONENT, MAX_EXPONENT, exponent)))
     return factor
 
