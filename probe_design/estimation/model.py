@@ -258,7 +258,7 @@ class TargetModel:
         Over a single body, places at the same distance from its axis count as one.
         """
         places = self.data.places
-        if len(self.scene.inclusion) > 1:
+        if len(self.scene.inclusion) != 1:
             return places, np.arange(len(places))
         offset = np.round(np.hypot(*(places - [self.target.x, self.target.y]).T), 10)
         _, first, indices = np.unique(offset, return_index=True, return_inverse=True)

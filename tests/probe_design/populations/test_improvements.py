@@ -26,6 +26,7 @@ def test_every_lever_helps_and_is_named() -> None:
     design = small(stiffness=False, blank=False)
     improvements = compute_improvements(design.scene, design)
     names = ["as it is", "white halved", "gain halved", "charge halved", "stiffness read", "blank read", "3 positions"]
+    names.append("force doubled")
     assert [item.name for item in improvements] == names
     assert improvements[0].gain == 0.0
     for item in improvements[1:]:
