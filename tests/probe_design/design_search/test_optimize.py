@@ -144,5 +144,6 @@ def _check(output: dict[str, object], design_path: Path, folder: Path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") >= 4  # maps, levers, drawing, stresses: inside, as a file alone is sent on
     assert 'src="maps' not in page
-    assert read_scene(folder / "design.toml").probe.inner.poisson_ratio == pytest.approx(0.495)
+    exported = read_scene(folder / "design.toml").probe.inner.poisson_ratio
+    assert exported == pytest.approx(0.495 if output["status"] == "improved" else 0.4)  # without a gain that of the start
     assert read_design(folder / "question.toml") == read_design(design_path)
