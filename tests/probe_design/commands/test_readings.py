@@ -59,7 +59,7 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
         opened: Any = lambda name, *options: real(next(boards) if name == "usb" else name, *options)  # noqa: E731
         monkeypatch.setattr(hardware_sources.Reader, "open", opened)
 
-    monkeypatch.setattr(reference_readings, "_ask_for", lambda *what: None)
+    monkeypatch.setattr(reference_readings, "ask_for", lambda *what: None)
     return connect
 
 

@@ -35,7 +35,7 @@ def states(scene: Scene, body: Body, factor: float) -> BaseStates:
         ("axisymmetric", "shallow", Body.INCLUSION, 1e-9),
         ("axisymmetric", "nearly-incompressible", Body.INCLUSION, 1e-8),
         ("extra", "thin-cover-stiff", Body.INCLUSION, 1e-8),
-        ("extreme", "incompressible-six-nines-frictionless", Body.INCLUSION, 1e-6),  # rounding, see BaseStates.rounding
+        ("extreme", "incompressible-six-nines-frictionless", Body.INCLUSION, 2e-6),  # rounding, which differs by processor
         ("axisymmetric", "shallow", Body.OUTER, 1e-9),
         ("axisymmetric", "homogeneous", Body.TISSUE, 1e-9),
     ],
