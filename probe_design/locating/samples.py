@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 from scipy.special import expit, log_expit, logit
 
-from geometry.common.arrays import Bools, Floats, Ints
+from geometry.common.arrays import Floats, Ints
 
 MIN_TEMPERED_SIZE = 150.0  # effective sample size that a tempered likelihood keeps in each round
 CONVERGED_SIZE = 100.0  # effective sample size below which a result is not converged: quantiles are too narrow
@@ -156,14 +156,6 @@ class Labels:
         orders = np.array(list(permutations(range(len(self.medians)))))
         best = orders[np.argmin(self._compute_costs(sets, orders), axis=0)]
         return np.take_along_axis(sets, best[:, :, None], axis=1).reshape(z.shape)
-
-    def is_ordered(self, z: Floats) -> Bools:
-        """Return which particles (n, m * d) are in the order that counts, shape (n,)."""
-        if len(self.medians) == 1:
-            return np.ones(len(z), dtype=bool)
-        orders = np.array(list(permutations(range(len(self.medians)))))
-        costs = self._compute_costs(z.reshape(len(z), *self.medians.shape), orders)
-        return np.asarray(costs[0] <= costs.min(axis=0))
 
     def _compute_costs(self, sets: Floats, orders: Ints) -> Floats:
         """Return the distance of sets (n, m, d) from the medians in each of several orders, shape (orders, n)."""
