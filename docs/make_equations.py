@@ -39,7 +39,7 @@ ROOMS = {
     "DS": "probe_design/design_search",
     "MA": "probe_design/maps",
     "MF": "probe_design/material_fit",
-    "TO": "probe_design/tolerances",
+    "TO": "probe_design/tolerancing",
     "ES": "probe_design/estimation",
     "TR": "probe_design/tradeoffs",
     "SW": "probe_design/sweeps",

@@ -16,7 +16,13 @@ public functions take a scene or the name of its file:
     Locator        the same while the scan goes on: the map after each reading, and where to press next
     optimize       search a better probe for a population of tumours, or for the tumour of a scene
     sweep          evaluate thousands of designs, each once
+    tolerances     how manufacturing tolerances change the ratio, and which ones are needed
+    tradeoff       time and error of every evaluator on your scenes
     fit_material   a law at finite strain from a measured curve of stress and stretch
+    calibrate      gains, cross-talk and offsets of a built probe
+    read           a reading of a built probe, compared with its prediction
+    check          a built probe compared with its drawing
+    survey         press after press: the map, where to press next, when to stop
     export         write the files for the workshop: STEP, drawings, film patterns, moulds, lists
     predict_readings  how tumours change the readings of a scan, for many candidates at once
     plot           draw the result of curve, press, scan or detectability
@@ -25,7 +31,7 @@ public functions take a scene or the name of its file:
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
 
 Results are immutable and print as short tables; ``to_frame()`` (pandas) and ``to_dataset()`` (xarray) return arrays with labels.
-A built probe is read, calibrated and checked by the command line; its ``--json`` objects hold the numbers.
+``virtual=True`` stands in for a built probe.
 """
 
 # Imports inside functions: signals are heard before click and the commands load; public names load when they are used.
@@ -38,12 +44,15 @@ from importlib import import_module
 TYPE_CHECKING = False  # typing's, which takes longer to import than all that the program does before it listens to signals
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
+    from probe_design.commands.built_probe import calibrate, check, read, survey
     from probe_design.commands.estimate import estimate
+    from probe_design.commands.evaluate import tolerances
     from probe_design.commands.export import export
     from probe_design.commands.locate import locate
     from probe_design.commands.maps import detectability, scan
     from probe_design.commands.material import fit_material
     from probe_design.commands.optimize import optimize
+    from probe_design.commands.sweep import tradeoff
     from probe_design.locating.locator import Locator
     from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
@@ -54,6 +63,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Locator",
     "Scene",
+    "calibrate",
+    "check",
     "curve",
     "detectability",
     "estimate",
@@ -67,14 +78,20 @@ __all__ = [
     "plot",
     "predict_readings",
     "press",
+    "read",
     "scan",
+    "survey",
     "sweep",
+    "tolerances",
+    "tradeoff",
 ]
 
 _MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "plan", "press"), "solver.evaluation")
 _MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands.maps")
 _MODULE_NAMES |= {"fit_material": "probe_design.commands.material", "Scene": "geometry.scenes.scene"}
 _MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "locate", "optimize")}
+_MODULE_NAMES |= dict.fromkeys(("calibrate", "check", "read", "survey"), "probe_design.commands.built_probe")
+_MODULE_NAMES |= {"tolerances": "probe_design.commands.evaluate", "tradeoff": "probe_design.commands.sweep"}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
 _MODULE_NAMES |= {"predict_readings": "solver.reading_tables.predict", "Locator": "probe_design.locating.locator"}
 

@@ -23,8 +23,8 @@ from probe_design.commands.main import main
 NEEDED_MODULES = (
     "h5py", "hw.reader", "matplotlib.figure", "probe_design.design_search.tumour_study", "probe_design.doctor.self_test",
     "probe_design.estimation.estimate", "probe_design.maps.scan", "probe_design.probe_check.check", "probe_design.sweeps.run",
-    "probe_design.terminal.console", "probe_design.tolerances.budget", "solver.closed_form.evaluator", "solver.contact.evaluator",
-    "solver.equivalent_inclusion.evaluator", "solver.planning.plan",
+    "probe_design.terminal.console", "probe_design.tolerancing.budget", "solver.closed_form.evaluator",
+    "solver.contact.evaluator", "solver.equivalent_inclusion.evaluator", "solver.planning.plan",
 )  # fmt: skip
 EXPECTED_CODES = (0, 2, 130)  # answered, refused, interrupted
 TOO_LITTLE_DATA_CODE = (

@@ -118,6 +118,15 @@ class CalibrationRecord(Frozen):
             raise InputError("calibration.covariance", Words("no covariance"), "what calibrate has written")
         return self
 
+    def __str__(self) -> str:
+        """Return a short table of the gain matrix with its standard deviations, and the warnings."""
+        sds = np.sqrt(np.diag(np.array(self.covariance)))
+        values = [*np.array(self.matrix).ravel(), *([] if self.bonds is None else [self.bonds.log_factor])]
+        rows = [f"{name}  {value:.5g} ± {sd:.2g}" for name, value, sd in zip(self.entries, values, sds, strict=True)]
+        return "\n".join(["CalibrationRecord", *rows, *(f"warning: {text}" for text in self.warnings)])
+
+    __repr__ = __str__
+
     def build_gains(self) -> Gains:
         """Build the gain matrix with its covariance."""
         values = {name: getattr(self, name) for name in GAIN_FIELDS}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
@@ -15,12 +17,12 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
 from probe_design.commands.output import check_picture, present, split_assignments
-from probe_design.commands.request import Option
+from probe_design.commands.request import Option, use_request
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from probe_design.tolerances.budget import ToleranceBudget
+    from probe_design.tolerancing.budget import ToleranceBudget
     from solver import Curve
 
 EVALUATOR_NAMES = ("auto", "published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
@@ -161,23 +163,60 @@ class TolerancesRequest(LimitedRequest):
 
     def run(self) -> None:
         """Compute the budget of uncertainties, and print it."""
-        from probe_design.built_probe.bench import read_bench
         from probe_design.terminal.console import show_spinner
         from probe_design.terminal.workshop_tables import build_tolerance_table, write_tolerance_lines
-        from probe_design.tolerances.budget import tolerances
 
         scene = load_scene(self.scene)
         check_picture(self.picture)
         stated_sds = split_assignments("tolerance", self.tolerance, "'probe.gap = 10 um'")
         materials = split_assignments("material", self.material, "'inner=dragon-skin-30'")
         with show_spinner(f"tolerances of {self.scene}"):
-            bench = None if self.bench is None else read_bench(self.bench)
-            budget = self.call(tolerances, scene=scene, bench=bench, materials=materials, given=stated_sds)
+            budget = self.call(tolerances, scene=scene, materials=materials, sds=stated_sds)
         present(budget, build_tolerance_table, self.as_json, self.picture, lines=write_tolerance_lines, draw=_draw_budget)
+
+
+@use_request(TolerancesRequest)
+def tolerances(
+    scene: Scene | Path | str, *, ratio: float = 0.01, sds: Mapping[str, object] = MappingProxyType({}),
+    materials: Mapping[str, str] = MappingProxyType({}), bench: Path | str | None = None, samples: int = 1024,
+) -> ToleranceBudget:  # fmt: skip
+    """Compute how manufacturing tolerances of a scene's probe change its ratio, and which tolerances a given scatter requires.
+
+    Linear elasticity is assumed; a load beyond its range gives a warning.
+
+    Parameters
+    ----------
+    sds : mapping of str to str or float
+        Standard deviations that differ from the workshop's: ``{"probe.gap": "10 um"}``, or numbers in SI units.
+    materials : mapping of str to str
+        Materials of the blocks, ``{"inner": "dragon-skin-30"}``: set the scatter of their moduli.
+
+    Returns
+    -------
+    ToleranceBudget
+        Scatter of each output, and what each uncertain number contributes; ``to_frame()`` lists the numbers.
+
+    Raises
+    ------
+    InputError
+        A name is unknown or a number not allowed.
+    Refusal
+        Neither ``axisymmetric`` nor ``equivalent-inclusion`` models the scene, or a film is not pressed.
+
+    Examples
+    --------
+    >>> from probe_design import tolerances
+    >>> tolerances("examples/scene.toml").to_frame()  # doctest: +SKIP
+    """
+    from probe_design.built_probe.bench import read_bench
+    from probe_design.tolerancing.budget import compute_budget
+
+    read = None if bench is None else read_bench(bench)
+    return compute_budget(load_scene(scene), ratio, bench=read, materials=materials, given=sds, samples=samples)
 
 
 def _draw_budget(budget: ToleranceBudget) -> Figure:
     """Draw a budget of uncertainties."""
-    from probe_design.tolerances.plot import draw_budget
+    from probe_design.tolerancing.plot import draw_budget
 
     return draw_budget(budget)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from geometry.common.json_types import JsonObject
 from probe_design.commands.fields import Accuracy, AnyProbe
 from probe_design.commands.hardware_request import ReferenceRequest, SourceRequest
 from probe_design.commands.output import add_provenance, print_result
@@ -15,11 +17,23 @@ from probe_design.commands.request import Option
 
 if TYPE_CHECKING:
     from hw.signal.measurement import Measurement
+    from probe_design.built_probe.calibration_record import CalibrationRecord
     from probe_design.built_probe.reading import StressReading
     from probe_design.commands.hardware_sources import HardwareSetup
     from probe_design.doctor.finding import Finding
+    from probe_design.probe_check.check import Check
 
 Calibration = Annotated[Path | None, Option("Calibration file that calibrate has written.")]
+
+
+@dataclass(frozen=True)
+class TakenReading:
+    """What `read` has read: the result, all warnings, a function that builds its JSON object, and the recording, if any."""
+
+    result: StressReading
+    warnings: tuple[str, ...]
+    build_json: Callable[[], JsonObject]
+    recording: Path | None
 
 
 class ReadRequest(SourceRequest):
@@ -45,6 +59,19 @@ class ReadRequest(SourceRequest):
     ] = None
 
     def run(self) -> None:
+        """Read the probe, and print the result."""
+        from probe_design.commands.hardware_sources import HardwareSetup
+        from probe_design.terminal.console import warn, write_message
+        from probe_design.terminal.hardware_tables import build_reading_table
+
+        taken = self.take_reading(HardwareSetup.from_files(self.scene, self.bench, self.calibration))
+        print_result(taken.build_json, lambda: [build_reading_table(taken.result)], self.as_json)
+        warn(taken.warnings)
+        # on a full disk no HDF5 file is written, and a warning says so
+        if taken.recording is not None and taken.recording.exists():
+            write_message(f"wrote {taken.recording}")
+
+    def take_reading(self, setup: HardwareSetup) -> TakenReading:
         """Read the probe, show live numbers meanwhile, and compare the result with the prediction."""
         from hw.signal.reading_fit import ReadingFit
         from hw.signal.sine_fit import check_rate
@@ -52,14 +79,13 @@ class ReadRequest(SourceRequest):
         from probe_design.built_probe.film_forces import measure_reading, measure_samples
         from probe_design.built_probe.probe_identity import check_serials, read_board_serial
         from probe_design.built_probe.reading import compute_reading
-        from probe_design.commands.hardware_sources import HardwareSetup, build_openers, list_new_recordings
+        from probe_design.commands.hardware_sources import build_openers, list_new_recordings
         from probe_design.commands.reference_readings import choose_prediction, simulate_on_scene
         from probe_design.measuring.acquisition import fit_reading
-        from probe_design.terminal.console import show_spinner, warn, write_message
-        from probe_design.terminal.hardware_tables import build_reading_table
+        from probe_design.terminal.console import show_spinner
         from probe_design.terminal.live import compute_live_window, show_live
 
-        setup, length = HardwareSetup.from_files(self.scene, self.bench, self.calibration), self.duration
+        length = self.duration
         (recording,) = list_new_recordings(self, 1)  # of the only source: a new file's path, or None
         (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, self.accuracy),), 1, sys.stderr.isatty())
         with opener() as reader:  # a missing device or another probe is refused before anything is computed
@@ -94,15 +120,13 @@ class ReadRequest(SourceRequest):
         result = compare(measurement)
         origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}
 
-        def build_json() -> dict[str, object]:
+        def build_json() -> JsonObject:
             """Return the JSON object of the reading, with the noise of its ratio."""
             noise = compute_ratio_noise(measurement, setup.scene, setup.bench, gains)
             return build_reading_json(result, noise, origin, setup.scene, running_fit.fingerprint)
 
-        print_result(build_json, lambda: [build_reading_table(result)], self.as_json)
-        warn((*result.warnings, *serial_warnings, *(note for note in predicted.warnings if note.kind in ("linear", "null"))))
-        if recording is not None and recording.exists():  # on a full disk no HDF5 file is written, and a warning says so
-            write_message(f"wrote {recording}")
+        notes = (str(note) for note in predicted.warnings if note.kind in ("linear", "null"))
+        return TakenReading(result, (*result.warnings, *serial_warnings, *notes), build_json, recording)
 
 
 class CalibrateRequest(ReferenceRequest):
@@ -120,18 +144,28 @@ class CalibrateRequest(ReferenceRequest):
 
     def run(self) -> None:
         """Read the references, and write the record."""
+        from probe_design.commands.hardware_sources import HardwareSetup
+        from probe_design.terminal.console import warn, write_message
+        from probe_design.terminal.hardware_tables import build_calibration_table
+
+        record = self.calibrate(HardwareSetup.from_files(self.scene, self.bench, None), self.output)
+        print_result(lambda: record.model_dump(mode="json"), lambda: [build_calibration_table(record)], self.as_json)
+        warn(record.warnings)
+        write_message(f"wrote {self.output}")
+
+    def calibrate(self, setup: HardwareSetup, output: Path | None) -> CalibrationRecord:
+        """Read the references, compute the record, and write it where a file is named."""
         from geometry.common.files import check_writable_file
         from probe_design.built_probe.calibration import calibrate
         from probe_design.built_probe.calibration_record import build_record, check_free, write_record
         from probe_design.built_probe.probe_identity import check_serials, find_common_serial
-        from probe_design.commands.hardware_sources import HardwareSetup, describe_device, hash_raw_data
+        from probe_design.commands.hardware_sources import describe_device, hash_raw_data
         from probe_design.commands.reference_readings import read_references
-        from probe_design.terminal.console import show_spinner, warn, write_message
-        from probe_design.terminal.hardware_tables import build_calibration_table
+        from probe_design.terminal.console import show_spinner
 
-        setup = HardwareSetup.from_files(self.scene, self.bench, None)
-        check_free(self.output)
-        check_writable_file(self.output)
+        if output is not None:
+            check_free(output)
+            check_writable_file(output)
         readings = read_references(setup, self, setup.bench.reference, run=0)
         with show_spinner("calibrating"):
             calibration = calibrate(setup.scene, setup.bench, [reading.measurement for reading in readings], linear=self.linear)
@@ -140,10 +174,9 @@ class CalibrateRequest(ReferenceRequest):
         calibration = replace(calibration, warnings=(*calibration.warnings, *serial_warnings))
         raw_hashes = [hash_raw_data(reading.samples, reading.file) for reading in readings]
         record = build_record(calibration, raw_hashes, describe_device(readings[0].samples), find_common_serial(serials))
-        write_record(self.output, record)
-        print_result(lambda: record.model_dump(mode="json"), lambda: [build_calibration_table(record)], self.as_json)
-        warn(record.warnings)
-        write_message(f"wrote {self.output}")
+        if output is not None:
+            write_record(output, record)
+        return record
 
 
 class CheckRequest(ReferenceRequest):
@@ -166,10 +199,7 @@ class CheckRequest(ReferenceRequest):
         """Read the blocks, compare with the drawing, and exit with 1 where the probe is out of tolerance."""
         from geometry.common.files import check_writable_file, write_text
         from probe_design.built_probe.calibration_record import check_free
-        from probe_design.built_probe.probe_identity import check_serials, find_common_serial
         from probe_design.commands.hardware_sources import HardwareSetup
-        from probe_design.commands.reference_readings import read_references
-        from probe_design.probe_check.check import check
         from probe_design.terminal.console import show_steps, warn
         from probe_design.terminal.hardware_tables import list_check_tables, write_sentences
 
@@ -179,17 +209,7 @@ class CheckRequest(ReferenceRequest):
             check_writable_file(self.output)
         if self.report is not None:
             check_writable_file(self.report, "report")
-        block_readings = read_references(setup, self, setup.bench.blocks, run=1)
-        serials = {reading.name: reading.serial for reading in block_readings}
-        serial_warnings = check_serials(setup.collect_serials(serials), self.any_probe)
-        measurements = [reading.measurement for reading in block_readings]
-        record = setup.calibration
-        gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
-        with show_steps("checking") as progress:
-            result = check(
-                setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, progress=progress
-            )
-        result = replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
+        result = self.check(setup)
         json_object, page = add_provenance(result.as_dict()), ""
         if self.report is not None:
             from probe_design.terminal.check_report import build_check_report
@@ -202,10 +222,29 @@ class CheckRequest(ReferenceRequest):
             write_text(self.report, page)
         print_result(result.as_dict, lambda: list_check_tables(result), self.as_json, lambda: write_sentences(result))
         warn(result.warnings)
-        if record is None:
+        if setup.calibration is None:
             warn(["not calibrated: nominal gains, with the bench's tolerances"])
         if result.failed:
             raise SystemExit(1)
+
+    def check(self, setup: HardwareSetup) -> Check:
+        """Read the blocks, and compare them with the drawing."""
+        from probe_design.built_probe.probe_identity import check_serials, find_common_serial
+        from probe_design.commands.reference_readings import read_references
+        from probe_design.probe_check.check import check
+        from probe_design.terminal.console import show_steps
+
+        block_readings = read_references(setup, self, setup.bench.blocks, run=1)
+        serials = {reading.name: reading.serial for reading in block_readings}
+        serial_warnings = check_serials(setup.collect_serials(serials), self.any_probe)
+        measurements = [reading.measurement for reading in block_readings]
+        record = setup.calibration
+        gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
+        with show_steps("checking") as progress:
+            result = check(
+                setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, progress=progress
+            )
+        return replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
 
 
 class DoctorRequest(SourceRequest):

@@ -172,30 +172,35 @@ class HardwareSetup:
     origin: dict[str, object] = field(default_factory=dict)
 
     @classmethod
-    def from_files(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
+    def from_files(
+        cls, scene: Scene | Path | None, bench: Path | None, calibration: CalibrationRecord | Path | None
+    ) -> HardwareSetup:
         """Read scene, bench and calibration; a file not given is replaced by that of the calibration or the built-in one.
+
+        Scene and calibration may be read already.
 
         Raises
         ------
         InputError
             A file is not valid, or the calibration is that of another probe or amplifier.
         """
-        given = None if scene is None else read_scene(scene)
-        hashes = {} if scene is None else {"scene_sha256": compute_sha256(scene)}
+        given = read_scene(scene) if isinstance(scene, Path) else scene
+        hashes = {"scene_sha256": compute_sha256(scene)} if isinstance(scene, Path) else {}
         return cls.from_scene(given, bench, calibration, hashes)
 
     @classmethod
     def from_scene(
-        cls, scene: Scene | None, bench: Path | None, calibration: Path | None, origin: Mapping[str, object] | None = None
-    ) -> HardwareSetup:
+        cls, scene: Scene | None, bench: Path | None, calibration: CalibrationRecord | Path | None,
+        origin: Mapping[str, object] | None = None,
+    ) -> HardwareSetup:  # fmt: skip
         """Return the setup for a scene that is read already; see ``from_files``. ``origin`` holds the hash of its file."""
-        record = None if calibration is None else read_record(calibration)
+        record = read_record(calibration) if isinstance(calibration, Path) else calibration
         recorded_scene, recorded_bench = (None, None) if record is None else (record.build_scene(), record.build_bench())
         setup = cls(
             scene if scene is not None else recorded_scene or builtin_bench_scene(),
             read_bench(bench) if bench is not None else recorded_bench or read_builtin_bench(),
             record,
-            dict(origin or {}) | ({} if calibration is None else {"calibration_sha256": compute_sha256(calibration)}),
+            dict(origin or {}) | ({"calibration_sha256": compute_sha256(calibration)} if isinstance(calibration, Path) else {}),
         )
         difference = (
             None if recorded_scene is None else describe_probe_difference(list_probe_numbers(recorded_scene), setup.scene)

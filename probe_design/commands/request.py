@@ -121,7 +121,7 @@ class Request(BaseModel):
         Parameters
         ----------
         values : mapping
-            by the names of fields: texts with units, or numbers in SI units.
+            by the names of fields: texts with units, or numbers in SI units; see ``adapt_value``.
         labels : mapping
             names of fields in messages, where they differ.
 
@@ -130,6 +130,10 @@ class Request(BaseModel):
         InputError
             a value is not allowed.
         """
+        values = {
+            name: adapt_value(cls.model_fields[name], value) if name in cls.model_fields else value
+            for name, value in values.items()
+        }
         try:
             return cls.model_validate(values)
         except ValidationError as refused:
@@ -142,6 +146,24 @@ class Request(BaseModel):
             raise InputError(name, values[name], f"one of {', '.join(cls.model_fields)}{suggest_word(name, cls.model_fields)}")
         allowed = error["msg"] if error["type"] == "quantity" else describe_allowed(cls.model_fields[name])
         raise InputError(labels.get(name, name), values.get(name), allowed)
+
+
+def adapt_value(field: FieldInfo, value: object) -> object:
+    """Return a value from Python as the field has it.
+
+    The name of a file becomes a path, one entry or a list of them a tuple, and a mapping texts "key=value".
+    """
+    types = find_types(field)
+    if get_origin(field.annotation) is tuple:
+        if isinstance(value, Mapping):
+            value = tuple(f"{key}={entry}" for key, entry in value.items())
+        value = (value,) if isinstance(value, str | Path) else tuple(value) if isinstance(value, list) else value
+    if Path not in types or str in types:
+        return value
+    entries = tuple(
+        Path(entry) if isinstance(entry, str) else entry for entry in (value if isinstance(value, tuple) else (value,))
+    )
+    return entries if isinstance(value, tuple) else entries[0]
 
 
 def list_fields(request: type[Request]) -> dict[str, FieldInfo]:
@@ -204,32 +226,57 @@ def format_default(field: FieldInfo) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def use_request(request: type[Request]) -> Callable[[Callable[P, ResultT]], Callable[P, ResultT]]:
+def use_request(request: type[Request], *, checks: bool = True) -> Callable[[Callable[P, ResultT]], Callable[P, ResultT]]:
     """Return a decorator that gives a function the checks and the help of a request's fields.
 
-    Parameters of the function that have the name of a field are checked like this field, and its help is added to the docstring.
+    Parameters of the function that have the name of a field are checked like this field, unless ``checks`` is false because the
+    function builds the request itself. The help of those that its docstring does not describe is added to it.
+    Keywords ``**others: Unpack[...]`` of a ``TypedDict`` stand for the fields that it names, with the request's defaults.
     """
 
     def decorate(function: Callable[P, ResultT]) -> Callable[P, ResultT]:
         """Return the function with the request's checks and help."""
-        signature, fields = inspect.signature(function), list_fields(request)
+        fields = list_fields(request)
+        signature = _expand_signature(inspect.signature(function), function, fields)
 
         @functools.wraps(function)
         def check_and_call(*values: P.args, **keywords: P.kwargs) -> ResultT:
             """Check the parameters that are fields of the request, and call the function."""
             bound = signature.bind(*values, **keywords)
+            if not checks:
+                return function(*bound.args, **bound.kwargs)
             # parameters that the caller left out keep the function's own default, unchecked
             given = {name: value for name, value in bound.arguments.items() if name in fields}
             checked = request.build(given)
             bound.arguments.update({name: getattr(checked, name) for name in given})
             return function(*bound.args, **bound.kwargs)
 
-        lines = [_describe_parameter(name, fields[name]) for name in signature.parameters if name in fields]
         text = inspect.getdoc(function) or ""
+        names = [name for name in signature.parameters if name in fields and f"\n{name} : " not in text]
+        lines = [_describe_parameter(name, fields[name]) for name in names]
+        check_and_call.__signature__ = signature  # type: ignore[attr-defined]
         check_and_call.__doc__ = text.replace(PARAMETERS_HEADING, PARAMETERS_HEADING + "".join(lines), 1)
         return check_and_call
 
     return decorate
+
+
+def _expand_signature(
+    signature: inspect.Signature, function: Callable[..., object], fields: Mapping[str, FieldInfo]
+) -> inspect.Signature:
+    """Return the signature with a keyword for each field that ``**others: Unpack[...]`` stands for."""
+    parameters = list(signature.parameters.values())
+    if not parameters or parameters[-1].kind is not inspect.Parameter.VAR_KEYWORD:
+        return signature
+    keys = function.__globals__[parameters.pop().annotation.removeprefix("Unpack[").removesuffix("]")].__annotations__
+    parameters += [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=fields[name].default, annotation=annotation.__forward_arg__
+        )
+        for name, annotation in keys.items()
+        if name in fields
+    ]
+    return signature.replace(parameters=parameters)
 
 
 def _describe_parameter(name: str, field: FieldInfo) -> str:

@@ -87,14 +87,9 @@ class SurveyRequest(SourceRequest):
 
     def run(self) -> None:
         """Survey, and print the result."""
-        from geometry.common.files import check_writable
-        from probe_design.terminal.console import show_spinner, warn, write_message
+        from probe_design.terminal.console import warn, write_message
 
-        check_writable(self.output)
-        design = read_locate_design(self.scene)
-        survey = Survey.prepare(self, design)
-        with show_spinner("preparing the map"):
-            survey.start()
+        survey = self.prepare_survey(read_locate_design(self.scene))
         stop = survey.press_until_stop()
         result, files = survey.finish(stop)
         json_object = result.as_dict() | survey.describe(stop) | {"files": files}
@@ -115,6 +110,17 @@ class SurveyRequest(SourceRequest):
         if not self.as_json:
             warn(result.warnings)
             write_message(f"wrote {self.output / 'report.html'}")
+
+    def prepare_survey(self, design: Design) -> Survey:
+        """Return the survey before its next press, interrupted or not."""
+        from geometry.common.files import check_writable
+        from probe_design.terminal.console import show_spinner
+
+        check_writable(self.output)
+        survey = Survey.prepare(self, design)
+        with show_spinner("preparing the map"):
+            survey.start()
+        return survey
 
 
 @dataclass

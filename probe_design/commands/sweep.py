@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +12,14 @@ from pydantic import Field
 from geometry.common.errors import MissingLibrary
 from geometry.scenes.scene_file import read_scene
 from probe_design.commands.fields import LimitedRequest, Linear, Memory, Time, replace_limits
+from probe_design.commands.optimize import Stages, ignore_stage
 from probe_design.commands.output import print_json, print_result
-from probe_design.commands.request import Option, Request
+from probe_design.commands.request import Option, Request, use_request
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
     from probe_design.tradeoffs.rows import Row
+    from probe_design.tradeoffs.study import Tradeoff
 
 
 class SweepRequest(Request):
@@ -113,6 +115,36 @@ class TradeoffRequest(LimitedRequest):
             remedy = "" if self.solid else "; --solid runs the three-dimensional evaluator"
             write_message(f"{row.scene}: even the most accurate result states an error of {row.stated_error:.2g}{remedy}")
         warn((*study.warnings, *(_describe_broken_row(row) for row in study.understated_rows)))
+
+
+@use_request(TradeoffRequest)
+def tradeoff(
+    scenes: Mapping[str, Scene] | Sequence[Path | str] = (), *, solid: bool = False, linear: bool = False,
+    progress: Stages | None = None,
+) -> Tradeoff:  # fmt: skip
+    """Measure time, stated error and true error of every evaluator on your scenes.
+
+    Parameters
+    ----------
+    scenes : mapping of str to Scene, or sequence of file names; default: five built-in scenes
+        Scenes by name.
+    progress : callable, optional
+        Called with a scene's name, the number of settings done and their total.
+
+    Returns
+    -------
+    Tradeoff
+        ``to_frame()`` has a row for each scene and setting.
+
+    Raises
+    ------
+    Refusal
+        No evaluator takes any of the scenes, or a load is beyond linear elasticity.
+    """
+    from probe_design.tradeoffs.study import measure_tradeoff
+
+    named = dict(scenes) if isinstance(scenes, Mapping) else _read_scenes([Path(scene) for scene in scenes])
+    return measure_tradeoff(named, solid, progress or ignore_stage, linear=linear)
 
 
 def _describe_broken_row(row: Row) -> str:

@@ -9,7 +9,7 @@ from geometry.scenes.probe import format_mm
 from probe_design.reporting.table import Table
 
 if TYPE_CHECKING:
-    from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
+    from probe_design.tolerancing.budget import BudgetLine, ToleranceBudget
     from probe_design.workshop.rounding import Rounding, RoundingCost
 
 OUTPUT_NAMES = {

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
-from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.errors import InputError, Refusal, Words, import_extra
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
@@ -19,6 +20,10 @@ from probe_design.tradeoffs.timing import time_first_result, time_repeats, use_e
 from solver.evaluators import EVALUATOR_NAMES
 from solver.planning.load_check import build_load_notes, check_load
 from solver.planning.load_limits import build_load_rule
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 TIMED_SETTINGS = (
     Setting("closed-form", None),
@@ -46,7 +51,7 @@ ERROR_TOLERANCES = (0.05, 0.01, 0.001)  # relative errors for which the fastest 
 Progress = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tradeoff:
     """Speed against accuracy of all evaluators on some scenes.
 
@@ -93,6 +98,26 @@ class Tradeoff:
             rows = remove_duplicates(self.find_rows(name))
             for tolerance in ERROR_TOLERANCES:
                 yield name, tolerance, find_cheapest(rows, tolerance), find_cheapest(rows, tolerance, "true_error_most")
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas frame with a row for each scene and setting."""
+        frame: pd.DataFrame = import_extra("pandas").DataFrame([asdict(row) for row in self.rows])
+        return frame
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the numbers of ``to_frame`` for xarray."""
+        dataset: xr.Dataset = import_extra("xarray").Dataset.from_dataframe(self.to_frame().rename_axis("row"))
+        return dataset
+
+    def __str__(self) -> str:
+        """Return a short table: for each scene the fastest setting within each tolerance, by stated error."""
+        rows = []
+        for name, tolerance, choice, _ in self.iterate_choices():
+            text = "none" if choice is None else f"{choice.setting}, {choice.seconds_probe or choice.seconds_first or 0.0:.2g} s"
+            rows.append(f"{name}: within {tolerance:g}: {text}")
+        return "\n".join(["Tradeoff", *rows])
+
+    __repr__ = __str__
 
     def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design tradeoff``, without ``files``; SI units."""

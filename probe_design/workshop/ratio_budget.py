@@ -12,8 +12,8 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
 from geometry.scenes.variables import BLOCK_NAMES
 from geometry.workshop.tolerance import DEVIATION_PER_SD, Budget, Scatter
-from probe_design.tolerances.budget import BudgetLine, tolerances
-from probe_design.tolerances.film_numbers import FILM_PREFIX
+from probe_design.tolerancing.budget import BudgetLine, compute_budget
+from probe_design.tolerancing.film_numbers import FILM_PREFIX
 
 BUDGET_SAMPLES = 64  # the minimum: only the first-order part of the budget is used here
 SHARP_EDGES_REMARK = (
@@ -54,7 +54,7 @@ def compute_ratio_budget(scene: Scene, tolerance: float) -> Budget:
     edge = scene.contact.edge_radius
     sharp_scene = scene.model_copy(update={"contact": scene.contact.model_copy(update={"edge_radius": 0.0})}) if edge else scene
     try:
-        lines = tolerances(sharp_scene, tolerance, samples=BUDGET_SAMPLES).lines
+        lines = compute_budget(sharp_scene, tolerance, samples=BUDGET_SAMPLES).lines
     except InputError as fault:  # no evaluator has its derivatives, or only one film is under pressure
         return Budget(100 * tolerance, remark=f"No dimension is bound by the ratio: {fault}")
     return build_budget(scene.probe, lines, tolerance, SHARP_EDGES_REMARK if edge else "")

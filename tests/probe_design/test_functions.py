@@ -25,8 +25,12 @@ from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import read_block
 from geometry.scenes.scene_file import read_scene
 from probe_design import Scene, curve, detectability, estimate, evaluate, export, plot, press, scan, sweep
+from probe_design.commands.built_probe import SourceOptions
+from probe_design.commands.hardware_request import ReferenceRequest
+from probe_design.commands.names import COMMANDS
+from probe_design.commands.request import list_fields
 from probe_design.notebook import format_record
-from tests.support.paths import SCENE
+from tests.support.paths import DOCS, SCENE
 from tests.support.program import run
 
 
@@ -135,6 +139,48 @@ def test_a_notebook_shows_results_as_tables(monkeypatch: pytest.MonkeyPatch) -> 
     display = next(registered[key] for key in keys if key in registered)
     assert f"{result.ratio:.6g}" in Cells(display(result)).cells
     assert all(hasattr(importlib.import_module(module), name) for module, name in registered)
+
+
+def test_every_command_that_computes_is_a_function() -> None:
+    others = {"init", "explore", "doctor", "rerun", "tissue", "material"}  # a dialogue, a page, tests of a computer, files, lists
+    names = {{"load": "press", "material fit": "fit_material"}.get(name, name) for name in COMMANDS}
+    assert {name for name in names if name.split()[0] not in others} <= {*probe_design.__all__}
+    page = (DOCS / "reference" / "python.md").read_text(encoding="utf-8")
+    assert [name for name in probe_design.__all__ if f"::: probe_design.{name}\n" not in page] == []
+
+
+def test_keywords_of_what_is_read_are_the_request_s() -> None:
+    """The ``TypedDict`` of the functions for a built probe has the options of the commands, and no others."""
+    shared = {"scene", "memory", "time", "as_json", "quiet"}
+    assert SourceOptions.__annotations__.keys() == list_fields(ReferenceRequest).keys() - shared
+    assert inspect.signature(probe_design.check).parameters["seed"].default == 0
+    assert "resume" not in inspect.signature(probe_design.read).parameters
+
+
+def test_careless_keywords_are_refused() -> None:
+    for wrong, named in (({"seconds": "ten"}, "seconds"), ({"built": {"probe.gap": 1e-4}}, "built"), ({"scene": 3}, "scene")):
+        with pytest.raises(InputError, match=named):
+            probe_design.read(virtual=True, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="sceonds"):
+        probe_design.read(virtual=True, sceonds=3)  # type: ignore[call-arg]
+    with pytest.raises(InputError, match=r"probe\.gpa"):
+        probe_design.tolerances(SCENE, sds={"probe.gpa": "1 um"})
+
+
+@pytest.mark.slow
+def test_built_probe_from_python_is_the_command_line_s(tmp_path: Any) -> None:
+    """A probe whose gap is twice the drawn one: from its calibration to the verdict, without a file between."""
+    record = probe_design.calibrate(SCENE, virtual=True, seconds=5)
+    words = ("calibrate", SCENE, "--virtual", "--seconds", "5", "-o", tmp_path / "probe.toml", "--json")
+    assert record.matrix == tuple(map(tuple, json.loads(run(*words).stdout)["matrix"]))
+    assert probe_design.check(SCENE, calibration=record, virtual=True, seconds=5).passed
+    wrong = probe_design.check(SCENE, calibration=tmp_path / "probe.toml", virtual=True, built={"probe.gap": "0.4 mm"}, seconds=5)
+    assert wrong.failed
+    reading = probe_design.read(SCENE, calibration=record, virtual=True, seconds=5)
+    assert abs(reading.z_ratio or 9.0) < 4
+    budget = probe_design.tolerances(SCENE, samples=64)
+    assert budget.to_frame()["share"].sum() == pytest.approx(1.0)
+    assert budget.to_dataset()["contribution"].sel(output="ln_ratio").values == pytest.approx(budget.to_frame()["contribution"])
 
 
 def test_from_scene_to_optimum_in_ten_lines() -> None:

@@ -225,7 +225,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.inclusions",
         *ANSWERS,
     },
-    "probe_design.tolerances": {
+    "probe_design.tolerancing": {
         "geometry.cad.materials",  # how each block is made
         "geometry.workshop.tolerance",  # and how exactly
         "probe_design.built_probe",  # the bench's tolerances, the probe as a workshop measures it
@@ -289,7 +289,7 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.tetra",
         *ANSWERS,
     },
-    "probe_design.workshop": {"probe_design.tolerances", "geometry.cad", "geometry.workshop", *ANSWERS},
+    "probe_design.workshop": {"probe_design.tolerancing", "geometry.cad", "geometry.workshop", *ANSWERS},
     # terminal shows what they found, cli asks them for it; the face offers from Python what can be asked
     "probe_design.terminal": {
         "probe_design.measuring",
@@ -301,7 +301,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.probe_check",
         "probe_design.reporting",
         "probe_design.sweeps",
-        "probe_design.tolerances",
+        "probe_design.tolerancing",
         "probe_design.workshop",
         "solver.planning",
         "solver.results",
@@ -330,7 +330,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.surveys",
         "probe_design.sweeps",
         "probe_design.terminal",
-        "probe_design.tolerances",
+        "probe_design.tolerancing",
         "probe_design.tradeoffs",
         "probe_design.workshop",
         "solver",

@@ -13,7 +13,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.workshop.package import build_writers
 from geometry.workshop.tolerance import Budget
-from probe_design.tolerances.budget import tolerances
+from probe_design.tolerancing.budget import compute_budget
 from probe_design.workshop.ratio_budget import compute_ratio_budget
 from solver import evaluate
 from tests.support import paths
@@ -57,7 +57,7 @@ def test_a_scene_that_nobody_differentiates_is_told(monkeypatch: pytest.MonkeyPa
     def refuse(*_: object, **__: object) -> None:
         raise InputError("contact.interface", "unilateral", "bonded")
 
-    monkeypatch.setattr("probe_design.workshop.ratio_budget.tolerances", refuse)
+    monkeypatch.setattr("probe_design.workshop.ratio_budget.compute_budget", refuse)
     budget = compute_ratio_budget(SCENE, 0.01)
     assert budget.deviations == {}
     assert budget.remark.startswith("No dimension is bound by the ratio: contact.interface = ")
@@ -75,7 +75,7 @@ def test_the_drawings_and_the_uncertainty_budget_agree(tmp_path: Path) -> None:
     tables = SCENE.model_dump(exclude_unset=True)
     tables["probe"]["outer"] = {"material": "ecoflex-00-50"}
     named = Scene.model_validate(tables)
-    budget, tolerance_budget = compute_ratio_budget(named, 0.01), tolerances(named, samples=64)
+    budget, tolerance_budget = compute_ratio_budget(named, 0.01), compute_budget(named, samples=64)
     build_writers(named.probe, 0.0, budget)["tolerances.csv"](tmp_path / "tolerances.csv")
     with (tmp_path / "tolerances.csv").open(encoding="utf-8") as file:
         parts = {row["quantity"]: float(row["ratio_percent"]) for row in csv.DictReader(file) if row["ratio_percent"]}

@@ -104,7 +104,7 @@ def test_loads_that_are_none_are_refused(wanted: dict[str, float]) -> None:
 
 
 def test_scenes_of_other_kinds_are_refused() -> None:
-    with pytest.raises(Refusal, match="solid for placement.tilt"):
+    with pytest.raises(Refusal, match=r"solid for placement\.tilt"):
         press(EXAMPLE.model_copy(update={"placement": EXAMPLE.placement.model_copy(update={"tilt": 0.1})}), force=0.1)
 
 

@@ -17,10 +17,10 @@ from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius, predict_blocks
-from probe_design.tolerances.budget import ToleranceBudget, allocate_tolerances, split_heights, tolerances
-from probe_design.tolerances.derivatives import compute_derivatives
-from probe_design.tolerances.sample_statistics import OUTPUT_NAMES, keep_gap_open, sample_probes
-from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, list_uncertain_numbers
+from probe_design.tolerancing.budget import ToleranceBudget, allocate_tolerances, compute_budget, split_heights
+from probe_design.tolerancing.derivatives import compute_derivatives
+from probe_design.tolerancing.sample_statistics import OUTPUT_NAMES, keep_gap_open, sample_probes
+from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, list_uncertain_numbers
 from solver import evaluate
 from tests.support.paths import EXAMPLES
 from tests.support.program import refused, run
@@ -31,7 +31,7 @@ NONE = dict.fromkeys(GAIN_NAMES, 0.0)
 
 @cache
 def budget() -> ToleranceBudget:
-    return tolerances(SCENE, samples=256)
+    return compute_budget(SCENE, samples=256)
 
 
 def outputs(scene: Scene, drawn: Scene, evaluator: str = "axisymmetric", accuracy: float = 1e-4) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logar
     given: dict[str, object] = {
         variable.name: 0.0 for variable in list_uncertain_numbers(split_heights(express_by_outer_radius(SCENE)))
     }
-    budget = tolerances(SCENE, samples=1024, given=given | {GAIN_NAMES[0]: "40 %", GAIN_NAMES[1]: 0.3})
+    budget = compute_budget(SCENE, samples=1024, given=given | {GAIN_NAMES[0]: "40 %", GAIN_NAMES[1]: 0.3})
     ratio = budget.outputs["ln_ratio"]
     assert ratio.sd == pytest.approx(0.5)
     assert ratio.sampled == pytest.approx(0.5, abs=0.02)
@@ -117,7 +117,7 @@ def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logar
 
 def test_few_samples_scatter_no_more_than_stated() -> None:
     """With the built-in bench's tolerances ln ratio is all but linear in normal numbers, so that first order is its scatter."""
-    scatter = tolerances(SCENE, samples=64, bench=read_builtin_bench()).outputs["ln_ratio"]
+    scatter = compute_budget(SCENE, samples=64, bench=read_builtin_bench()).outputs["ln_ratio"]
     assert scatter.sampled is not None
     assert scatter.sampled_error is not None
     assert abs(scatter.sampled - scatter.sd) < 2 * scatter.sampled_error
@@ -126,9 +126,9 @@ def test_few_samples_scatter_no_more_than_stated() -> None:
 
 def test_a_budget_is_the_same_again() -> None:
     """Samples and resamples are seeded, so that `rerun` compares like with like."""
-    first, second = (tolerances(SCENE, samples=64, seed=3) for _ in range(2))
+    first, second = (compute_budget(SCENE, samples=64, seed=3) for _ in range(2))
     assert first.lines == second.lines
-    assert first.lines != tolerances(SCENE, samples=64, seed=4).lines
+    assert first.lines != compute_budget(SCENE, samples=64, seed=4).lines
 
 
 def test_held_tolerances_add_up_to_what_is_allowed_and_cost_least() -> None:
@@ -146,7 +146,7 @@ def test_held_tolerances_add_up_to_what_is_allowed_and_cost_least() -> None:
 def test_a_budget_with_the_held_tolerances_is_what_was_asked() -> None:
     given = {line.name: line.held if line.kind == "length" else line.held / line.value for line in budget().lines if line.held}
     given |= {line.name: line.held for line in budget().lines if line.kind == "poisson_ratio" and line.held}
-    assert tolerances(SCENE, samples=64, given=given).outputs["ln_ratio"].sd == pytest.approx(0.01, rel=1e-3)
+    assert compute_budget(SCENE, samples=64, given=given).outputs["ln_ratio"].sd == pytest.approx(0.01, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -154,7 +154,7 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
     """The same 24 built probes by ``axisymmetric`` and by its derivatives: their scatters differ by what is stated."""
     scene = express_by_outer_radius(SCENE)
     given = NONE | {"probe.gap": 4e-5, "probe.outer.youngs_modulus": 0.4, "probe.inner_radius": 3e-5}
-    budget = tolerances(SCENE, samples=1024, given=given)
+    budget = compute_budget(SCENE, samples=1024, given=given)
     variables = [
         variable for variable in list_uncertain_numbers(scene, given=given) if variable.name in given and variable.kind != "gain"
     ]
@@ -174,13 +174,13 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
 @pytest.mark.slow
 def test_a_log_sensitivity_that_the_level_cannot_tell_has_no_error() -> None:
     """`evaluate` warns of the two tumours, one far off the axis, that the error is about twice the value."""
-    scatter = tolerances(read_scene(EXAMPLES / "two-tumours.toml"), samples=64).outputs
+    scatter = compute_budget(read_scene(EXAMPLES / "two-tumours.toml"), samples=64).outputs
     assert scatter["log_sensitivity"].error_estimate is None
     assert scatter["ln_ratio"].error_estimate is not None
 
 
 def test_a_material_s_width_is_carried() -> None:
-    budget = tolerances(SCENE, samples=64, materials={"outer": "ecoflex-00-50"})
+    budget = compute_budget(SCENE, samples=64, materials={"outer": "ecoflex-00-50"})
     line = next(budget_line for budget_line in budget.lines if budget_line.name == "probe.outer.youngs_modulus")
     assert line.sd / line.value == pytest.approx(math.log(152.7 / 67) / 2, rel=1e-3)
     assert "ecoflex-00-50" in line.source
@@ -227,17 +227,17 @@ def test_without_a_bench_tolerances_are_the_process_s_and_the_catalogue_s() -> N
 )  # fmt: skip
 def test_what_is_no_tolerance_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(InputError):
-        tolerances(SCENE, **wrong)  # type: ignore[arg-type]
+        compute_budget(SCENE, **wrong)  # type: ignore[arg-type]
 
 
 def test_other_kinds_are_refused() -> None:
     contact = SCENE.contact.model_copy(update={"interface": "unilateral", "friction": 0.3})
     with pytest.raises(Refusal):
-        tolerances(SCENE.model_copy(update={"contact": contact}))
+        compute_budget(SCENE.model_copy(update={"contact": contact}))
 
 
 def test_a_scene_without_tumour_has_no_log_sensitivity() -> None:
-    assert "log_sensitivity" not in tolerances(SCENE.model_copy(update={"inclusion": ()}), samples=64).outputs
+    assert "log_sensitivity" not in compute_budget(SCENE.model_copy(update={"inclusion": ()}), samples=64).outputs
 
 
 def test_the_command_tells_what_python_does(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from geometry.scenes.units import Quantity, read_fraction
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import BLOCK_LENGTHS, find_length_sd, find_length_tolerance, format_deviation
 from probe_design.built_probe.bench import Bench, Channels, Workshop
-from probe_design.tolerances.film_numbers import (
+from probe_design.tolerancing.film_numbers import (
     TAPE_COEFFICIENT_PER_K,
     TEMPERATURE_NAME,
     TEMPERATURE_SD_K,

@@ -14,10 +14,10 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.block_predictions import express_by_outer_radius
-from probe_design.tolerances.budget import ToleranceBudget, tolerances
-from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME
-from probe_design.tolerances.sample_statistics import sample_probes
-from probe_design.tolerances.uncertain_numbers import list_uncertain_numbers
+from probe_design.tolerancing.budget import ToleranceBudget, compute_budget
+from probe_design.tolerancing.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME
+from probe_design.tolerancing.sample_statistics import sample_probes
+from probe_design.tolerancing.uncertain_numbers import list_uncertain_numbers
 from probe_design.workshop.ratio_budget import build_budget
 from solver import evaluate
 from tests.support.paths import EXAMPLES
@@ -36,7 +36,7 @@ def build(film: dict[str, object], observable: str = "charge") -> Scene:
 
 @cache
 def budget() -> ToleranceBudget:
-    return tolerances(build(FILM), samples=64)
+    return compute_budget(build(FILM), samples=64)
 
 
 def read(changes: dict[str, float]) -> np.ndarray:
@@ -108,27 +108,27 @@ def test_samples_are_of_the_closed_form_s_charges(name: str) -> None:
 
 def test_measured_bonds_and_glue_deviate_on_their_own() -> None:
     film = {"bond_to_base": {"name": TAPE, "youngs_modulus": 4e5}, "bond_to_block": GLUE}
-    lines = {line.name: line for line in tolerances(build(film), samples=64).lines}
+    lines = {line.name: line for line in compute_budget(build(film), samples=64).lines}
     assert lines["probe.film.bond_to_base.youngs_modulus"].sd == pytest.approx(0.02 * 4e5)
     assert lines["probe.film.bond_to_block.youngs_modulus"].sd == pytest.approx(0.02 * 1e9)
     assert TEMPERATURE_NAME in lines  # of the tape
     given = {TEMPERATURE_NAME: "1 K", "probe.film.thickness": "2 um", "probe.film.bond_to_base.youngs_modulus": "30 %"}
-    sds = {line.name: line.sd for line in tolerances(build(film), samples=64, given=given).lines}
+    sds = {line.name: line.sd for line in compute_budget(build(film), samples=64, given=given).lines}
     assert [sds[name] for name in given] == pytest.approx([1.0, 2e-6, 0.3 * 4e5])
-    glued = {line.name for line in tolerances(build({"bond_to_base": GLUE, "bond_to_block": GLUE}), samples=64).lines}
+    glued = {line.name for line in compute_budget(build({"bond_to_base": GLUE, "bond_to_block": GLUE}), samples=64).lines}
     assert TEMPERATURE_NAME not in glued
     with pytest.raises(InputError, match="from 0 K to 30 K"):
-        tolerances(build(film), samples=64, given={TEMPERATURE_NAME: "5 %"})
+        compute_budget(build(film), samples=64, given={TEMPERATURE_NAME: "5 %"})
 
 
 def test_stresses_have_the_budget_of_the_blocks_alone() -> None:
-    names = {line.name for line in tolerances(build(FILM, "stress"), samples=64).lines}
+    names = {line.name for line in compute_budget(build(FILM, "stress"), samples=64).lines}
     assert not any(name.startswith("probe.film") or name in (SHARED, TEMPERATURE_NAME) for name in names)
 
 
 def test_charges_by_psi_have_the_budget_of_forces() -> None:
     """Each charge is a multiple of the force: contributions to ln ratio are those of the stresses, samples included."""
-    charge, stress = (tolerances(build({"psi1": 0.2, "psi2": 0.1}, key), samples=64) for key in ("charge", "stress"))
+    charge, stress = (compute_budget(build({"psi1": 0.2, "psi2": 0.1}, key), samples=64) for key in ("charge", "stress"))
     assert charge.lines == stress.lines
     assert charge.outputs == stress.outputs
 
@@ -138,7 +138,7 @@ def test_off_the_axis_films_and_bonds_count_as_on_it() -> None:
     """A micrometre off the axis the other evaluator has the derivatives, to first order in the tumour."""
     scene = build(FILM)
     moved = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update={"x": 1e-6}),)})
-    lines = {line.name: line for line in tolerances(moved, samples=64).lines}
+    lines = {line.name: line for line in compute_budget(moved, samples=64).lines}
     for line in budget().lines:
         part, other = line.outputs["ln_ratio"], lines[line.name].outputs["ln_ratio"]
         assert other.contribution == pytest.approx(part.contribution, rel=0.05, abs=2e-4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from probe_design.tolerances.budget import ToleranceBudget
+from probe_design.tolerancing.budget import ToleranceBudget
 
 
 def draw_budget(budget: ToleranceBudget) -> Figure:

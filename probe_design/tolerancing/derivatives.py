@@ -23,8 +23,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.block_derivatives import differentiate_area_ratio
-from probe_design.tolerances.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME, list_shared_moduli, list_tape_moduli
-from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
+from probe_design.tolerancing.film_numbers import TAPE_COEFFICIENT_PER_K, TEMPERATURE_NAME, list_shared_moduli, list_tape_moduli
+from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.sections import Sections, add_details, build_sections

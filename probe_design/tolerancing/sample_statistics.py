@@ -21,13 +21,13 @@ from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import BLOCK_NAMES, find_film_part
-from probe_design.tolerances.film_numbers import (
+from probe_design.tolerancing.film_numbers import (
     TAPE_COEFFICIENT_PER_K,
     TEMPERATURE_NAME,
     list_shared_moduli,
     list_tape_moduli,
 )
-from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, UncertainNumber
+from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, UncertainNumber
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_products
 from solver.closed_form.film_membrane import FILM_PARAMETERS
 from solver.results.film_charges import reads_film_states

@@ -19,18 +19,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, import_extra
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Observable
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
-from probe_design.tolerances.derivatives import choose_evaluator, compute_derivatives
-from probe_design.tolerances.sample_statistics import OUTPUT_NAMES, SampleStatistics, sample_probes
-from probe_design.tolerances.uncertain_numbers import UncertainNumber, list_uncertain_numbers
+from probe_design.tolerancing.derivatives import choose_evaluator, compute_derivatives
+from probe_design.tolerancing.sample_statistics import OUTPUT_NAMES, SampleStatistics, sample_probes
+from probe_design.tolerancing.uncertain_numbers import UncertainNumber, list_uncertain_numbers
 from solver import evaluator
 from solver.closed_form.evaluator import ClosedForm
 from solver.planning.load_check import add_load_warning
@@ -38,8 +39,13 @@ from solver.results.record import Record
 from solver.results.result import Result
 from solver.results.warnings import select_notes
 
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
 NOMINAL_ACCURACY = 1e-3  # of the finite elements that give the outputs and their derivatives
 LOAD_ACCURACY = 0.01  # a load for which linear elasticity is less accurate than this gives a warning
+BUDGET_COLUMNS = ("derivative", "contribution", "share")  # of each number and output, in tables
 SAMPLE_LIMITS = (64, 65536)  # lowest and highest number of samples
 DERIVATIVE_ERROR_FACTOR = 5.0  # error of derivatives over that of the ratio: the bound that DESIGN states for the log-sensitivity
 
@@ -151,8 +157,29 @@ class ToleranceBudget(Record):
     samples: int
     warnings: tuple[str, ...]
 
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas frame of the budget: for each number its kind, standard deviation, and share of ln ratio's variance."""
+        dataset = self.to_dataset()
+        part = dataset[["kind", "sd", "held", "alone"]]
+        effects = {name: dataset[name].sel(output="ln_ratio", drop=True) for name in BUDGET_COLUMNS}
+        frame: pd.DataFrame = part.assign(effects).to_dataframe()
+        return frame
 
-def tolerances(
+    def to_dataset(self) -> xr.Dataset:
+        """Return derivative, contribution and share by number and output, and each number's standard deviations, for xarray."""
+        xarray = import_extra("xarray")
+        rows = [[line.outputs[output] for output in OUTPUT_NAMES] for line in self.lines]
+        columns = {name: [getattr(line, name) for line in self.lines] for name in ("kind", "sd", "held", "alone")}
+        dataset: xr.Dataset = xarray.Dataset(
+            {name: ("number", np.array(values, dtype=None if name == "kind" else float)) for name, values in columns.items()}
+            | {name: (("number", "output"), [[getattr(part, name) for part in row] for row in rows]) for name in BUDGET_COLUMNS},
+            coords={"number": [line.name for line in self.lines], "output": list(OUTPUT_NAMES)},
+            attrs=self.collect_numbers() | {"warnings": list(self.warnings)},
+        )
+        return dataset
+
+
+def compute_budget(
     scene: Scene, ratio: float = 0.01, *, bench: Bench | None = None, materials: Mapping[str, str] = MappingProxyType({}),
     given: Mapping[str, object] = MappingProxyType({}), samples: int = 1024, seed: int = 0,
 ) -> ToleranceBudget:  # fmt: skip
@@ -167,7 +194,7 @@ def tolerances(
     ratio
         Allowed standard deviation of ln ratio, 0.01 for 1 %.
     bench
-        See ``probe_design.tolerances.uncertain_numbers.list_uncertain_numbers``.
+        See ``probe_design.tolerancing.uncertain_numbers.list_uncertain_numbers``.
     materials
         Names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
     given
