@@ -10,6 +10,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.hardware import CalibrateRequest, CheckRequest, ReadRequest
 from probe_design.commands.hardware_request import SourceRequest
+from probe_design.commands.locate import read_locate_design
 from probe_design.commands.request import use_request
 from probe_design.commands.survey import DEFAULT_PRESSES, SurveyRequest
 
@@ -63,7 +64,7 @@ class SurveyResult:
     files
         That were written.
     hidden
-        Tumours of the virtual tissue, shape (n, 5): x, y, depth and diameter, m, and ln of their modulus over the tissue's.
+        Tumours of the virtual tissue, shape (n, 5): x, y, depth and diameter, m, and Young's modulus, Pa.
         None without a virtual tissue.
     """
 
@@ -211,7 +212,6 @@ def survey(
     HardwareError
         A device or a reading cannot be used.
     """
-    from probe_design.commands.locate import read_locate_design
     from probe_design.terminal.console import use_quiet
 
     options = {"presses": presses, "hide": hide, "outliers": outliers, "calibration": calibration, **source}
