@@ -169,13 +169,15 @@ def test_careless_keywords_are_refused() -> None:
 
 @pytest.mark.slow
 def test_built_probe_from_python_is_the_command_line_s(tmp_path: Any) -> None:
-    """A probe whose gap is twice the drawn one: from its calibration to the verdict, without a file between."""
+    """A probe whose inner block is half a millimetre too large: from its calibration to the verdict, without a file between."""
     record = probe_design.calibrate(SCENE, virtual=True, seconds=5)
     words = ("calibrate", SCENE, "--virtual", "--seconds", "5", "-o", tmp_path / "probe.toml", "--json")
     assert record.matrix == tuple(map(tuple, json.loads(run(*words).stdout)["matrix"]))
     assert probe_design.check(SCENE, calibration=record, virtual=True, seconds=5).passed
-    wrong = probe_design.check(SCENE, calibration=tmp_path / "probe.toml", virtual=True, built={"probe.gap": "0.4 mm"}, seconds=5)
+    larger = {"probe.inner_radius": "4.5 mm"}
+    wrong = probe_design.check(SCENE, calibration=tmp_path / "probe.toml", virtual=True, built=larger, seconds=5)
     assert wrong.failed
+    assert "probe.inner_radius" in wrong.reason
     reading = probe_design.read(SCENE, calibration=record, virtual=True, seconds=5)
     assert abs(reading.z_ratio or 9.0) < 4
     budget = probe_design.tolerances(SCENE, samples=64)
