@@ -1,4 +1,4 @@
-"""The command `explore`: a local page on which a designer sees what each dimension does."""
+"""The command `explore`: local pages for the design of a probe and for its bench."""
 
 from __future__ import annotations
 
@@ -7,37 +7,83 @@ from typing import Annotated
 
 from pydantic import Field
 
-from geometry.common.errors import MissingLibrary
+from geometry.common.errors import InputError, MissingLibrary, Words
 from probe_design.commands.request import Option, Request
 
 
 class ExploreRequest(Request):
-    """Open a local page with a slider for each dimension, modulus and load, and at once what the probe would do.
+    """Open local pages: a slider for each number of the design, and the bench with live readings and the map of tumours.
 
-    The page is served on this computer alone. The first line of output is its address, with a token that the browser exchanges
-    for a cookie. Ctrl-C ends it. The numbers are those of `evaluate --evaluator closed-form`, with their errors; Check evaluates
-    the design by another evaluator. Without a file, the built-in design is shown. Needs the extra explore:
+    The pages are served on this computer alone. The first line of output is the address, with a token that the browser exchanges
+    for a cookie. Ctrl-C ends the command. The numbers are those of `evaluate --evaluator closed-form`, with their errors; Check
+    evaluates the design by another evaluator. Without a file, the built-in design is shown. Needs the extra explore:
     pip install 'probe-design[explore]'.
+
+    The bench page reads a virtual probe, and the device and recordings named here. With a DESIGN file it locates tumours after
+    each reading, as `survey` does. -o DIR keeps every recording and the readings; a device needs it.
 
     \b
     probe-design explore examples/scene.toml
+    probe-design explore examples/scans/one-clear.toml --hide examples/scans/hidden.toml -o out
+    probe-design explore DESIGN.toml --device usb --calibration probe.toml -o out
     probe-design explore --port 8000 --no-browser
     """  # noqa: D301
 
     scene: Annotated[Path | None, Option("File of a scene or design.", is_argument=True, metavar="[SCENE | DESIGN]")] = None
     port: Annotated[int, Field(ge=0, le=65535), Option("Port of 127.0.0.1; 0: any that is free.")] = 0
     no_browser: Annotated[bool, Option("Print the address, and open no browser.")] = False
+    output: Annotated[
+        Path | None, Option("Folder for recordings, readings and maps.", "-o/--output", left_out="a temporary one")
+    ] = None
+    device: Annotated[str | None, Option("Probe of the bench page: usb, usb:SERIAL, serial:PORT or visa:RESOURCE.")] = None
+    replay: Annotated[tuple[Path, ...], Option("Recording that the bench page may read; may be repeated.")] = ()
+    column: Annotated[tuple[str, ...], Option("Columns of such a file, or channels of an oscilloscope, as for `read`.")] = ()
+    rate: Annotated[str | None, Option("Samples per second of a device, or of a file without times, '10 kHz'.")] = None
+    bench: Annotated[Path | None, Option("TOML file of load, amplifier and references.")] = None
+    calibration: Annotated[Path | None, Option("Calibration file that calibrate has written.")] = None
+    hide: Annotated[
+        Path | None, Option("File of the tumours that the virtual tissue holds.", left_out="drawn from the population by --seed")
+    ] = None
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1), Option("Seed of the virtual tissue and of the map.")] = 0
 
     def run(self) -> None:
-        """Read the file, and serve the page until Ctrl-C."""
+        """Read the files, and serve the pages until Ctrl-C."""
+        from geometry.common.files import check_writable
+        from hw.files.columns import ColumnMap, read_rate
+        from probe_design.built_probe.hidden_tumours import read_hidden_tumours
+        from probe_design.commands.hardware_sources import HardwareSetup
+        from probe_design.commands.scan_recordings import use_calibration
         from probe_design.populations.design_file import Design, read_design_source
 
+        if self.device is not None and self.output is None:
+            raise InputError("output", Words("missing"), "-o DIR beside --device: recordings of a probe are always kept")
         source = read_design_source(self.scene)
-        start = source.scene if isinstance(source, Design) else source
+        design = use_calibration(source, self.calibration) if isinstance(source, Design) else None
+        scene = source.scene if isinstance(source, Design) else source
+        setup = HardwareSetup.from_scene(scene, self.bench, self.calibration)
+        for path in self.replay:
+            if not path.is_file():
+                raise InputError("replay", str(path), "a file that is there")
+        if self.output is not None:
+            check_writable(self.output)
         try:
+            from probe_design.explorer.bench_settings import BenchSettings
             from probe_design.explorer.page import build_application
             from probe_design.explorer.server import serve
         except ImportError as fault:
             raise MissingLibrary(f"{fault.name} is not installed: pip install 'probe-design[explore]' brings it") from None
+        settings = BenchSettings(
+            scene,
+            setup.bench,
+            design,
+            setup.calibration,
+            device=self.device,
+            recordings=self.replay,
+            rate=None if self.rate is None else read_rate(self.rate),
+            columns=ColumnMap.from_texts(self.column),
+            hidden=None if self.hide is None else read_hidden_tumours(self.hide, scene),
+            seed=self.seed,
+            folder=self.output,
+        )
         name = "built-in design" if self.scene is None else self.scene.name
-        serve(build_application(start, name), self.port, not self.no_browser)
+        serve(build_application(settings, name), self.port, not self.no_browser)

@@ -6,11 +6,10 @@ import asyncio
 import html
 import io
 import json
-import math
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
 from functools import partial
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from fastapi import FastAPI
@@ -21,7 +20,11 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from probe_design.data.noise import DEFAULT_NOISE
 from probe_design.explorer import quick
+from probe_design.explorer.bench import Bench
+from probe_design.explorer.bench_page import BenchPage
+from probe_design.explorer.bench_settings import BenchSettings
 from probe_design.explorer.charts_svg import draw_curves, draw_map
+from probe_design.explorer.formats import FOLDER, format_number
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session
 from probe_design.explorer.variables import Variable, get_value
@@ -30,7 +33,6 @@ from probe_design.maps.sphere_effects import Thresholds
 from solver.evaluators import AUTO, EVALUATOR_NAMES
 from solver.results.result import Result
 
-FOLDER = Path(__file__).parent
 SLIDER_STEPS = 400  # of a slider from end to end
 # loads that the slider of the force marks
 LIMITS = (("linear_limit_load", "L", "linear elasticity holds up to"), ("gap_closure_load", "G", "the gap stays open up to"))
@@ -47,22 +49,35 @@ async def _compute(function: Callable[P, T], *arguments: P.args, **options: P.kw
     return await asyncio.get_running_loop().run_in_executor(COMPUTING_THREAD, partial(function, *arguments, **options))
 
 
-def build_application(start: Scene, name: str) -> FastAPI:
-    """Return the application whose page starts with a scene; each tab has its own design.
+def build_application(settings: BenchSettings, name: str) -> FastAPI:
+    """Return the application: each tab of the design page has a design of its own, all of the bench page the same bench.
 
     Parameters
     ----------
-    start
-        The scene of the start.
+    settings
+        What was named at the start.
     name
-        Its name on the page.
+        Its name on the pages.
     """
-    application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    bench = Bench(settings)
+
+    @asynccontextmanager
+    async def close_bench(application: FastAPI) -> AsyncIterator[None]:
+        """End the bench's worker with the server."""
+        yield
+        bench.close()
+
+    application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=close_bench)
+
+    @ui.page("/bench", title="Bench: " + name, response_timeout=20)
+    def show_bench() -> None:
+        """Build the bench page of one tab."""
+        BenchPage(bench, name)
 
     @ui.page("/", title="Explorer: " + name, response_timeout=20)
     def show_page() -> None:
         """Build the page of one tab."""
-        Page(start, name)
+        Page(settings.scene, name)
 
     ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=10)
     return application
@@ -94,6 +109,7 @@ class Page:
         dark = ui.dark_mode(None)
         with ui.element("header").classes("top"):
             ui.html(f"<h1>Explorer</h1><span>{html.escape(self.name)}</span>", sanitize=False)
+            ui.link("Bench", "/bench").classes("page-link")
             actions: tuple[tuple[str, Callable[[], object]], ...] = (
                 ("Undo", self._undo),
                 ("Redo", self._redo),
@@ -363,14 +379,4 @@ def _write_cell(name: str, reading: quick.Reading | None, is_present: bool) -> s
     unit, factor = quick.UNITS.get(name, ("", 1.0))
     value, error = factor * reading.value, None if reading.error is None else factor * reading.error
     mark = f' data-output="{name}"' if is_present else ""
-    return f'<td{mark} data-value="{reading.value!r}">{_format_number(value, error)} {unit}</td>'
-
-
-def _format_number(value: float, error: float | None) -> str:
-    """Return a number with the digits that its error supports, and the error."""
-    if error is None:
-        return f"{value:.3g} (error not stated)"
-    if not 0 < error < math.inf:
-        return f"{value:.4g}"
-    decimals = max(0, 1 - math.floor(math.log10(error)))  # two digits of the error
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+    return f'<td{mark} data-value="{reading.value!r}">{format_number(value, error)} {unit}</td>'

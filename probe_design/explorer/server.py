@@ -64,9 +64,26 @@ class Guard:
             cookie = f"{self._cookie}={self._secret}; HttpOnly; SameSite=Strict; Path=/".encode()
             await _respond(send, 303, "", (b"location", scope["path"].encode()), (b"set-cookie", cookie))
         elif self._has_cookie(headers):
-            await self._application(scope, receive, _add_headers(send))
+            await self._pass_on(scope, receive, send)
         else:
             await _refuse(scope, send, "403: open the address that probe-design explore printed, with its token")
+
+    async def _pass_on(self, scope: Message, receive: Receive, send: Send) -> None:
+        """Let the application respond; a page that is left meanwhile is no fault, whatever the framework raises then."""
+        is_left = False
+
+        async def receive_and_note() -> Message:
+            """Receive a message, and note whether the browser has left."""
+            nonlocal is_left
+            message = await receive()
+            is_left = is_left or message["type"] == "http.disconnect"
+            return message
+
+        try:
+            await self._application(scope, receive_and_note, _add_headers(send))
+        except Exception:
+            if not is_left:
+                raise
 
     def _is_local(self, headers: list[tuple[bytes, bytes]]) -> bool:
         """Return whether Host and, where it is stated, Origin are this server's: neither rebinding nor another site's page."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import convert_to_unit
+from probe_design.explorer.formats import convert_decimal_comma
 
 LENGTH_FACTOR, MODULUS_FACTOR, FORCE_FACTOR = 4.0, 20.0, 10.0  # relative: a slider reaches this factor to both sides of the start
 MAX_TEXT_LENGTH = 80  # characters of a typed value, as units allow
 _KINDS = {"mm": ("m", LENGTH_FACTOR), "kPa": ("Pa", MODULUS_FACTOR), "mN": ("N", FORCE_FACTOR), "": ("", LENGTH_FACTOR)}
 _PATH_PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
-_DECIMAL_COMMA = re.compile(r"\s*([+-]?\d*),(\d+)(?![\d.,])(.*)")
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,7 @@ class Variable:
 
     def read_text(self, text: str) -> str:
         """Return typed text as a scene file has it: with a decimal point, and with this variable's unit where it has none."""
-        text = text.strip()[: MAX_TEXT_LENGTH + 1]
-        match = _DECIMAL_COMMA.fullmatch(text)
-        if match:
-            text = f"{match[1] or 0}.{match[2]}{match[3]}"
+        text = convert_decimal_comma(text.strip()[: MAX_TEXT_LENGTH + 1])
         is_bare = re.fullmatch(r"[+-]?[\d.]+(e[+-]?\d+)?", text, re.IGNORECASE) is not None
         return f"{text} {self.unit}" if is_bare and self.unit else text
 

@@ -10,7 +10,7 @@ from typing import Any
 from geometry.processes.child import END, Child, Died, Failure
 from geometry.scenes.scene import Scene
 
-PROGRAM = Path(__file__).with_name("worker_program.py")
+WORKER_PROGRAM = Path(__file__).with_name("worker_program.py")
 
 
 class Worker:
@@ -38,7 +38,7 @@ class Worker:
             return
         self._is_cancelled = False
         try:
-            self._child = child = Child(PROGRAM, is_worker=True)
+            self._child = child = Child(WORKER_PROGRAM, is_worker=True)
             child.send((kind, scene, evaluator))
             while (message := await asyncio.to_thread(child.receive)) is not END:
                 yield message

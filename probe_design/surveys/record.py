@@ -14,6 +14,7 @@ from typing import Any
 from geometry.common.errors import InputError, Words
 from geometry.common.files import write_together
 from geometry.common.json_types import JsonObject
+from geometry.scenes.scene import Scene
 from probe_design.estimation.measurements import Reading
 from probe_design.populations.design_file import Design
 
@@ -66,7 +67,7 @@ class SurveyRecord:
     extra: JsonObject
 
     @classmethod
-    def open(cls, folder: Path, design: Design, settings: JsonObject) -> SurveyRecord:
+    def open(cls, folder: Path, design: Design | Scene, settings: JsonObject) -> SurveyRecord:
         """Return the record of a folder: a new one, or that of an interrupted survey.
 
         Raises

@@ -15,6 +15,7 @@ from tests.support.paths import ROOT
 SCENES = {"geometry.common", "geometry.scenes"}
 PROVENANCE = {"geometry.provenance", *SCENES}
 MESHES = {"geometry.meridian", *SCENES}
+SIGNALS = {"hw", "hw.common", "hw.signal"}
 ANSWERS = {"solver", "solver.results", *PROVENANCE}  # asked for by the face
 
 # What each subpackage may import of ours beside itself: subpackages, or single modules of those that it needs nothing else of;
@@ -206,13 +207,22 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.explorer": {
+        "probe_design.built_probe",  # readings of the bench page, of a virtual probe, too
         "probe_design.data",
+        "probe_design.estimation.measurements",
+        "probe_design.locating",
         "probe_design.maps",
+        "probe_design.measuring",
+        "probe_design.populations",
+        "probe_design.surveys",
         "geometry.cad",  # the STEP file, in the worker
         "geometry.processes",
         "solver.closed_form",
         "solver.evaluators",
         "solver.linalg.workspace",  # of each design its own, so that memory stays
+        "hw.files.columns",
+        *SIGNALS,
+        "hw.simulation",
         *ANSWERS,
     },
     "probe_design.surveys": {
@@ -262,9 +272,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.equivalent_inclusion",
         "solver.phase",
         "solver.planning",
-        "hw",
-        "hw.common",
-        "hw.signal",
+        *SIGNALS,
         *ANSWERS,
     },
     "probe_design.measuring": {
@@ -273,9 +281,7 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.processes",
         "geometry.workshop",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.planning",
-        "hw",
-        "hw.common",
-        "hw.signal",
+        *SIGNALS,
         *ANSWERS,
     },
     "probe_design.probe_check": {"probe_design.built_probe", "probe_design.inference", "hw.common", "hw.signal", *ANSWERS},

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import http.client
-import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -18,35 +14,23 @@ from geometry.scenes.scene_file import read_scene
 from probe_design import evaluate
 from probe_design.explorer.session import Session
 from probe_design.explorer.variables import get_value
-from tests.support.browser import NAMES
+from tests.support.explorer import PATIENCE_MS, open_browser, serve_pages
 from tests.support.paths import ROOT
 
 sync_api = pytest.importorskip("playwright.sync_api")
 EXAMPLE = ROOT / "examples" / "scene.toml"
-PATIENCE_MS = 60_000  # for a busy machine
 
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """The address that the command prints first; afterwards Ctrl-C ends it cleanly."""
-    command = [sys.executable, "-m", "probe_design", "explore", str(EXAMPLE), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as server:
-        assert server.stdout is not None
-        yield server.stdout.readline().strip()
-        server.send_signal(signal.SIGINT)
-        _, errors = server.communicate(timeout=60)
-    assert (server.returncode, errors) == (0, "")
+    with serve_pages(str(EXAMPLE)) as (address, _):
+        yield address
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[sync_api.Browser]:
-    program = next((path for name in NAMES if (path := shutil.which(name))), None)
-    if program is None:
-        pytest.skip("no Chromium")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+    with open_browser() as browser:
         yield browser
-        browser.close()
 
 
 def open_page(browser: sync_api.Browser, address: str) -> sync_api.Page:

@@ -1,0 +1,26 @@
+"""Numbers as the pages write and read them."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+_DECIMAL_COMMA = re.compile(r"\s*([+-]?\d*),(\d+)(?![\d.,])(.*)")
+
+
+def convert_decimal_comma(text: str) -> str:
+    """Return typed text with a decimal point in place of a decimal comma."""
+    match = _DECIMAL_COMMA.fullmatch(text)
+    return f"{match[1] or 0}.{match[2]}{match[3]}" if match else text
+
+
+def format_number(value: float, error: float | None) -> str:
+    """Return a number with the digits that its error supports, and the error."""
+    if error is None:
+        return f"{value:.3g} (error not stated)"
+    if not 0 < error < math.inf:
+        return f"{value:.4g}"
+    decimals = max(0, 1 - math.floor(math.log10(error)))  # two digits of the error
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
