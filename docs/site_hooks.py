@@ -6,6 +6,7 @@ MkDocs calls both functions by their names.
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -13,6 +14,10 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
+
+from notebook_pages import FOLDER, write_page  # noqa: E402 - a file beside this one, which MkDocs does not put on the path
+
 PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md", "benchmarks.md": "benchmarks/README.md"}
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)#]+)(#[^)]*)?\)")
 
@@ -21,6 +26,8 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     """Add the pages that lie outside ``docs`` to the site's files."""
     for name, source in PAGES.items():
         files.append(File.generated(config, name, content=(ROOT / source).read_text(encoding="utf-8")))
+    for path in sorted((ROOT / FOLDER).glob("*.ipynb")):
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=write_page(path)))
     return files
 
 
@@ -28,6 +35,7 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
     """Return a page's text with links to pages of the site, and paths in place of links to anything else in the repository."""
     source = ROOT / PAGES.get(page.file.src_uri, f"docs/{page.file.src_uri}")
     moved = {ROOT / path: name for name, path in PAGES.items()}
+    moved |= {path: f"notebooks/{path.stem}.md" for path in (ROOT / FOLDER).glob("*.ipynb")}
 
     def rewrite(link: re.Match[str]) -> str:
         text, target, heading = link.group(1), link.group(2), link.group(3) or ""

@@ -52,9 +52,9 @@ if TYPE_CHECKING:
     from probe_design.commands.maps import detectability, scan
     from probe_design.commands.material import fit_material
     from probe_design.commands.optimize import optimize
+    from probe_design.commands.plot import plot
     from probe_design.commands.sweep import tradeoff
     from probe_design.locating.locator import Locator
-    from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
     from solver.batch import evaluate_many
     from solver.evaluation import curve, evaluate, plan, press
@@ -92,7 +92,7 @@ _MODULE_NAMES |= {"fit_material": "probe_design.commands.material", "Scene": "ge
 _MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "locate", "optimize")}
 _MODULE_NAMES |= dict.fromkeys(("calibrate", "check", "read", "survey"), "probe_design.commands.built_probe")
 _MODULE_NAMES |= {"tolerances": "probe_design.commands.evaluate", "tradeoff": "probe_design.commands.sweep"}
-_MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
+_MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.commands.plot"}
 _MODULE_NAMES |= {"predict_readings": "solver.reading_tables.predict", "Locator": "probe_design.locating.locator"}
 
 

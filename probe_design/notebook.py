@@ -1,10 +1,11 @@
-"""Display of results in notebooks. IPython gets these functions when it imports the package; results know nothing of them."""
+"""Display of results and figures in notebooks. IPython gets them when it imports the package; results do not know them."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
 from html import escape
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,19 +13,32 @@ import numpy as np
 from probe_design.reporting.table import Table, format_number, format_unit
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from probe_design.design_search.optimum import TumourOptimum
     from solver.results.record import Record
 
 MAX_TABLE_ROWS = 12  # rows of a long table that a notebook shows
+
+FIGURE_DPI = 72  # of a figure in a notebook: 500 to 800 pixels wide
 
 
 def register_displays() -> None:
     """Make a running IPython show results as tables; nothing happens elsewhere, and no result is imported."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is not None:
-        formatter = shell.display_formatter.formatters["text/html"]
+        formatters = shell.display_formatter.formatters
+        formatters["image/png"].for_type_by_name("matplotlib.figure", "Figure", draw_png)  # those of ``plot`` are not pyplot's
+        formatter = formatters["text/html"]
         formatter.for_type_by_name("solver.results.record", "Record", format_record)
         formatter.for_type_by_name("probe_design.design_search.optimum", "TumourOptimum", format_optimum)
+
+
+def draw_png(figure: Figure) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=FIGURE_DPI)
+    return file.getvalue()
 
 
 def format_record(record: Record) -> str:

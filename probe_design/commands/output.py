@@ -62,7 +62,7 @@ def present(
     from probe_design.terminal.console import warn, write_message
 
     if picture is not None:
-        from probe_design.reporting.figures import plot
+        from probe_design.commands.plot import plot
         from probe_design.reporting.picture_files import save_figure
 
         figure = plot(result) if draw is None else draw(result)  # type: ignore[arg-type]  # it refuses what has no picture

@@ -12,6 +12,7 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
+from probe_design.design_search.optimum_tables import OptimumTables
 from probe_design.design_search.robustness import Robustness
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.tumour_objective import Noise
@@ -40,8 +41,8 @@ FORCE_LIMIT_REASONS = {  # limits of the force that no number of the design file
 Verified = TypeVar("Verified", PopulationVerification, TumourVerification)
 
 
-@dataclass(frozen=True)
-class Optimum(ABC, Generic[Verified]):
+@dataclass(frozen=True, repr=False)
+class Optimum(OptimumTables, ABC, Generic[Verified]):
     """The result of an optimisation.
 
     Attributes
@@ -132,6 +133,10 @@ class Optimum(ABC, Generic[Verified]):
         tried = {"best tried, no gain": self.best_tried} if self.finalists else {}
         return {**tried, **self.others, "start, recommended": self.best}
 
+    def list_scenes(self) -> dict[str, Scene]:
+        """See ``OptimumTables``."""
+        return {heading: verified.loaded_scene for heading, verified in self.list_columns().items()}
+
     def warn_wide_start(self) -> Iterator[str]:
         """Yield a warning if the start's outer radius is above the limit, so that the search could not choose it."""
         start, limit = self.design.scene.probe.tube_radius, self.search_space.outer_radius
@@ -167,7 +172,7 @@ class Optimum(ABC, Generic[Verified]):
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TumourOptimum(Optimum[TumourVerification]):
     """The result of an optimisation for one tumour.
 
@@ -245,7 +250,7 @@ class TumourOptimum(Optimum[TumourVerification]):
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PopulationOptimum(Optimum[PopulationVerification]):
     """The result of an optimisation for a population.
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import import_extra
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.locating.next_position import NextPosition
@@ -13,6 +14,10 @@ from probe_design.locating.posterior import Summary
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.scan_data import ScanData
 from solver.results.record import Record
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ class Residual:
     wild: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Location(Record):
     """Result of `locate`, conditional on the population of the design file; SI units.
 
@@ -187,6 +192,37 @@ class Location(Record):
     def tumours(self) -> tuple[Tumour, ...]:
         """The tumours of the most probable number above 0."""
         return self.best.tumours
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas frame of the tumours of the most probable number above 0: median and intervals of each quantity, SI."""
+        rows = {
+            (index + 1, name): (part.median, *part.interval_50, *part.interval_90)
+            for index, tumour in enumerate(self.tumours)
+            for name, part in tumour.quantities.items()
+        }
+        pandas = import_extra("pandas")
+        columns = ["median", "low_50", "high_50", "low_90", "high_90"]
+        index = pandas.MultiIndex.from_tuples(list(rows), names=["tumour", "quantity"])
+        frame: pd.DataFrame = pandas.DataFrame(list(rows.values()), index=index, columns=columns)
+        return frame
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return the numbers of ``to_frame`` by tumour and quantity for xarray."""
+        dataset: xr.Dataset = self.to_frame().to_xarray()
+        return dataset.assign_attrs(self.collect_numbers() | {"warnings": list(self.warnings)})
+
+    def __str__(self) -> str:
+        """Return the probability of each number, and median and 90 % interval of the tumours' quantities, SI units."""
+        numbers = ", ".join(f"{number or 'none'}: {value:.2g}" for number, value in enumerate(self.probability))
+        rows = [
+            f"tumour {index + 1}: {name}  {part.median:.3g} ({part.interval_90[0]:.3g} to {part.interval_90[1]:.3g})"
+            for index, tumour in enumerate(self.tumours)
+            for name, part in tumour.quantities.items()
+        ]
+        notes = [f"warning: {text}" for text in self.warnings]
+        return "\n".join(["Location", f"probability of a number of tumours: {numbers}", *rows, *notes])
+
+    __repr__ = __str__
 
     def compute_probability_at_least(self, number: int) -> float:
         """Return the probability of this number of tumours or more."""

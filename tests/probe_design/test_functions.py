@@ -131,7 +131,7 @@ def test_a_notebook_shows_results_as_tables(monkeypatch: pytest.MonkeyPatch) -> 
         def for_type_by_name(self, module: str, name: str, function: Any) -> None:
             registered[module, name] = function
 
-    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": Formatter()}))
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": Formatter(), "image/png": Formatter()}))
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
     importlib.reload(probe_design)
     result = evaluate(SCENE, evaluator="closed-form", accuracy=0.1)
@@ -226,7 +226,7 @@ def test_the_old_name_of_press_warns() -> None:
 
 
 def test_what_has_no_picture_is_refused() -> None:
-    with pytest.raises(InputError, match="a result of curve, press, scan or detectability"):
+    with pytest.raises(InputError, match="a result of curve, press, scan, detectability, locate or tolerances"):
         plot(evaluate(SCENE, evaluator="closed-form", accuracy=0.1))  # type: ignore[arg-type]
 
 

@@ -6,24 +6,28 @@ from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
+from probe_design.locating.figures import draw_location
+from probe_design.locating.location import Location
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.scan import Scan
 from probe_design.reporting.curve_figures import draw_curve, draw_load_curve
 from probe_design.reporting.detectability_figure import draw_detectability
 from probe_design.reporting.scan_figure import draw_scan
+from probe_design.tolerancing.budget import ToleranceBudget
+from probe_design.tolerancing.plot import draw_budget
 from solver.results.result import Curve, LoadCurve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
-    """Draw the result of ``curve``, ``press``, ``scan`` or ``detectability`` as their commands do with ``--plot``.
+def plot(result: Curve | LoadCurve | Scan | Detectability | Location | ToleranceBudget) -> Figure:
+    """Draw a result as its command does with ``--plot``.
 
     Parameters
     ----------
     result
-        What one of these functions returned.
+        Of ``curve``, ``press``, ``scan``, ``detectability``, ``locate`` or ``tolerances``.
 
     Returns
     -------
@@ -44,7 +48,13 @@ def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
             return draw_scan(result, _require_scene(result.scene))
         case Detectability():
             return draw_detectability(result, _require_scene(result.scene))
-    raise InputError("result", Words(f"a {type(result).__name__}"), "a result of curve, press, scan or detectability")
+        case Location():
+            return draw_location(result)
+        case ToleranceBudget():
+            return draw_budget(result)
+    raise InputError(
+        "result", Words(f"a {type(result).__name__}"), "a result of curve, press, scan, detectability, locate or tolerances"
+    )
 
 
 def _require_scene(scene: Scene | None) -> Scene:
