@@ -15,7 +15,7 @@ from probe_design.reporting.detectability_figure import draw_detectability
 from probe_design.reporting.scan_figure import draw_scan
 from probe_design.tolerancing.budget import ToleranceBudget
 from probe_design.tolerancing.plot import draw_budget
-from solver.results.result import Curve, LoadCurve
+from solver import Curve, LoadCurve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
