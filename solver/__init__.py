@@ -21,12 +21,13 @@ from solver.evaluation import curve, evaluate, plan, press
 from solver.evaluators import evaluator
 from solver.linalg.workspace import Workspace
 from solver.results.evaluator import Evaluator
-from solver.results.result import Curve, Decision, Result
+from solver.results.result import Curve, Decision, LoadCurve, Result
 
 __all__ = [
     "Curve",
     "Decision",
     "Evaluator",
+    "LoadCurve",
     "Result",
     "Workspace",
     "curve",
