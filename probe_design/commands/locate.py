@@ -23,10 +23,10 @@ MAX_OUTLIER_RATE = 0.3  # above it "wild" readings would be as good as the other
 class LocateRequest(LimitedRequest):
     """Infer from a scan how many tumours there are, and where, how deep, how large and how stiff each one is.
 
-    DESIGN is a design file (`optimize --template` prints one). Its scene is the probe and the tissue, [population] says what is
-    known of tumours before the readings, [noise] how uncertain a reading is. The result is conditional on that population: it is
-    no diagnosis. Before the readings every number of tumours from none to [population] tumours is equally probable, unless
-    weights says otherwise. Where the readings do not narrow a quantity, the result says so.
+    DESIGN is a design file (`optimize --template` prints one), or the folder that optimize wrote. Its scene is the probe and the
+    tissue, [population] says what is known of tumours before the readings, [noise] how uncertain a reading is. The result is
+    conditional on that population: it is no diagnosis. Before the readings every number of tumours from none to [population]
+    tumours is equally probable, unless weights says otherwise. Where the readings do not narrow a quantity, the result says so.
 
     \b
     probe-design locate DESIGN.toml --readings scan.csv -o out
@@ -43,7 +43,7 @@ class LocateRequest(LimitedRequest):
     its pose. --outliers states the fraction of wild readings that is expected: these then count less, and intervals widen.
     """  # noqa: D301
 
-    design: Annotated[Path, Option("Design file.", is_argument=True)]
+    design: Annotated[Path, Option("Design file, or folder of optimize.", is_argument=True)]
     readings_file: Annotated[Path | None, Option("Readings of the scan: a .toml or .csv file, see below.", "--readings")] = None
     reading: Annotated[
         tuple[str, ...],
@@ -139,7 +139,7 @@ def locate(
     InputError
         A reading is not allowed, there are too few of them, or all lie at one place.
     Refusal
-        ``equivalent-inclusion`` cannot model the scene.
+        The evaluator cannot model the scene or its load.
     """
     from probe_design.locating.run import run_locate
 

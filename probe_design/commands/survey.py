@@ -54,7 +54,7 @@ class SurveyRequest(SourceRequest):
     the virtual tissue, tables [[inclusion]] as in a scene file; left out, they are drawn from the population by --seed.
     """  # noqa: D301
 
-    scene: Annotated[Path, Option("Design file.", is_argument=True, metavar="DESIGN")]
+    scene: Annotated[Path, Option("Design file, or folder of optimize.", is_argument=True, metavar="DESIGN")]
     output: Annotated[Path, Option("Folder for recordings, maps and report.", "-o/--output")]
     presses: Annotated[int, Field(ge=1, le=1000), Option("Largest number of presses.")] = DEFAULT_PRESSES
     hide: Annotated[

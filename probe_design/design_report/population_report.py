@@ -20,7 +20,7 @@ from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.verification import PopulationVerification
-from probe_design.populations.design_file import Design
+from probe_design.populations.design_file import QUESTION_FILE, Design
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import ChannelSet
 from probe_design.reporting.page import Chapter, Code, Text
@@ -87,7 +87,7 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
         cautions=optimum.warnings,
         shown_scene=optimum.scene,
         pictures=pictures,
-        texts={"question.toml": format_toml_comment(provenance) + design_file},
+        texts={QUESTION_FILE: format_toml_comment(provenance) + design_file},
         chapters={
             "Which tumours are detected and resolved": (MAPS_FILE,),
             "What would help most": (IMPROVEMENTS_FILE,),

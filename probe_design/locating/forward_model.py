@@ -6,8 +6,6 @@ from probe_design.locating.prior import ForwardModel, TumourPrior
 from solver.reading_tables.build import read_or_build_table
 from solver.reading_tables.tumour_ranges import TumourRanges
 
-EVALUATOR = "equivalent-inclusion"
-
 
 def build_model(prior: TumourPrior) -> ForwardModel:
     """Return the table of the probe on its tissue over the tumours of a prior, from the cache where it was built before.
@@ -15,7 +13,7 @@ def build_model(prior: TumourPrior) -> ForwardModel:
     Raises
     ------
     Refusal
-        ``equivalent-inclusion`` cannot model the scene, or the population does not fit the tissue.
+        The evaluator cannot model the scene or its load, or the population does not fit the tissue.
     """
     depth, diameter, modulus = ((min(part.values), max(part.values)) for part in prior.ranges[2:])
     return read_or_build_table(prior.scene, TumourRanges(depth, diameter, modulus, prior.poisson_ratio, prior.least_cover))

@@ -74,7 +74,6 @@ def infer(
     seed: int,
     *,
     advise: bool,
-    evaluator: str,
     posterior: Posterior | None = None,
 ) -> Location:
     """Return the result of `locate`.
@@ -89,8 +88,6 @@ def infer(
         Of the random numbers.
     advise
         Whether to choose the next place.
-    evaluator
-        Name of the model of the readings.
     posterior
         Where it is known before.
     """
@@ -112,7 +109,7 @@ def infer(
         residuals=residuals,
         next=_advise(likelihood, posterior, sets) if advise else None,
         warnings=(),
-        evaluator=evaluator,
+        evaluator=tumour_free.evaluator,
         model_error=float(np.max(likelihood.model.error)),
         seconds=time.perf_counter() - start,
         seed=seed,

@@ -12,7 +12,7 @@ from scipy.special import softmax
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Words
 from probe_design.estimation.measurements import Reading, build_scan_reading, is_on_tissue
-from probe_design.locating.forward_model import EVALUATOR, build_model
+from probe_design.locating.forward_model import build_model
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
@@ -138,7 +138,7 @@ class Locator:
 
     def map(self) -> Location:
         """Return numbers, places, depths and sizes of the tumours given the readings so far, as `locate` does."""
-        return infer(self._likelihood, self._tumour_free, self.seed, advise=False, evaluator=EVALUATOR, posterior=self._posterior)
+        return infer(self._likelihood, self._tumour_free, self.seed, advise=False, posterior=self._posterior)
 
     def next_position(self, candidates: Floats | None = None, *, region: Region | None = None) -> NextPosition:
         """Return the place whose reading is expected to say the most about the tumours.

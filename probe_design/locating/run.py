@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from probe_design.estimation.measurements import Reading, read_readings
-from probe_design.locating.forward_model import EVALUATOR, build_model
+from probe_design.locating.forward_model import build_model
 from probe_design.locating.inference import infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
@@ -58,4 +58,4 @@ def run_locate(
     prior = TumourPrior.from_design(design, data.positions[~data.is_baseline])
     known_model = build_model(prior) if model is None else model
     likelihood = Likelihood(data, known_model, prior, outlier_rate)
-    return infer(likelihood, tumour_free, seed, advise=advise, evaluator=EVALUATOR)
+    return infer(likelihood, tumour_free, seed, advise=advise)

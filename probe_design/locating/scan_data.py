@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,16 +18,16 @@ from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.noise import compute_common_variances
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.load_limits import compute_load_limits
+from solver.reading_tables.effect_samplers import LOAD_ACCURACY, choose_sampler
 
 MIN_READINGS = 3  # over the tissue: with fewer, every tumour of a population explains them
-BASE_ACCURACY = 0.01  # relative, of the probe on tumour-free tissue
-LOAD_ACCURACY = 0.01  # relative change of the ratio by the load above which it is refused, as in `optimize`
+MAX_FORCE_CHANGE_RELATIVE = 0.05  # of a reading's force, from the one under which readings are predicted
 MIN_GAIN_SD_RELATIVE = 1e-6  # of a gain that is known: the likelihood divides by its variance
 
 
 @dataclass(frozen=True)
 class TumourFree:
-    """The probe on the tissue without tumours.
+    """The probe on the tissue without tumours, under the scene's load where that is beyond linear elasticity.
 
     Attributes
     ----------
@@ -37,11 +37,17 @@ class TumourFree:
         Force on each film per unit indentation, N/m, and, where charges are read, charge of each film, C/m; shape (2 or 4,).
     logarithms
         Ln ratio, as it is read, and ln stiffness, N/m; shape (2,).
+    errors
+        Their standard deviations by the model's error, shape (2,).
+    evaluator
+        Name of the model of the readings.
     """
 
     scene: Scene
     totals: Floats
     logarithms: Floats
+    errors: Floats = field(default_factory=lambda: np.zeros(2))
+    evaluator: str = EquivalentInclusion.name
 
     @classmethod
     def from_scene(cls, scene: Scene) -> TumourFree:
@@ -50,13 +56,20 @@ class TumourFree:
         Raises
         ------
         Refusal
-            ``equivalent-inclusion`` cannot model the scene.
+            The evaluator cannot model the scene or its load.
         """
         scene = scene.model_copy(update={"inclusion": ()})
-        films = EquivalentInclusion().prepare(scene, BASE_ACCURACY).films
+        sampler = choose_sampler(scene)
+        films = sampler.films
         totals = np.asarray(stack_totals(scene, films), dtype=float)
         per_area = np.abs(totals[-2:]) / [scene.probe.inner_area, scene.probe.outer_area]
-        return cls(scene, totals, np.log([per_area[0] / per_area[1], totals[:2].sum()]))
+        errors = np.array([films.get_observable(scene).bound.log_ratio, films.stiffness_error]) / 2  # of bounds
+        return cls(scene, totals, np.log([per_area[0] / per_area[1], totals[:2].sum()]), errors, sampler.name)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether readings are predicted by linear elasticity."""
+        return self.evaluator == EquivalentInclusion.name
 
 
 @dataclass(frozen=True)
@@ -93,9 +106,9 @@ class ScanData:
         Raises
         ------
         InputError
-            A reading was taken at a larger load than linear elasticity, by which the readings are predicted, allows.
+            A reading was taken at another load than those for which readings are predicted.
         """
-        _check_loads(readings, tumour_free.scene)
+        _check_loads(readings, tumour_free)
         k, noise = len(readings), design.noise
         values, variance = np.zeros((k, 2)), np.full((k, 2), math.inf)
         for index, reading in enumerate(readings):
@@ -105,7 +118,8 @@ class ScanData:
                 values[index, 1] = math.log(reading.stiffness) - tumour_free.logarithms[1]
                 variance[index, 1] = (reading.stiffness_noise or reading.noise) ** 2
         pose = [[noise.pose if sd is None else sd for sd in (reading.x_sd, reading.y_sd)] for reading in readings]
-        gains = np.sqrt(compute_common_variances(noise, (0, 1), tumour_free.totals))
+        # errors of the prediction without tumours are common to all readings, as the gain is
+        gains = np.sqrt(compute_common_variances(noise, (0, 1), tumour_free.totals) + tumour_free.errors**2)
         return cls(
             np.array([(reading.x, reading.y) for reading in readings]).reshape(k, 2), values, variance,
             np.array(pose, dtype=float).reshape(k, 2), np.array([reading.blank for reading in readings], dtype=bool),
@@ -151,22 +165,19 @@ def check_readings(readings: Sequence[Reading]) -> None:
         raise InputError("readings", place, "readings at several places, stated by the columns x and y with their units")
 
 
-def _check_loads(readings: Sequence[Reading], scene: Scene) -> None:
-    """Refuse readings at loads at which finite strain or the closing gap change the ratio, see ``LOAD_ACCURACY``."""
-    if not readings:
+def _check_loads(readings: Sequence[Reading], tumour_free: TumourFree) -> None:
+    """Refuse readings at other loads than those for which they are predicted."""
+    forces = [(index, reading.force) for index, reading in enumerate(readings) if reading.force is not None]
+    if not forces:
         return
-    largest = compute_load_limits(scene, LOAD_ACCURACY).linear
-    if largest is None:
-        return
-    allowed = f"up to {1e3 * largest.force:.3g} mN: above it linear elasticity, by which locate predicts readings, is off by 1 %"
-    for index, reading in enumerate(readings):
-        if reading.force is not None and reading.force > largest.force:
-            raise InputError(f"reading[{index}].force", Words(f"{1e3 * reading.force:.4g} mN"), allowed)
-    load = scene.load
-    if all(reading.force is not None for reading in readings):
-        return
-    if load.indentation is not None and load.indentation > largest.indentation:
-        allowed = f"up to {format_mm(largest.indentation)}: above it linear elasticity, by which locate predicts, is off by 1 %"
-        raise InputError("load.indentation", format_mm(load.indentation), allowed)
-    if load.force is not None and load.force > largest.force:
-        raise InputError("load.force", Words(f"{1e3 * load.force:.4g} mN"), allowed)
+    if tumour_free.is_linear:
+        largest = compute_load_limits(tumour_free.scene, LOAD_ACCURACY).linear
+        high, low = math.inf if largest is None else largest.force, 0.0
+        allowed = f"up to {1e3 * high:.3g} mN: above it linear elasticity, by which the design's load is predicted, is off by 1 %"
+    else:
+        force = tumour_free.scene.load.force or 0.0
+        low, high = (force * (1 + sign * MAX_FORCE_CHANGE_RELATIVE) for sign in (-1, 1))
+        allowed = f"{1e3 * low:.4g} to {1e3 * high:.4g} mN, near the design's load.force, under which readings are predicted"
+    for index, force in forces:
+        if not low <= force <= high:
+            raise InputError(f"reading[{index}].force", Words(f"{1e3 * force:.4g} mN"), allowed)

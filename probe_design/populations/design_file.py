@@ -21,6 +21,7 @@ from geometry.scenes.validation_messages import find_model
 from probe_design.populations.tables import DesignLimits, DesignVariables, NoiseModel, Objective, PopulationRanges, Protocol
 
 DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
+QUESTION_FILE, RECOMMENDED_FILE = "question.toml", "design.toml"  # in the folder of `optimize`: what was asked for, and the scene
 
 ALLOWED_SOURCES = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
 
@@ -94,8 +95,20 @@ def _read_source(source: DesignSource) -> Design | Scene:
         return design_from_dict(source)
     if not isinstance(source, Path | str):
         raise InputError("design", source, ALLOWED_SOURCES)
+    if Path(source).is_dir():
+        return _read_result_folder(Path(source))
     tables = parse_tables(read_text(source, "scene file"), str(source), "a TOML scene or design file")
     return _check_file(tables, Path(source)) if is_design(tables) else read_scene(source)
+
+
+def _read_result_folder(folder: Path) -> Design:
+    """Return the design that `optimize` wrote into a folder: what was asked for, with the recommended probe as the scene."""
+    for name in (QUESTION_FILE, RECOMMENDED_FILE):
+        if not (folder / name).is_file():
+            allowed = f"a design file, or a folder that optimize wrote, with {QUESTION_FILE} and {RECOMMENDED_FILE}"
+            raise InputError("design", Words(f"the folder {folder} without {name}"), allowed)
+    tables = read_tables(folder / QUESTION_FILE, "design file")
+    return _check_file({**tables, "scene": RECOMMENDED_FILE}, folder / QUESTION_FILE)
 
 
 def read_design(path: Path | str) -> Design:

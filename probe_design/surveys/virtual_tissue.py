@@ -17,12 +17,9 @@ from probe_design.built_probe.virtual_probe import BuiltProperties, build_signal
 from probe_design.locating.prior import TumourPrior
 from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.tables import NoiseModel
-from solver.equivalent_inclusion.evaluator import EquivalentInclusion
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
+from solver.reading_tables.effect_samplers import LinearEffects, LoadedEffects, choose_sampler
 
-BASE_ACCURACY = 0.01  # relative, of the probe on tumour-free tissue
 MAX_TRIES = 10_000  # of drawing tumours that fit the tissue
 
 
@@ -47,13 +44,13 @@ def convert_inclusions(inclusions: tuple[Inclusion, ...]) -> Floats:
 
 @dataclass(frozen=True)
 class VirtualTissue:
-    """A tissue with hidden tumours below a virtual probe; readings by ``equivalent-inclusion`` with reflections.
+    """A tissue with hidden tumours below a virtual probe; readings by the evaluator of the scene's load, with reflections.
 
     Attributes
     ----------
     scene
         Probe and tissue without tumours.
-    base
+    sampler
         The probe on it.
     tumours
         Hidden ones, shape (m, 5).
@@ -64,7 +61,7 @@ class VirtualTissue:
     """
 
     scene: Scene
-    base: Undisturbed
+    sampler: LinearEffects | LoadedEffects
     tumours: Floats
     poisson_ratio: float
     bench: Bench
@@ -77,7 +74,7 @@ class VirtualTissue:
     ) -> VirtualTissue:
         """Solve the probe on the tissue without tumours."""
         free = scene.model_copy(update={"inclusion": ()})
-        return cls(free, EquivalentInclusion().prepare(free, BASE_ACCURACY), tumours, poisson_ratio, bench, noise, seed)
+        return cls(free, choose_sampler(free), tumours, poisson_ratio, bench, noise, seed)
 
     def build_press(self, number: int, place: tuple[float, float], *, blank: bool) -> Callable[[Floats], Floats]:
         """Return the signals of one press as a function of time.
@@ -96,7 +93,7 @@ class VirtualTissue:
         totals = (
             self._compute_totals(float(x), float(y))
             if len(self.tumours) and not blank
-            else stack_totals(self.scene, self.base.films)
+            else stack_totals(self.scene, self.sampler.films)
         )
         indentation = float(self.scene.load.find_indentation(totals[:2].sum()))
         # noise of pressing: the inner film against the outer one
@@ -111,4 +108,4 @@ class VirtualTissue:
         """Return forces on the films per indentation, and charges where they are read, at a place, shape (2 or 4,)."""
         tumour_x, tumour_y, depth, diameter, modulus = self.tumours.T[:, None]
         spheres = Tumours(tumour_x - x, tumour_y - y, depth, diameter, modulus, self.poisson_ratio)
-        return np.asarray(stack_totals(self.scene, compute_readings(self.base, spheres, reflect=True))[0])
+        return np.asarray(stack_totals(self.scene, self.sampler.read_sets(spheres))[0])

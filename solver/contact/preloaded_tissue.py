@@ -66,6 +66,11 @@ class PreloadedTissue:
         """The linear solution."""
         return self.pressed.base
 
+    def tabulate(self, tumours: Tumours) -> PreloadedTissue:
+        """Return the same with tabulated responses, see ``PressedTissue.tabulate``."""
+        low, high = (pressed.tabulate(tumours) for pressed in self.sides)
+        return replace(self, pressed=self.pressed.tabulate(tumours), sides=(low, high))
+
     def compute_readings(self, linear: Readings, tumours: Tumours, target: int = 0, *, shape_error: float = 0.0) -> Readings:
         """Return the tangent response, per indentation, from ``linear`` readings; see ``PressedTissue.compute_readings``."""
         low, middle, high = (

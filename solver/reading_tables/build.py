@@ -22,7 +22,7 @@ from geometry.common.limits import format_maximum_mm
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.inclusions.tumours import Tumours
-from solver.reading_tables.effect_samplers import EffectSampler, LinearEffects
+from solver.reading_tables.effect_samplers import EffectSampler, choose_sampler
 from solver.reading_tables.expansion import OffsetGrid, build_cube_points, evaluate_cube_basis
 from solver.reading_tables.reading_table import FINE_STEPS, ReadingTable
 from solver.reading_tables.tumour_ranges import TumourCube, TumourRanges, list_ranges
@@ -51,7 +51,7 @@ def read_or_build_table(scene: Scene, ranges: TumourRanges, sampler: EffectSampl
     ranges
         Of the tumours.
     sampler
-        Computes the effects; left out, ``LinearEffects`` of the scene.
+        Computes the effects; left out, the one of ``choose_sampler``.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def read_or_build_table(scene: Scene, ranges: TumourRanges, sampler: EffectSampl
         The evaluator cannot model the scene, the ranges do not fit the tissue, or the tissue is so narrow that effects do not
         decay within it.
     """
-    sampler = sampler or LinearEffects(scene)
+    sampler = sampler or choose_sampler(scene)
     cube = TumourCube.from_tissue(ranges, scene.tissue)
     text = f"{_compute_source_digest()} {version('probe-design')} {np.__version__} {sampler.key} {list_ranges(ranges)}"
     path = find_cache_folder("tables") / f"{hashlib.sha256(text.encode()).hexdigest()}.table"
@@ -140,7 +140,9 @@ def _list_degrees(counts: tuple[int, int, int]) -> Ints:
 def _check_decay(values: Floats, cube: TumourCube, end: float, sampler: EffectSampler) -> None:
     """Raise ``Refusal`` where the effect of a tumour at the table's end is not small, as tissue ends there."""
     sizes = np.abs(values)
-    share = float((sizes[0] / sizes.max(axis=0)).max())  # the first point is the farthest
+    largest = sizes.max(axis=0)
+    largest[:, :2] = largest[:, :2].max(axis=1, keepdims=True)  # of both films: the signal is their difference
+    share = float((sizes[0] / largest).max())  # the first point is the farthest
     if share > END_SHARE:
         allowed = (
             f"tissue wide enough that a tumour's effect decays within it: at {format_maximum_mm(end)} from the probe it is still "
@@ -167,18 +169,20 @@ def _reduce(scene: Scene, cube: TumourCube, grid: OffsetGrid, counts: tuple[int,
 
 
 def _measure_error(table: ReadingTable, sampler: EffectSampler) -> tuple[Floats, Floats]:
-    """Return the errors of a table against effects with reflections of tumours drawn evenly within its ranges."""
+    """Return the errors of a table, those of its model included, at tumours drawn evenly within its ranges."""
     random, cube = np.random.default_rng(HELD_OUT_SEED), table.cube
     depth, diameter, modulus = cube.map_from_cube(random.uniform(-1, 1, (HELD_OUT_TUMOURS, 3)))
     depth = np.maximum(depth, cube.compute_shallowest(diameter))
     offsets = np.minimum(np.array(HELD_OUT_OFFSETS_OUTER_RADII) * table.scene.probe.tube_radius, table.end)
     columns = np.broadcast_arrays(offsets, 0.0, depth[:, None], diameter[:, None], modulus[:, None], cube.ranges.poisson_ratio)
-    effects = sampler.compute_effects(Tumours(*(np.ravel(column) for column in columns)), reflect=True)
+    tumours = Tumours(*(np.ravel(column) for column in columns))
+    effects = sampler.compute_effects(tumours, reflect=True)
     truth = np.stack([np.log1p(effects[:, 0]) - np.log1p(effects[:, 1]), np.log1p(effects[:, 2])], axis=-1)
     truth = truth.reshape(HELD_OUT_TUMOURS, len(offsets), 2)
     candidates = np.stack([0 * depth, 0 * depth, depth, diameter, modulus], axis=-1)[:, None]
     deviations = np.abs(table.predict(candidates, np.stack([offsets, 0 * offsets], axis=-1)) - truth)
-    error = np.sqrt((deviations**2).mean(axis=(0, 1)) / (truth**2).mean(axis=(0, 1)))
+    squares = deviations**2 + sampler.compute_errors(tumours).reshape(truth.shape) ** 2
+    error = np.sqrt(squares.mean(axis=(0, 1)) / (truth**2).mean(axis=(0, 1)))
     return error, (deviations.max(axis=1) / np.abs(truth).max(axis=1)).max(axis=0)
 
 

@@ -57,7 +57,7 @@ def predict_readings(
     Returns
     -------
     PredictedReadings
-        In linear elasticity, by ``equivalent-inclusion`` with reflections.
+        By ``equivalent-inclusion`` with reflections; by ``contact`` where the scene's load changes the ratio by more than 1 %.
 
     Raises
     ------

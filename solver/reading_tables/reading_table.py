@@ -50,7 +50,7 @@ class ReadingTable:
         Degrees of the polynomials, shape (p, 3), and psi_rc per diameter^3, 1/m^3, as sums of these, shape (p, r, 3).
     error
         Root mean square error of the signals over held-out tumours, relative to that of the signals; of ln ratio and ln
-        stiffness, shape (2,). It is of one tumour; several add their exchange of fields.
+        stiffness, shape (2,). It is of one tumour; several add their exchange of fields. Under load that of ``contact`` counts.
     worst_error
         The largest error of a held-out signal relative to the largest signal of its tumour, shape (2,).
     """

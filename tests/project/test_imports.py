@@ -83,7 +83,16 @@ ALLOWED: dict[str, set[str]] = {
         "solver.results",
         *MESHES,
     },
-    "solver.reading_tables": {"geometry", "solver.equivalent_inclusion", "solver.inclusions", "solver.materials", *ANSWERS},
+    "solver.reading_tables": {
+        "geometry",
+        "solver.contact",
+        "solver.equivalent_inclusion",
+        "solver.inclusions",
+        "solver.linalg",
+        "solver.materials",
+        "solver.planning",
+        *ANSWERS,
+    },
     "solver.solid": {
         "solver.axisymmetric",
         "solver.linalg",

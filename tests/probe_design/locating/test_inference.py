@@ -64,7 +64,7 @@ def likelihood(data: ScanData, rate: float = 0.0, **population: object) -> Likel
 
 def result(data: ScanData, rate: float = 0.0, **population: object) -> Location:
     scene = design().scene
-    return infer(likelihood(data, rate, **population), TumourFree(scene, np.ones(2), np.zeros(2)), 0, advise=True, evaluator="")
+    return infer(likelihood(data, rate, **population), TumourFree(scene, np.ones(2), np.zeros(2)), 0, advise=True)
 
 
 @cache

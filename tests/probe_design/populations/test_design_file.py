@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import InputError
-from probe_design.populations.design_file import Design, design_from_dict, is_design, read_design
+from geometry.scenes.scene_file import scene_to_toml
+from probe_design.design_report.population_report import write_design_file
+from probe_design.populations.design_file import Design, design_from_dict, is_design, read_design, read_design_source
 from probe_design.populations.entries import Range
 from probe_design.populations.template import build_template
 from tests.support.paths import ROOT
@@ -76,6 +78,20 @@ def test_refusals_name_key_and_remedy(tables: dict[str, Any], key: str, allowed:
     assert fault.value.key == key
     assert allowed in str(fault.value)
     assert "\n" not in str(fault.value)
+
+
+def test_a_folder_of_optimize_is_its_question_about_its_recommended_probe(tmp_path: Path) -> None:
+    scans = ROOT / "examples" / "scans" / "one-clear.toml"
+    with pytest.raises(InputError, match="without question"):
+        read_design_source(tmp_path)
+    question = read_design(scans)
+    (tmp_path / "question.toml").write_text(write_design_file(question))
+    scene = question.scene.replace({"probe.gap": "0.3 mm"})
+    (tmp_path / "design.toml").write_text(scene_to_toml(scene))
+    design = read_design_source(tmp_path)
+    assert isinstance(design, Design)
+    assert design.scene.probe.gap == pytest.approx(0.3e-3)
+    assert design.population == question.population
 
 
 def test_fractions_may_be_percentages() -> None:

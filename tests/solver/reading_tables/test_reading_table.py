@@ -8,11 +8,13 @@ import pytest
 from geometry import InputError, Refusal
 from geometry.common.cached_arrays import CACHE_VARIABLE
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import Load
 from probe_design import predict_readings
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.reading_tables.build import read_or_build_table
+from solver.reading_tables.effect_samplers import LinearEffects, LoadedEffects, choose_sampler
 from solver.reading_tables.tumour_ranges import TumourRanges
 
 SCENE = Scene.from_tables(
@@ -150,3 +152,12 @@ def test_public_prediction_needs_no_ranges(folder):
     np.testing.assert_allclose(predicted.log_stiffness[0], truth[:, 1], atol=2e-3 * float(np.abs(truth[:, 1]).max()))
     with pytest.raises(InputError, match="finite"):
         predict_readings(SCENE, [[[0, 0, 10e-3, 8e-3, np.nan]]], POSITIONS)
+
+
+def test_effects_are_those_under_the_load_where_it_matters():
+    """The rule is that of `evaluate`; a light load gives the linear effects, a heavy one refuses an indentation in its place."""
+    assert isinstance(choose_sampler(SCENE), LinearEffects)
+    assert isinstance(choose_sampler(SCENE.replace({"load.force": "0.3 N"})), LoadedEffects)
+    heavy = choose_sampler(SCENE.model_copy(update={"load": Load(indentation=3e-3)}))
+    with pytest.raises(Refusal, match="force"):
+        assert heavy.films

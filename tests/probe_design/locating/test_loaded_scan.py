@@ -1,0 +1,84 @@
+"""Scans under the load of a hand: `locate` on readings by other codes, of stresses off the axis and of charges on it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from geometry import Scene
+from geometry.common.errors import InputError
+from geometry.scenes.scene_tables import Inclusion, Load
+from probe_design.estimation.measurements import Reading
+from probe_design.locating.run import run_locate
+from probe_design.locating.scan_data import TumourFree
+from probe_design.populations.design_file import Design, design_from_dict, read_design
+from solver import evaluate
+from solver.reading_tables.build import read_or_build_table
+from solver.reading_tables.effect_samplers import LoadedEffects, choose_sampler
+from solver.reading_tables.tumour_ranges import TumourRanges
+from tests.support.paths import EXAMPLES, REFERENCE
+
+ROWS = json.loads((REFERENCE / "contact" / "off_axis.json").read_text())["rows"]
+DEPTH = 0.3  # indentation of these rows, outer radii
+
+
+def list_changes() -> tuple[Scene, dict[float, float]]:
+    """Return scene and change of ln ratio by the distance of the tumour of 30 kPa, NGSolve in three dimensions."""
+    rows = [row for row in ROWS if row["indentation_over_outer_radius"] == DEPTH]
+    rows = [row for row in rows if row["scene"]["inclusion"][0]["youngs_modulus"] == "30 kPa"]
+    scene = Scene.from_tables(rows[0]["scene"])
+    distances = [Scene.from_tables(row["scene"]).inclusion[0].x for row in rows]
+    force = float(np.mean([row["force_mN"] for row in rows])) * 1e-3
+    changes = dict(zip(distances, (row["change_of_ln_ratio"]["value"] for row in rows), strict=True))
+    return scene.model_copy(update={"load": Load(force=force)}), changes
+
+
+def build_design(scene: Scene) -> Design:
+    population = {"depth": [6.5e-3, 12e-3], "diameter": [7e-3, 9e-3], "object": [25e3, 36e3], "least_cover": 2e-3}
+    places = {"x": [-8e-3, 8e-3], "y": [-8e-3, 8e-3], "tumours": 1}
+    return design_from_dict({"scene": scene, "population": population | places, "noise": {"white": 0.003, "charge": 0.0}})
+
+
+@pytest.mark.slow
+def test_a_scan_by_finite_strain_in_three_dimensions() -> None:
+    """A tumour of 8 mm at 8 mm is located where it lies; linear elasticity would take it for a larger or shallower one."""
+    scene, changes = list_changes()
+    free = TumourFree.from_scene(scene)
+    assert free.evaluator == "contact"
+    rng, readings = np.random.default_rng(3), [Reading(30e-3, 0.0, float(np.exp(free.logarithms[0])), 0.003, blank=True)]
+    for distance, change in changes.items():
+        for angle in np.arange(6) * np.pi / 3 if distance else [0.0]:
+            ratio = float(np.exp(free.logarithms[0] + change + 0.003 * rng.standard_normal()))
+            readings.append(Reading(1e-3 + distance * np.cos(angle), -2e-3 + distance * np.sin(angle), ratio, 0.003))
+    result = run_locate(build_design(scene), tuple(readings), 0.0, 0, advise=False)
+    assert result.evaluator == "contact"
+    assert result.explained
+    assert 0.02 < result.model_error < 0.08
+    (tumour,) = result.tumours
+    for name, truth in (("x", 1e-3), ("y", -2e-3), ("depth", 8e-3), ("diameter", 8e-3), ("youngs_modulus", 30e3)):
+        low, high = tumour.quantities[name].interval_90
+        assert low < truth < high, name
+    with pytest.raises(InputError, match="under which readings are predicted"):
+        run_locate(build_design(scene), (*readings, Reading(0.0, 0.0, 0.6, 0.003, force=0.05)), 0.0, 0, advise=False)
+
+
+@pytest.mark.slow
+def test_charges_under_load_are_those_of_a_meshed_tumour() -> None:
+    """On the axis ``contact`` meshes the tumour at finite strain, and computes the charges of films on tape."""
+    scene = read_design(EXAMPLES / "films.toml").scene.replace({"load.force": "0.12 N"})
+    body = Inclusion(depth=7e-3, diameter=7e-3, youngs_modulus=40e3, poisson_ratio=0.45)
+    scene = scene.model_copy(update={"inclusion": (body,)})
+    bare, loaded = (evaluate(part, "contact") for part in (scene.model_copy(update={"inclusion": ()}), scene))
+    sampler = choose_sampler(scene)
+    assert isinstance(sampler, LoadedEffects)
+    values = [(value, value) for value in (body.depth, body.diameter, body.youngs_modulus)]
+    table = read_or_build_table(scene, TumourRanges(*values, poisson_ratio=body.poisson_ratio), sampler)
+    tumour = np.array([[[0.0, 0.0, body.depth, body.diameter, body.youngs_modulus]]])
+    change, stiffening = table.predict(tumour, np.zeros((1, 2)))[0, 0]
+    assert scene.observable == "charge"
+    assert loaded.charge_ratio is not None
+    assert bare.charge_ratio is not None
+    truth = np.log([loaded.charge_ratio / bare.charge_ratio, (loaded.stiffness or 0.0) / (bare.stiffness or 1.0)])
+    assert np.all(np.abs([change, stiffening] - truth) < 2 * table.error * np.abs(truth))
