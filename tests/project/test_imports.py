@@ -240,7 +240,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.locating",
         "probe_design.populations",
         "probe_design.reporting",
-        "solver.equivalent_inclusion",
+        "solver.reading_tables",  # readings of the virtual tissue, by the evaluator that tables are built from
         "solver.inclusions",
         *ANSWERS,
     },
