@@ -84,13 +84,8 @@ ALLOWED: dict[str, set[str]] = {
         *MESHES,
     },
     "solver.reading_tables": {
-        "geometry",
-        "solver.contact",
-        "solver.equivalent_inclusion",
-        "solver.inclusions",
-        "solver.linalg",
-        "solver.materials",
-        "solver.planning",
+        *("geometry", "solver.contact", "solver.equivalent_inclusion", "solver.inclusions", "solver.linalg"),
+        *("solver.materials", "solver.planning"),
         *ANSWERS,
     },
     "solver.solid": {
