@@ -4,49 +4,36 @@ from __future__ import annotations
 
 import asyncio
 import html
-import io
 import json
 from collections.abc import AsyncIterator, Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from fastapi import FastAPI
 from nicegui import Client, context, events, ui
 
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_file import scene_to_toml
-from probe_design.data.noise import DEFAULT_NOISE
 from probe_design.explorer import quick
 from probe_design.explorer.bench import Bench
 from probe_design.explorer.bench_page import BenchPage
 from probe_design.explorer.bench_settings import BenchSettings
 from probe_design.explorer.charts_svg import draw_curves, draw_map
+from probe_design.explorer.computing import compute
+from probe_design.explorer.edges import find_edge_changes
 from probe_design.explorer.formats import FOLDER, format_number
+from probe_design.explorer.long_work import LongWork
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session
 from probe_design.explorer.variables import Variable, get_value
-from probe_design.explorer.worker import Worker
 from probe_design.maps.sphere_effects import Thresholds
-from solver.evaluators import AUTO, EVALUATOR_NAMES
 from solver.results.result import Result
 
+MAX_NAME_LENGTH = 20  # characters, of what can be dragged
 SLIDER_STEPS = 400  # of a slider from end to end
 # loads that the slider of the force marks
 LIMITS = (("linear_limit_load", "L", "linear elasticity holds up to"), ("gap_closure_load", "G", "the gap stays open up to"))
-
-
-# one thread for the formulas of all pages, as each thread has work arrays of its own
-COMPUTING_THREAD = ThreadPoolExecutor(1, "formulas")
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-async def _compute(function: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-    """Call a function in the thread of the formulas."""
-    return await asyncio.get_running_loop().run_in_executor(COMPUTING_THREAD, partial(function, *arguments, **options))
 
 
 def build_application(settings: BenchSettings, name: str) -> FastAPI:
@@ -77,7 +64,7 @@ def build_application(settings: BenchSettings, name: str) -> FastAPI:
     @ui.page("/", title="Explorer: " + name, response_timeout=20)
     def show_page() -> None:
         """Build the page of one tab."""
-        Page(settings.scene, name)
+        Page(settings, name)
 
     ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=10)
     return application
@@ -86,20 +73,19 @@ def build_application(settings: BenchSettings, name: str) -> FastAPI:
 class Page:
     """One tab."""
 
-    def __init__(self, start: Scene, name: str) -> None:
-        self.session, self.worker, self.name = Session(start), Worker(), name
-        self.noise = DEFAULT_NOISE
-        self.checked: Result | None = None
-        self.checked_scene: Scene | None = None
+    def __init__(self, settings: BenchSettings, name: str) -> None:
+        self.session, self.name = Session(settings.scene), name
+        self.work = LongWork(self.session, settings.design, self._show_outputs, self.request_update)
         self.kept: dict[str, tuple[dict[str, str], dict[str, quick.Reading]]] = {}
         self.result: Result | None = None
         self.readings: dict[str, quick.Reading] = {}
         self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
         self.client: Client = context.client
-        self.client.on_delete(self.worker.cancel)
+        self.client.on_delete(self.work.worker.cancel)
         ui.add_css((FOLDER / "explorer.css").read_text())
         ui.add_body_html(f"<script>{(FOLDER / 'explorer.js').read_text()}</script>")
         ui.on("explorer_move", self._move_tumour)
+        ui.on("explorer_edge", self._move_edge)
         ui.on("explorer_open", self._open_fragment)
         self._build()
         self.request_update()
@@ -114,14 +100,11 @@ class Page:
                 ("Undo", self._undo),
                 ("Redo", self._redo),
                 *((f"Keep {key}", partial(self._keep, key)) for key in KEPT_NAMES),
-                ("Scene TOML", self._download_toml),
-                ("SVG", self._download_svg),
-                ("PNG", self._download_png),
-                ("STEP", self._download_step),
                 ("Dark/light", lambda: dark.set_value(not dark.value)),
             )
             for text, act in actions:
                 ui.button(text, on_click=act).props("dense flat no-caps")
+            self.work.build_downloads()
         self.status = ui.html("computing", sanitize=False).props('role="status" aria-live="polite"').classes("status")
         with ui.element("div").classes("columns"):
             with ui.element("section").classes("numbers"):
@@ -129,19 +112,13 @@ class Page:
                 self.inputs: dict[str, ui.input] = {}
                 for variable in self.session.variables.values():
                     self._build_variable(variable)
-                ui.number("noise of a reading, %", value=100 * self.noise, min=0.001, max=1000, on_change=self._set_noise).props(
-                    "dense"
-                )
+                noise = ui.number("noise of a reading, %", value=100 * self.work.noise, min=0.001, max=1000)
+                noise.on_value_change(self._set_noise).props("dense")
             with ui.element("section").classes("picture"):
                 self.section = ui.html("", sanitize=False)
                 self.outputs = ui.html("", sanitize=False)
                 self.limits = ui.html("", sanitize=False).classes("progress")
-                with ui.row():
-                    names = [AUTO, *EVALUATOR_NAMES]
-                    self.evaluator = ui.select(names, value=AUTO, label="evaluator").props("dense").classes("evaluator")
-                    ui.button("Check", on_click=self._check).props("no-caps")
-                    ui.button("Cancel", on_click=self.worker.cancel).props("no-caps flat")
-                self.progress = ui.html("", sanitize=False).props('role="status"').classes("progress")
+                self.work.build()
             with ui.element("section").classes("charts"):
                 ui.html("<h2>Tumours detected</h2>", sanitize=False)
                 self.map = ui.html("", sanitize=False)
@@ -171,14 +148,27 @@ class Page:
         self._change({variable.key: str(self.inputs[variable.key].value)})
 
     def _move_tumour(self, event: events.GenericEventArguments) -> None:
-        """Move a tumour to where it was dragged: {index, x, depth}, mm."""
-        message = event.args
+        """Move a tumour to where it was dragged: {name, x, depth}, its index and mm."""
+        if (place := self._read_place(event.args)) is not None:
+            index, x, depth = place
+            self._change({f"inclusion[{index}].x": f"{x:.3g} mm", f"inclusion[{index}].depth": f"{depth:.3g} mm"})
+
+    def _move_edge(self, event: events.GenericEventArguments) -> None:
+        """Move an edge of the blocks to where it was dragged: {name, x, depth}, one of ``list_edges`` and mm."""
+        if (place := self._read_place(event.args)) is not None:
+            try:
+                self._change(find_edge_changes(self.session.scene, *place))
+            except ProbeError as refusal:
+                self._say(str(refusal))
+
+    def _read_place(self, message: Any) -> tuple[str, float, float] | None:
+        """Return what was dragged, x and depth, mm; None, which the page then says, for another message."""
         try:
-            index, x, depth = int(message["index"]), float(message["x"]), float(message["depth"])
+            name, x, depth = str(message["name"]), float(message["x"]), float(message["depth"])
         except (TypeError, KeyError, ValueError, OverflowError):
-            self._say("a message of the page was not understood and is left out")
-            return
-        self._change({f"inclusion[{index}].x": f"{x:.3g} mm", f"inclusion[{index}].depth": f"{depth:.3g} mm"})
+            self._say("A message of the page was not understood and is left out.")
+            return None
+        return name[:MAX_NAME_LENGTH], x, depth
 
     def _open_fragment(self, event: events.GenericEventArguments) -> None:
         """Show the design that the address holds."""
@@ -214,7 +204,7 @@ class Page:
     def _set_noise(self, event: events.ValueChangeEventArguments[Any]) -> None:
         """Change the noise on which the map depends."""
         if isinstance(event.value, int | float) and event.value > 0:
-            self.noise = event.value / 100
+            self.work.noise = event.value / 100
             self.request_update()
 
     # Updates
@@ -240,13 +230,12 @@ class Page:
     async def _compute_quantities(self, scene: Scene) -> bool:
         """Compute and show the outputs; False where the formulas refuse the design."""
         try:
-            result = await _compute(quick.evaluate_quickly, scene)
-            error = await _compute(quick.compute_sensitivity_error, scene)
+            result, readings = await compute(quick.evaluate_readings, scene)
         except ProbeError as refusal:
             self._say(str(refusal))
             self._show_numbers()
             return False
-        self.result, self.readings = result, quick.list_readings(result, error)
+        self.result, self.readings = result, readings
         with self.client:
             self._show_numbers()
             self._show_outputs()
@@ -260,7 +249,7 @@ class Page:
     async def _compute_charts(self, scene: Scene) -> None:
         """Compute and show curves and map."""
         variables = [item for item in self.session.variables.values() if not item.key.startswith("load.")]
-        curves = await _compute(quick.compute_curves, scene, variables)
+        curves = await compute(quick.compute_curves, scene, variables)
         names = ["ratio", "log_sensitivity", "stiffness"]
         if scene.probe.film is not None:
             names.append("charge_ratio")
@@ -268,7 +257,7 @@ class Page:
         if self._pending:
             return
         try:
-            detected = await _compute(quick.compute_map, scene, Thresholds(self.noise))
+            detected = await compute(quick.compute_map, scene, Thresholds(self.work.noise))
             picture = draw_map(detected, scene)
         except ProbeError as refusal:
             picture = f"<p>No map: {html.escape(str(refusal))}</p>"
@@ -317,59 +306,15 @@ class Page:
 
     def _show_outputs(self) -> None:
         """Show the outputs, beside them those that were checked and kept."""
-        checked = {} if self.checked is None else quick.list_readings(self.checked, None)
-        is_old = self.checked_scene is not self.session.scene
-        heads = ["", f"{quick.EVALUATOR}, 95 %"]
-        if self.checked is not None:
-            heads.append(f"{self.checked.evaluator}, {self.checked.error_kind}{' (of an earlier design)' if is_old else ''}")
-        heads += [f"kept {key}" for key in self.kept]
+        others = [*self.work.list_columns(), *((f"kept {key}", readings) for key, (_, readings) in self.kept.items())]
+        heads = ["", f"{quick.EVALUATOR}, 95 %", *(head for head, _ in others)]
         rows = []
         for name, reading in self.readings.items():
-            columns = [reading, *([checked.get(name)] if self.checked is not None else [])]
-            columns += [readings.get(name) for _, readings in self.kept.values()]
+            columns = [reading, *(readings.get(name) for _, readings in others)]
             cells = "".join(_write_cell(name, item, k == 0) for k, item in enumerate(columns))
             rows.append(f"<tr><th>{quick.LABELS[name]}</th>{cells}</tr>")
         head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
         self.outputs.content = f'<table class="outputs"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
-
-    # Long work and downloads
-
-    async def _check(self) -> None:
-        """Evaluate the present design in the worker, and show the result beside the quick one."""
-        scene, evaluator = self.session.scene, str(self.evaluator.value)
-        result = await self._work("evaluate", scene, evaluator)
-        if isinstance(result, Result):
-            self.checked, self.checked_scene = result, scene
-            self._show_outputs()
-            self.progress.content = f"checked by {result.evaluator} in {result.seconds:.2g} s"
-
-    async def _work(self, kind: str, scene: Scene, evaluator: str = "") -> Any:
-        """Return the result of the worker, or None where it is refused or cancelled, which the page then says."""
-        self.progress.content = "working"
-        async for state, content in self.worker.work(kind, scene, evaluator):
-            if state == "result":
-                return content
-            self.progress.content = html.escape(str(content))
-        return None
-
-    def _download_toml(self) -> None:
-        ui.download.content(scene_to_toml(self.session.scene), "scene.toml")
-
-    def _download_svg(self) -> None:
-        ui.download.content(draw_section(self.session.scene), "section.svg")
-
-    async def _download_png(self) -> None:
-        picture = io.BytesIO()
-        figure = await asyncio.to_thread(self.session.scene.plot)
-        await asyncio.to_thread(figure.savefig, picture, format="png")
-        ui.download.content(picture.getvalue(), "section.png")
-
-    async def _download_step(self) -> None:
-        """Build the STEP file in the worker."""
-        content = await self._work("step", self.session.scene)
-        if isinstance(content, bytes):
-            self.progress.content = "the STEP file is made"
-            ui.download.content(content, "assembly.step")
 
 
 def _write_cell(name: str, reading: quick.Reading | None, is_present: bool) -> str:

@@ -85,6 +85,12 @@ def evaluate_quickly(scene: Scene) -> Result:
         return evaluate(scene, EVALUATOR)
 
 
+def evaluate_readings(scene: Scene) -> tuple[Result, dict[str, Reading]]:
+    """Return the closed form's result, and its outputs with absolute errors. Raises ``InputError``."""
+    result = evaluate_quickly(scene)
+    return result, list_readings(result, compute_sensitivity_error(scene))
+
+
 def list_readings(result: Result, sensitivity_error: float | None) -> dict[str, Reading]:
     """Return the outputs of a result with absolute errors, by name; charges only where the scene has films."""
 

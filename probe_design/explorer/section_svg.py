@@ -9,6 +9,7 @@ from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import BlockTissue, CylinderTissue, Inclusion
 from geometry.scenes.units import MM_PER_M
+from probe_design.explorer.edges import draw_edges
 
 PROBE_RADII, TUMOUR_DEPTHS = 2.2, 1.4  # relative: shown to each side of the probe, and of the depth of the deepest tumour
 VIEW_STEP = 1.25  # relative: the view grows by this factor, so that it stands still while a tumour is dragged within it
@@ -16,6 +17,7 @@ BASE_HEIGHT_RADII = 0.12  # relative: of the base that is drawn
 STYLE = """
 .base{fill:#495057}.inner{fill:#2a6f97}.outer{fill:#61a5c2}.tissue{fill:#f6d5c3}.layer{fill:#eebfa5}.layer.odd{fill:#e5a98a}
 .tumour{fill:#9d0208;stroke:#fff}.tumour.aside{fill:none;stroke:#9d0208;stroke-dasharray:1 .6}
+.edge{stroke:#000;stroke-opacity:0;stroke-width:8px;vector-effect:non-scaling-stroke}
 text{font-family:system-ui,sans-serif;fill:#212529}.on-dark{fill:#fff}
 """
 
@@ -61,6 +63,7 @@ def draw_section(scene: Scene) -> str:
         parts.append(_draw_box(centre + start, centre + end, -MM_PER_M * height, 0.0, kind))
         if top > MM_PER_M * height:  # the base reaches down to the shorter block
             parts.append(_draw_box(centre + start, centre + end, -top, -MM_PER_M * height, "base"))
+    parts.append(draw_edges(scene))
     parts += [_draw_tumour(k, body) for k, body in enumerate(scene.inclusion)]
     bar = 10 ** math.floor(math.log10(reach))
     start, y = right - bar - size, depth + size / 3

@@ -9,12 +9,14 @@ from urllib.parse import parse_qsl, urlencode
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
-from probe_design.explorer.variables import Variable, list_variables
+from geometry.scenes.variables import list_values
+from probe_design.explorer.variables import Variable, get_value, list_variables
 
 KEPT_NAMES = ("A", "B", "C")
 MAX_HISTORY = 200  # steps of undo
 SAME_DRAG_S = 1.0  # s: changes of the same number within this time are one step of undo
 MAX_ADDRESS_LENGTH = 4000  # characters
+SAME_NUMBER_RELATIVE = 1e-5  # of numbers that are written with six digits
 
 
 @dataclass
@@ -63,6 +65,28 @@ class Session:
         if names != self._last[0] or now - self._last[1] > SAME_DRAG_S:
             self._past = [*self._past, self.changes][-MAX_HISTORY:]
         self._last, self._future, self.changes = (names, now), [], changes
+
+    def adopt(self, scene: Scene) -> list[str]:
+        """Make the numbers of a scene the present ones; return the keys of the probe's numbers that the page cannot take over.
+
+        Raises
+        ------
+        InputError
+            The design is not allowed; the present one then stays.
+        """
+        values = {key: value for key in self.variables if (value := get_value(scene, key)) is not None}
+        probe = scene.probe  # another scene may state the same sizes by other keys
+        values |= {key: value for key, value in {
+            "probe.area_ratio": probe.inner_area / probe.outer_area, "probe.outer_radius": probe.tube_radius,
+            "probe.inner_height": probe.core_height, "probe.outer_height": probe.tube_height,
+        }.items() if key in self.variables and key not in values}  # fmt: skip
+        self._last = ((), 0.0)  # a step of its own
+        self.change({key: self.variables[key].format_value(value) for key, value in values.items()})
+        present, wanted = list_values(self.scene), list_values(scene)
+        return [
+            key for key in present.keys() & wanted.keys()
+            if key.startswith("probe.") and abs(present[key] - wanted[key]) > SAME_NUMBER_RELATIVE * abs(wanted[key])
+        ]  # fmt: skip
 
     def _apply(self, changes: dict[str, str]) -> Scene:
         """Return the start with changes. Raises ``InputError``."""

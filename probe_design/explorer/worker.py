@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from geometry.processes.child import END, Child, Died, Failure
-from geometry.scenes.scene import Scene
 
 WORKER_PROGRAM = Path(__file__).with_name("worker_program.py")
 
@@ -31,7 +30,7 @@ class Worker:
             self._is_cancelled = True
             self._child.kill()
 
-    async def work(self, kind: str, scene: Scene, evaluator: str = "") -> AsyncIterator[tuple[str, Any]]:
+    async def work(self, kind: str, subject: object, option: object) -> AsyncIterator[tuple[str, Any]]:
         """Yield the messages of ``worker_program.run``; a process that ends early, or is cancelled, counts as a refusal."""
         if self.is_busy:
             yield "refused", "another piece of work is going on: wait, or cancel it"
@@ -39,7 +38,7 @@ class Worker:
         self._is_cancelled = False
         try:
             self._child = child = Child(WORKER_PROGRAM, is_worker=True)
-            child.send((kind, scene, evaluator))
+            child.send((kind, subject, option))
             while (message := await asyncio.to_thread(child.receive)) is not END:
                 yield message
         except Died as fault:

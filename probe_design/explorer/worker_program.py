@@ -1,52 +1,78 @@
-"""Evaluate a design, or make its STEP file, in a process of its own: the program of ``worker``."""
+"""Evaluate or optimise a design, or make its files, in a process of its own: the program of ``worker``."""
 
 from __future__ import annotations
 
+import io
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from queue import SimpleQueue
-from threading import Thread
 from typing import Any
 
-from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
+from probe_design.explorer.messages import Message, Put, stream_messages
+from probe_design.populations.design_file import Design
 
 
-def run(request: tuple[str, Scene, str]) -> Iterator[tuple[str, Any]]:
-    """Yield ("progress", text) while it works, then ("result", Result or bytes) or ("refused", reason).
+def run(request: tuple[str, Any, Any]) -> Iterator[Message]:
+    """Yield ("progress", text) while it works, then ("result", content) or ("refused", reason).
 
-    ``request`` is "evaluate" with a scene and an evaluator, or "step" with a scene.
+    ``request`` is "evaluate" with a scene and an evaluator, "optimize" with a scene or design and the noise of a reading,
+    "step" or "workshop" with a scene and None.
     """
-    queue: SimpleQueue[tuple[str, Any]] = SimpleQueue()
-    kind, scene, evaluator = request
+    kind, subject, option = request
 
-    def work() -> None:
-        """Put the messages into the queue."""
-        try:
-            if kind == "step":
-                queue.put(("result", _build_step(scene)))
-            else:
-                from solver import evaluate
+    def work(put: Put) -> object:
+        """Do what was asked for."""
+        if kind == "evaluate":
+            from solver import evaluate
 
-                queue.put(("result", evaluate(scene, evaluator, progress=lambda text: queue.put(("progress", text)))))
-        except ProbeError as refusal:
-            queue.put(("refused", str(refusal)))
-        except Exception as fault:
-            queue.put(("refused", f"{type(fault).__name__}: {fault}"))
+            return evaluate(subject, option, progress=lambda text: put("progress", text))
+        if kind == "optimize":
+            return _optimize(subject, option, put)
+        with tempfile.TemporaryDirectory() as folder:
+            return (_build_step if kind == "step" else _build_workshop)(subject, Path(folder), put)
 
-    Thread(target=work, daemon=True).start()
-    while True:
-        message = queue.get()
-        yield message
-        if message[0] != "progress":
-            return
+    return stream_messages(work)
 
 
-def _build_step(scene: Scene) -> bytes:
+def _optimize(subject: Scene | Design, noise: float, put: Put) -> dict[str, Any]:
+    """Return the best design from here on, with the verdict of its verification."""
+    from probe_design.design_search.optimum import Optimum
+    from probe_design.design_search.population_study import optimize_for_population
+    from probe_design.design_search.tumour_study import optimize_for_tumour
+
+    def report(stage: str, done: int, total: int) -> None:
+        """Put the progress of a stage."""
+        put("progress", f"{stage}: {done} of {total}")
+
+    optimum: Optimum[Any] = (
+        optimize_for_tumour(subject, report, noise=noise)
+        if isinstance(subject, Scene)
+        else optimize_for_population(subject, report)
+    )
+    return {
+        "improved": optimum.winner is not None, "scene": optimum.scene, "verdict": optimum.verdict, "warnings": optimum.warnings,
+        "seconds": optimum.seconds["all"],
+    }  # fmt: skip
+
+
+def _build_step(scene: Scene, folder: Path, put: Put) -> bytes:
     """Return the assembly's STEP file."""
     from geometry.cad.export import export_parts
 
-    with tempfile.TemporaryDirectory() as folder:
-        export_parts(scene.probe, Path(folder), edge_radius=scene.contact.edge_radius)
-        return Path(folder, "assembly.step").read_bytes()
+    put("progress", "solids")
+    export_parts(scene.probe, folder, edge_radius=scene.contact.edge_radius)
+    return (folder / "assembly.step").read_bytes()
+
+
+def _build_workshop(scene: Scene, folder: Path, put: Put) -> bytes:
+    """Return the files of `export` in one ZIP file."""
+    from probe_design.workshop.package import export
+
+    summary = export(scene, folder, progress=lambda text: put("progress", text))
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(summary.files):
+            archive.write(file, file.relative_to(folder))
+    return content.getvalue()

@@ -205,20 +205,20 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.explorer": {
         "probe_design.built_probe",  # readings of the bench page, of a virtual probe, too
         "probe_design.data",
+        "probe_design.design_search",  # in the worker, as the workshop's files
         "probe_design.estimation.measurements",
         "probe_design.locating",
         "probe_design.maps",
         "probe_design.measuring",
         "probe_design.populations",
         "probe_design.surveys",
-        "geometry.cad",  # the STEP file, in the worker
+        "probe_design.workshop",
+        "geometry.cad",
         "geometry.processes",
         "solver.closed_form",
         "solver.evaluators",
         "solver.linalg.workspace",  # of each design its own, so that memory stays
-        "hw.files.columns",
-        *SIGNALS,
-        "hw.simulation",
+        *{"hw.files.columns", "hw.simulation", *SIGNALS},
         *ANSWERS,
     },
     "probe_design.surveys": {

@@ -107,7 +107,7 @@ def test_visit(address: str, browser: sync_api.Browser, tmp_path: Path) -> None:
     wait_for_ratio(page, start.ratio)
     wait_for_ratio(other, start.ratio)
     assert "gap" not in other.url
-    for junk in ("null", "7", "'x'", "{index: 9, x: 1, depth: 1}", "{index: 0, x: 'NaN', depth: 1}", "{index: 0, depth: []}"):
+    for junk in ("null", "7", "'x'", "{name: 9, x: 1, depth: 1}", "{name: 0, x: 'NaN', depth: 1}", "{name: 0, depth: []}"):
         page.evaluate(f"emitEvent('explorer_move', {junk})")
     page.locator("[data-tumour]").press("ArrowDown")
     deeper = evaluate(read_scene(EXAMPLE).replace({"inclusion.depth": "9.5 mm"}), evaluator="closed-form")
