@@ -13,7 +13,6 @@ import numpy as np
 
 from geometry.common.errors import InputError, ProbeError
 from geometry.common.json_types import JsonObject
-from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from hw.reader import Reader
 from hw.signal.measurement import Measurement
@@ -132,6 +131,8 @@ class Measuring:
         if request.keep and name in [press.file for press in self.record.presses]:
             raise InputError("recording", name, "one that is not a reading already: its noise would count twice")
         calibrated_at = None if calibration is None else calibration.frequency
+        if request.keep and not request.source.startswith("replay:"):  # a place beside the tissue is refused before the press
+            self._build_reading(1.0, MIN_NOISE, request.place, is_blank=False)
         path = self.record.name_recording() if request.keep and not request.source.startswith("replay:") else None
         waveform, last_frame = Waveform(bench.load.frequency), 0.0
 
@@ -233,20 +234,21 @@ class Measuring:
 
     def _add(self, entry: JsonObject, source: dict[str, object], request: PressRequest, name: str) -> None:
         """Take a reading into account, and store it."""
-        scene: Scene = self.settings.scene
-        measured = parse_field_reading(entry, name, scene)
+        measured = parse_field_reading(entry, name, self.settings.scene)
         place = measured.placement or request.place
         blank = source.get("blank", request.blank)
         noise = max(math.hypot(self.noise.white, self.noise.tilt, measured.noise), MIN_NOISE)
-        row: dict[str, object] = {
-            "ratio": measured.ratio, "noise": noise, "blank": str(blank is True).lower(),
-            "x": f"{place[0]!r} m", "y": f"{place[1]!r} m",
-        }  # fmt: skip
-        reading = build_scan_reading("reading: ", row, scene, None, None)
+        reading = self._build_reading(measured.ratio, noise, place, is_blank=blank is True)
         self._locate(reading)
         probability = () if self.locator is None else self.locator.probability
         extra = {} if self._tissue is None else {"hidden": self._tissue.tumours.tolist()}
         self.record = self.record.add(Press(reading, name, probability), self.record.extra | extra)
+
+    def _build_reading(self, ratio: float, noise: float, place: tuple[float, float], *, is_blank: bool) -> Reading:
+        """Return a reading at a place, m. Raises ``InputError`` where the probe does not stand on the tissue."""
+        row: dict[str, object] = {"ratio": ratio, "noise": noise, "blank": str(is_blank).lower()}
+        row |= {key: f"{length!r} m" for key, length in zip(("x", "y"), place, strict=True)}
+        return build_scan_reading("reading: ", row, self.settings.scene, None, None)
 
     def _locate(self, reading: Reading) -> None:
         """Update the map."""

@@ -44,7 +44,7 @@ class LongWork:
 
     def __init__(self, session: Session, design: Design | None, show: Callable[[], None], accept: Callable[[], None]) -> None:
         self.session, self.design, self.worker = session, design, Worker()
-        self._show, self._tell_accepted = show, accept
+        self._show, self._request_update = show, accept
         self.noise = DEFAULT_NOISE
         self._checked: tuple[Scene, Result] | None = None
         self._optimum: tuple[Scene, dict[str, quick.Reading]] | None = None
@@ -56,7 +56,7 @@ class LongWork:
             self.evaluator = ui.select(names, value=AUTO, label="evaluator").props("dense").classes("evaluator")
             ui.button("Check", on_click=self._check).props("no-caps")
             ui.button("Optimise from here", on_click=self._optimize).props("no-caps")
-            self.accept_button = ui.button("Accept", on_click=self._accept).props("no-caps outline")
+            self.accept_button = ui.button("Accept", on_click=self._use_optimum).props("no-caps outline")
             self.accept_button.visible = False
             ui.button("Cancel", on_click=self.worker.cancel).props("no-caps flat")
         self.progress = ui.html("", sanitize=False).props('role="status"').classes("progress")
@@ -81,9 +81,14 @@ class LongWork:
             columns.append((f"optimised, {quick.EVALUATOR}", self._optimum[1]))
         return columns
 
+    def _get_scene(self) -> Scene:
+        """Return the present design, with changes that wait for their drawing."""
+        self.session.settle()
+        return self.session.scene
+
     async def _check(self) -> None:
         """Evaluate the present design, and show the result beside the quick one."""
-        scene = self.session.scene
+        scene = self._get_scene()
         result = await self._work("evaluate", scene, str(self.evaluator.value))
         if isinstance(result, Result):
             self._checked = scene, result
@@ -92,7 +97,7 @@ class LongWork:
 
     async def _optimize(self) -> None:
         """Search for a better design from the present one, and show its outputs beside the quick ones."""
-        scene = self.session.scene
+        scene = self._get_scene()
         subject = scene if self.design is None else self.design.model_copy(update={"scene": scene})
         optimum = await self._work("optimize", subject, self.noise)
         if optimum is None:
@@ -105,7 +110,7 @@ class LongWork:
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in optimum["warnings"])
         self.progress.content = f"{html.escape(optimum['verdict'])} ({optimum['seconds']:.0f} s)<ul>{notes}</ul>"
 
-    def _accept(self) -> None:
+    def _use_optimum(self) -> None:
         """Make the optimised design the present one."""
         if self._optimum is None:
             return
@@ -115,7 +120,7 @@ class LongWork:
             self.progress.content = html.escape(f"not accepted: {refusal}")
             return
         self._optimum, self.accept_button.visible = None, False
-        self._tell_accepted()
+        self._request_update()
         notes = f", but for {', '.join(left_out)}, which the page does not vary" if left_out else ""
         self.progress.content = html.escape(f"the optimised design is accepted{notes}; Undo returns to the one before")
 
@@ -129,20 +134,20 @@ class LongWork:
         return None
 
     def _download_toml(self) -> None:
-        ui.download.content(scene_to_toml(self.session.scene), "scene.toml")
+        ui.download.content(scene_to_toml(self._get_scene()), "scene.toml")
 
     def _download_svg(self) -> None:
-        ui.download.content(draw_section(self.session.scene), "section.svg")
+        ui.download.content(draw_section(self._get_scene()), "section.svg")
 
     async def _download_png(self) -> None:
         picture = io.BytesIO()
-        figure = await asyncio.to_thread(self.session.scene.plot)
+        figure = await asyncio.to_thread(self._get_scene().plot)
         await asyncio.to_thread(figure.savefig, picture, format="png")
         ui.download.content(picture.getvalue(), "section.png")
 
     async def _download_files(self, kind: str, name: str) -> None:
         """Build files of the present design in the worker."""
-        content = await self._work(kind, self.session.scene)
+        content = await self._work(kind, self._get_scene())
         if isinstance(content, bytes):
             self.progress.content = f"{name} is made"
             ui.download.content(content, name)

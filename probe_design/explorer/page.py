@@ -78,6 +78,7 @@ class Page:
         self.work = LongWork(self.session, settings.design, self._show_outputs, self.request_update)
         self.kept: dict[str, tuple[dict[str, str], dict[str, quick.Reading]]] = {}
         self.result: Result | None = None
+        self._drawn: Scene | None = None
         self.readings: dict[str, quick.Reading] = {}
         self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
         self.client: Client = context.client
@@ -180,14 +181,11 @@ class Page:
 
     def _change(self, entries: dict[str, str]) -> None:
         """Change numbers; a refusal is shown, and the last valid picture stays."""
-        try:
-            self.session.change(entries)
-        except ProbeError as refusal:
-            self._say(str(refusal))
-            return
+        self.session.propose(entries)
         self.request_update()
 
     def _undo(self) -> None:
+        self.session.settle()
         if self.session.undo():
             self.request_update()
 
@@ -221,18 +219,23 @@ class Page:
         try:
             while self._pending:
                 self._pending = False
+                refusal = self.session.settle()
                 scene = self.session.scene
-                if await self._compute_quantities(scene) and not self._pending:
+                if refusal and scene is self._drawn:
+                    self._say(refusal)
+                    self._show_numbers()
+                elif await self._compute_quantities(scene, refusal) and not self._pending:
                     await self._compute_charts(scene)
+                    self._drawn = scene
         finally:
             self._is_updating = False
 
-    async def _compute_quantities(self, scene: Scene) -> bool:
+    async def _compute_quantities(self, scene: Scene, refusal: str) -> bool:
         """Compute and show the outputs; False where the formulas refuse the design."""
         try:
             result, readings = await compute(quick.evaluate_readings, scene)
-        except ProbeError as refusal:
-            self._say(str(refusal))
+        except ProbeError as fault:
+            self._say(str(fault))
             self._show_numbers()
             return False
         self.result, self.readings = result, readings
@@ -243,7 +246,7 @@ class Page:
             self.section.content = draw_section(scene)
             fragment = json.dumps(f"/#{self.session.fragment}" if self.session.fragment else "/")
             ui.run_javascript(f"history.replaceState(null, '', {fragment})")
-        self._say("", list(result.warnings))
+        self._say(refusal, list(result.warnings))
         return True
 
     async def _compute_charts(self, scene: Scene) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import signal
 import socket
@@ -30,7 +31,18 @@ HEADERS = (
     (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
 )
+MAX_LINE_LENGTH = 200  # characters of a fault on standard error
 SHUTDOWN_S = 1  # s that open pages have to end
+
+
+class OneLine(logging.Formatter):
+    """Write a fault in one line, as the pages' messages may be malformed by anything: no traceback is of use to the user."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line of a record."""
+        fault = record.exc_info[1] if record.exc_info else None
+        what = record.getMessage() if fault is None else f"a message of a page is left out ({type(fault).__name__}: {fault})"
+        return f"probe-design: {' '.join(what.split())[:MAX_LINE_LENGTH]}"
 
 
 class Guard:
@@ -155,6 +167,9 @@ def serve(application: FastAPI, port: int, open_browser: bool) -> None:
             timeout_graceful_shutdown=SHUTDOWN_S,
             ws="websockets-sansio",
         )
+        handler = logging.StreamHandler()
+        handler.setFormatter(OneLine())
+        logging.getLogger().addHandler(handler)
         print(address, flush=True)
         if open_browser:
             webbrowser.open(address)

@@ -42,10 +42,25 @@ class Session:
     _past: list[dict[str, str]] = field(default_factory=list)
     _future: list[dict[str, str]] = field(default_factory=list)
     _last: tuple[tuple[str, ...], float] = ((), 0.0)
+    _waiting: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.variables = {variable.key: variable for variable in list_variables(self.start)}
         self.scene = self.start
+
+    def propose(self, entries: dict[str, str]) -> None:
+        """Remember changes for ``settle``, which carries out the last ones of a flood together."""
+        self._waiting |= entries
+
+    def settle(self) -> str:
+        """Carry out the changes that were proposed; return why they are refused, or an empty text."""
+        entries, self._waiting = self._waiting, {}
+        try:
+            if entries:
+                self.change(entries)
+        except InputError as refusal:
+            return str(refusal)
+        return ""
 
     def change(self, entries: dict[str, str]) -> None:
         """Change numbers of the design, given as typed.

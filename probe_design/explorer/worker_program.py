@@ -12,6 +12,7 @@ from typing import Any
 from geometry.scenes.scene import Scene
 from probe_design.explorer.messages import Message, Put, stream_messages
 from probe_design.populations.design_file import Design
+from solver import evaluate
 
 
 def run(request: tuple[str, Any, Any]) -> Iterator[Message]:
@@ -25,8 +26,6 @@ def run(request: tuple[str, Any, Any]) -> Iterator[Message]:
     def work(put: Put) -> object:
         """Do what was asked for."""
         if kind == "evaluate":
-            from solver import evaluate
-
             return evaluate(subject, option, progress=lambda text: put("progress", text))
         if kind == "optimize":
             return _optimize(subject, option, put)

@@ -20,6 +20,8 @@ from tests.support.paths import ROOT
 
 PATIENCE_MS = 60_000  # for a busy machine
 
+LEFT_OUT = "probe-design: a message of a page is left out"  # of malformed messages
+
 
 @contextmanager
 def serve_pages(*words: str) -> Iterator[tuple[str, int]]:
@@ -32,7 +34,8 @@ def serve_pages(*words: str) -> Iterator[tuple[str, int]]:
         finally:
             server.send_signal(signal.SIGINT)
             _, errors = server.communicate(timeout=60)
-    assert (server.returncode, errors) == (0, "")
+    assert server.returncode == 0
+    assert [line for line in errors.splitlines() if not line.startswith(LEFT_OUT)] == []
 
 
 @contextmanager

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import http.client
+import random
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from urllib.parse import urlsplit
+from zipfile import ZipFile
 
 import pytest
 
 from geometry.scenes.scene_file import read_scene
-from probe_design import evaluate
+from probe_design import evaluate, optimize
 from probe_design.explorer.session import Session
 from probe_design.explorer.variables import get_value
 from tests.support.explorer import PATIENCE_MS, open_browser, serve_pages
@@ -110,8 +113,12 @@ def test_visit(address: str, browser: sync_api.Browser, tmp_path: Path) -> None:
     for junk in ("null", "7", "'x'", "{name: 9, x: 1, depth: 1}", "{name: 0, x: 'NaN', depth: 1}", "{name: 0, depth: []}"):
         page.evaluate(f"emitEvent('explorer_move', {junk})")
     page.locator("[data-tumour]").press("ArrowDown")
-    deeper = evaluate(read_scene(EXAMPLE).replace({"inclusion.depth": "9.5 mm"}), evaluator="closed-form")
-    wait_for_ratio(page, deeper.ratio)
+    deeper = read_scene(EXAMPLE).replace({"inclusion.depth": "9.5 mm"})
+    wait_for_ratio(page, evaluate(deeper, evaluator="closed-form").ratio)
+    page.locator("[data-edge=hole]").press("ArrowRight")
+    inner, hole, outer = deeper.probe.inner_radius, deeper.probe.hole_radius + 0.05e-3, deeper.probe.tube_radius
+    sizes = {"probe.gap": "0.15 mm", "probe.area_ratio": float(f"{inner**2 / (outer**2 - hole**2):.6g}")}
+    wait_for_ratio(page, evaluate(deeper.replace(sizes), evaluator="closed-form").ratio)
     assert hosts == {"127.0.0.1"}
 
 
@@ -138,3 +145,65 @@ def test_check_in_a_worker(address: str, browser: sync_api.Browser) -> None:
     result = evaluate(read_scene(EXAMPLE))
     checked = page.locator("table.outputs tbody tr").first.locator("td").nth(1)
     assert float(checked.get_attribute("data-value") or "nan") == pytest.approx(result.ratio, rel=1e-9)  # rounding of a worker
+
+
+@pytest.mark.slow
+def test_an_optimised_design_is_accepted(address: str, browser: sync_api.Browser, tmp_path: Path) -> None:
+    page = open_page(browser, address)
+    page.get_by_role("button", name="Optimise from here").click()
+    page.get_by_role("button", name="Accept").click()
+    page.get_by_text("the optimised design is accepted").wait_for()
+    optimum = optimize(read_scene(EXAMPLE))
+    wanted = evaluate(optimum.scene, evaluator="closed-form")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Scene TOML").click()
+    download.value.save_as(tmp_path / "scene.toml")
+    accepted = evaluate(tmp_path / "scene.toml", evaluator="closed-form")
+    assert accepted.ratio == pytest.approx(wanted.ratio, rel=1e-4)  # six digits of each number
+    wait_for_ratio(page, accepted.ratio)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Workshop").click()
+    with ZipFile(download.value.path()) as archive:
+        assert archive.testzip() is None
+        assert {"assembly.step", "inner.dxf", "bill-of-materials.csv", "scene.toml"} <= set(archive.namelist())
+
+
+@pytest.mark.slow
+def test_random_events(address: str, browser: sync_api.Browser) -> None:
+    """After half a minute of events at random, floods and malformed messages the page shows what it is asked for."""
+    page, chance, end = open_page(browser, address), random.Random(41), time.monotonic() + 30
+    start = Session(read_scene(EXAMPLE))
+    labels = [f"{variable.label}, value" for variable in start.variables.values()]
+    sliders = page.locator(".q-slider [tabindex]")
+    buttons = ("Undo", "Redo", "Keep A", "Keep B", "Dark/light", "Check", "Cancel")
+    junk = ("{}", "null", "7", "{id: 'x', client_id: 'y', listener_id: 'z', args: []}")
+
+    def type_text() -> None:
+        entry = page.get_by_label(chance.choice(labels), exact=True)
+        entry.fill(chance.choice(("", "abc", "1e999 mm", "-5", "0,3", "7 kPa", "9" * 400, "<b>", "nan mm")))
+        entry.press("Enter")
+
+    def drag() -> None:
+        x, y = chance.uniform(330, 800), chance.uniform(100, 400)
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + chance.uniform(-40, 40), y + chance.uniform(-40, 40), steps=4)
+        page.mouse.up()
+
+    events = (
+        type_text,
+        drag,
+        lambda: sliders.nth(chance.randrange(len(labels))).press(chance.choice(("ArrowLeft", "ArrowRight", "Home", "End"))),
+        lambda: page.get_by_role("button", name=chance.choice(buttons)).click(),
+        lambda: page.evaluate(f"window.socket.emit('event', {chance.choice(junk)})"),
+        lambda: page.evaluate(
+            "for (let k = 0; k < 1000; k++) emitEvent('explorer_move', { name: '0', x: (k % 99) / 50, depth: 8 + (k % 50) / 25 })"
+        ),
+    )
+    while time.monotonic() < end:
+        chance.choice(events)()
+    for variable, label in zip(start.variables.values(), labels, strict=True):
+        entry = page.get_by_label(label, exact=True)
+        entry.fill(variable.format_value(get_value(start.scene, variable.key) or 0.0))
+        entry.press("Enter")
+    wait_for_ratio(page, evaluate(start.scene, evaluator="closed-form").ratio)
