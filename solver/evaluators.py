@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import cast
 
+from geometry.common import quick_scipy  # noqa: F401 - before any module that imports SciPy
 from geometry.common.errors import InputError, describe_choices
 from solver.linalg.workspace import Workspace, get_workspace, use_workspace
 from solver.results.evaluator import Evaluator, ProgressCallback
