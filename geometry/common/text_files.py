@@ -13,7 +13,15 @@ from geometry.common.json_types import JsonObject
 LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
 # tomllib's time and the depth of what it returns grow with the parts of a dotted key; keys of ours have three
 _LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
-_JSON_USE = "probe-design rerun to repeat the run that wrote a JSON file"
+_OTHER_KINDS = (  # pattern at the beginning of a text, what it is, and the command that takes it
+    (r"\s*\{", "JSON", "probe-design rerun to repeat the run that wrote a JSON file"),
+    (r"ISO-10303-21", "a STEP file", "it as `surface` of an [[inclusion]] in a scene file"),
+    (r"solid \S*\s+facet", "an STL file", "it as `surface` of an [[inclusion]] in a scene file"),
+    (r"\s*<(?:!doctype|html|svg)", "a page", "a browser to look at it"),
+    (r"(?:#.*\n)*[^\n]*\b(?:stretch|strain)\b[^\n=]*[,;\t]", "a curve of a material, CSV", "probe-design material fit"),
+    (r"[^\n=]*\bratio\b[^\n=]*\n", "readings of a scan, CSV", "--readings of probe-design locate or estimate"),
+    (r"(?:[^\n=,;\t]*[,;\t])+[^\n=]*\n(?:[^\n=,;\t]*[,;\t])+", "CSV", "--replay of probe-design read for samples of a device"),
+)
 
 
 def read_text(path: Path | str, key: str, kind: str = "a TOML file", max_bytes: int = LARGEST_FILE) -> str:
@@ -85,8 +93,9 @@ def parse_tables(text: str, name: str, allowed: str) -> JsonObject:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
-        if text.lstrip().startswith("{"):
-            raise InputError(name, Words("JSON, not TOML"), f"{allowed}; use {_JSON_USE}") from None
+        for pattern, kind, use in _OTHER_KINDS:
+            if re.match(pattern, text, re.IGNORECASE):
+                raise InputError(name, Words(f"{kind}, not TOML"), f"{allowed}; use {use}") from None
         raise InputError(name, Words(f"not TOML: {str(fault)[:200]}"), allowed) from None
     except (ValueError, RecursionError):  # as Python's limits on the digits of integers and on the depth of calls
         raise InputError(name, Words("TOML with a huge integer or deep nesting"), allowed) from None

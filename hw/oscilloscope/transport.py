@@ -1,4 +1,4 @@
-"""Read oscilloscopes by SCPI over VISA (``pip install 'probe-design[scope]'``): inner on channel 1, outer on 2, unless mapped.
+"""Read oscilloscopes by SCPI over VISA (``pip install '.[scope]'``): inner on channel 1, outer on 2, unless mapped.
 
 Each chunk is one acquisition. The time between two acquisitions is unknown, so that a gap of unknown length separates them.
 """
@@ -110,7 +110,7 @@ class ScopeTransport:
             libusb_package.get_libusb1_backend()  # pyusb, and so pyvisa-py, uses this libusb from now on
             manager = visa.ResourceManager("@py")
         except (ImportError, ValueError) as missing:
-            raise InvalidSource("oscilloscopes need pyvisa: pip install 'probe-design[scope]'") from missing
+            raise InvalidSource("oscilloscopes need pyvisa: pip install '.[scope]'") from missing
         with translate_faults(name, missing="not found, or not to be opened by this user: check plug, name and udev rule"):
             resource = manager.open_resource(name, timeout=1000 * _ACQUISITION_TIMEOUT_S)
             if name.upper().endswith("SOCKET"):

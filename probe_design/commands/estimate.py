@@ -56,6 +56,7 @@ class EstimateRequest(LimitedRequest):
     -8 mm, 0 mm, 0.55,  0.05,  79 N/m,    0.02,            false
     0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02,            false
     30 mm, 0 mm, 0.51,  0.05,  78 N/m,    0.02,            true
+
     x and y are the probe's axis in the scene's frame. blank is true for a reading over tumour-free tissue: the uncertainty of the
     tissue affects that reading too, and so weighs less. Every column but ratio may be left out. ratio_phase and ratio_phase_sd,
     angles such as 1.8 deg, are the ratio's phase as read reports it; they are used where the scene has loss factors.

@@ -17,7 +17,7 @@ class ExploreRequest(Request):
     The pages are served on this computer alone. The first line of output is the address, with a token that the browser exchanges
     for a cookie. Ctrl-C ends the command. The numbers are those of `evaluate --evaluator closed-form`, with their errors; Check
     evaluates the design by another evaluator. Without a file, the built-in design is shown. Needs the extra explore:
-    pip install 'probe-design[explore]'.
+    pip install '.[explore]'.
 
     The bench page reads a virtual probe, and the device and recordings named here. With a DESIGN file it locates tumours after
     each reading, as `survey` does. -o DIR keeps every recording and the readings; a device needs it.
@@ -71,7 +71,7 @@ class ExploreRequest(Request):
             from probe_design.explorer.page import build_application
             from probe_design.explorer.server import serve
         except ImportError as fault:
-            raise MissingLibrary(f"{fault.name} is not installed: pip install 'probe-design[explore]' brings it") from None
+            raise MissingLibrary(f"{fault.name} is not installed: pip install '.[explore]' brings it") from None
         settings = BenchSettings(
             scene,
             setup.bench,

@@ -38,6 +38,7 @@ class LocateRequest(LimitedRequest):
     x,     y,     ratio, stiffness, x_sd,   y_sd,   blank
     30 mm, 0 mm,  0.51,  78 N/m,    0 mm,   0 mm,   true
     -8 mm, -8 mm, 0.55,  79 N/m,    0.5 mm, 0.5 mm, false
+
     x and y are the probe's axis in the scene's frame. blank is true for the baseline reading, over tumour-free tissue, which has
     the gain of the scan. noise and stiffness_noise, where a column states them, replace those of the design file, x_sd and y_sd
     its pose. --outliers states the fraction of wild readings that is expected: these then count less, and intervals widen.

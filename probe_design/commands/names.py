@@ -78,15 +78,15 @@ GROUP_HELP = {
 
     \b
     probe-design tissue list
-    probe-design tissue show breast       the [tissue] table for a scene file
+    probe-design tissue show breast   the [tissue] table for a scene file
     """,
     "material": """
     List and show built-in materials: block elastomers, base plastics and metals, films, bonds, recipes; all with sources.
 
     \b
     probe-design material list
-    probe-design material show dragon-skin-30       the [probe.inner] table for a scene file
-    probe-design material show tape-50um            the [probe.film.bond_to_base] table
+    probe-design material show dragon-skin-30   the [probe.inner] table
+    probe-design material show tape-50um        the table of a bond
     probe-design material show ecoflex-00-10 --thinner 0.3
     probe-design material fit curve.csv --test tension
     """,

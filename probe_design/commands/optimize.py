@@ -52,6 +52,7 @@ class OptimizeRequest(LimitedRequest):
       gap            0.1 mm to 0.5 mm
       height         1 mm to 20 mm, and 1.25 groove depths
       moduli         10 kPa to 1 MPa, of each block
+
     SCENE's load is an upper limit. In the search each design has the largest load that is within this limit, changes the ratio by
     at most 1 % through finite strain, and is at most 1/20 of the force that closes the gap. Where SCENE's load is above that,
     contact evaluates the initial design and the candidates under the best load up to it (one tumour on the axis), with an open

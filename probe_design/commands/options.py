@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import sys
+import textwrap
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -39,6 +42,37 @@ class FileName(click.Path):
         return super().convert(value, param, ctx)
 
 
+class WholeLineCommand(click.Command):
+    """A command whose help has no line beyond the width of the terminal, examples and tables included."""
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help text, preformatted paragraphs included, which click would leave as they are."""
+        with formatter.indentation():
+            width = formatter.width - formatter.current_indent
+            for paragraph in inspect.cleandoc(self.help or "").split("\n\n"):
+                formatter.write_paragraph()
+                if paragraph.startswith("\b\n"):
+                    whole = re.sub(r"\n {6,}", " ", paragraph)  # what a column continues on a line of its own
+                    lines = (part for line in whole.splitlines()[1:] for part in wrap_line(line, width))
+                    paragraph = "\n".join(("\b", *lines))
+                formatter.write_text(paragraph)
+
+
+def wrap_line(line: str, width: int) -> list[str]:
+    """Return a preformatted line as lines of at most ``width`` characters.
+
+    Parts in quotes stay whole. A command continues after a backslash, what stands in a column below the beginning of that column.
+    """
+    if len(line) <= width:
+        return [line]
+    ending = " \\" if line.startswith("probe-design ") else ""
+    column = re.match(r" *\S+(?: \S+)* {2,}(?=\S)", line)
+    indent = " " * (column.end() if column is not None and not ending else 4)
+    whole = re.sub(r'"[^"]*"', lambda quoted: quoted.group().replace(" ", "\0"), line)
+    parts = textwrap.wrap(whole, width - len(ending), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return [part.replace("\0", " ") + ending for part in parts[:-1]] + [parts[-1].replace("\0", " ")]
+
+
 def build_command(name: str, request: type[Request], summary: str) -> click.Command:
     """Return the command of a request, which checks the options, records the command line, and runs the request."""
 
@@ -55,7 +89,7 @@ def build_command(name: str, request: type[Request], summary: str) -> click.Comm
             run_request(request.build(given, labels))
 
     parameters = [build_parameter(key, field) for key, field in list_fields(request).items()]
-    return click.Command(name, callback=run, params=parameters, help=request.__doc__, short_help=summary)
+    return WholeLineCommand(name, callback=run, params=parameters, help=request.__doc__, short_help=summary)
 
 
 @contextmanager

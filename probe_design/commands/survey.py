@@ -48,7 +48,6 @@ class SurveyRequest(SourceRequest):
     probe-design survey DESIGN.toml --device usb --calibration probe.toml -o out
     probe-design survey DESIGN.toml --replay "a.probe, x=30 mm, y=0 mm, blank=true" --replay "b.probe, x=4 mm, y=-8 mm" -o out
 
-    \b
     -o DIR holds every raw recording (press-001.probe ...), the readings (scan.csv, which `locate --readings` reads), a map after
     each press, and the report. The same command with the same DIR continues an interrupted survey. --hide states the tumours of
     the virtual tissue, tables [[inclusion]] as in a scene file; left out, they are drawn from the population by --seed.

@@ -28,7 +28,7 @@ RULE_FOLDERS = (
     "/lib/udev/rules.d",
 )
 UDEV_FOLDER = Path("/run/udev")
-SCOPE_REMEDY = "for oscilloscopes: pip install 'probe-design[scope]'"
+SCOPE_REMEDY = "for oscilloscopes: pip install '.[scope]'"
 
 
 class _Version(Structure):

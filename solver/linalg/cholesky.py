@@ -1,6 +1,6 @@
 """Factorise sparse matrices: by PARDISO where it is installed, else by SciPy's SuperLU.
 
-PARDISO (``pip install 'probe-design[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
+PARDISO (``pip install '.[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
 SuperLU (benchmarks/evaluators/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last;
 older ones are factorised again when they are used.
 """

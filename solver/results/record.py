@@ -105,7 +105,7 @@ class Record:
         try:
             pandas = import_module("pandas")
         except ImportError:
-            raise MissingLibrary("pandas is not installed: pip install 'probe-design[sweep]'") from None
+            raise MissingLibrary("pandas is not installed: pip install '.[sweep]'") from None
         if self.DIMENSIONS:
             frame: pd.DataFrame = self.to_dataset().to_dataframe()
             return frame
@@ -126,7 +126,7 @@ class Record:
         try:
             xarray = import_module("xarray")
         except ImportError:
-            raise MissingLibrary("xarray is not installed: pip install 'probe-design[sweep]'") from None
+            raise MissingLibrary("xarray is not installed: pip install '.[sweep]'") from None
         arrays: JsonObject = {name: (self.DIMENSIONS, values) for name, values in self.collect_arrays().items()}
         labels = {name: (name, np.array(getattr(self, name))) for name in self.DIMENSIONS}
         labels |= {name: arrays.pop(name) for name in self.LABELS}

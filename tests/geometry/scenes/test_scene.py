@@ -166,12 +166,16 @@ class TestFiles:
             (b"a = " + b"9" * 5000, r"TOML with a huge integer or deep nesting: "),
             (b".".join([b"a"] * 10_000) + b" = 1", r"a line with 100 dots: "),
             (b"\x00", r"not TOML: "),
+            (b"x,y,ratio,blank\n0 mm,0 mm,0.5,true\n", r"readings of a scan, CSV, not TOML: .*--readings of probe-design locate"),
+            (b"stretch,stress MPa\n1,0\n", r"a curve of a material, CSV, not TOML: .*probe-design material fit"),
+            (b"time;CH1\n0;1\n", r"CSV, not TOML: .*--replay of probe-design read"),
+            (b"ISO-10303-21;\nHEADER;\n", r"a STEP file, not TOML: .*`surface` of an"),
             (b'{"format": "probe-design parts"}', r"JSON, not TOML: allowed: a TOML scene file; use probe-design rerun"),
             (b"\xff\xfe\x00\x01binary", r"a TOML file, which is UTF-8 text"),
             ("a = 1".encode("utf-16"), r"a TOML file, which is UTF-8 text"),
             (b"#" * 1_000_001, r"a TOML file of at most 1000000 bytes"),
         ],
-        ids=range(15),
+        ids=range(19),
     )
     def test_content(self, tmp_path: Path, content: bytes, fault: str) -> None:
         path = tmp_path / "scene.toml"

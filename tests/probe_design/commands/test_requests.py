@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import inspect
+import shlex
 from typing import Any
 
 import click
 import pytest
+from click.testing import CliRunner
 
 import probe_design
 from geometry.common.errors import InputError
 from probe_design.commands.evaluate import EvaluateRequest
 from probe_design.commands.main import cli
 from probe_design.commands.names import COMMANDS
+from probe_design.commands.options import wrap_line
 from probe_design.commands.request import list_fields
 from tests.support.paths import SCENE
 from tests.support.program import refused, run, started
@@ -167,3 +170,20 @@ def test_a_request_is_frozen() -> None:
     assert request.accuracy == 0.01
     with pytest.raises(ValueError, match="frozen"):
         request.accuracy = 0.1  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_help_has_no_line_beyond_the_terminal(width: int) -> None:
+    """Neither prose nor examples: a terminal would cut or break them anywhere; quoted parts stay whole."""
+    for name in ("", *COMMANDS):
+        words = [*name.split(), "--help"]
+        text = CliRunner().invoke(cli, words, terminal_width=width, max_content_width=width).output
+        assert [line for line in text.splitlines() if len(line) > width] == [], name
+
+
+def test_a_long_example_continues_after_a_backslash() -> None:
+    line = 'probe-design read scene.toml --replay scope.csv --column "inner=CH1 mV" --column "outer=CH2 mV" --rate "1 kHz"'
+    lines = wrap_line(line, 60)
+    assert shlex.split("\n".join(lines).replace("\\\n", "")) == shlex.split(line)  # what the shell reads
+    assert max(map(len, lines)) <= 60
+    assert wrap_line("name   " + "word " * 20, 40)[1].startswith(" " * 7 + "word")

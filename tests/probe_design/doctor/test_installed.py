@@ -24,7 +24,7 @@ def test_without_libusb_visa_serial_and_hdf5(monkeypatch: pytest.MonkeyPatch) ->
     ended = program.run("doctor", "--json")
     assert (ended.returncode, ended.stderr) == (0, "")
     by_name = {entry["name"]: entry for entry in json.loads(ended.stdout)["installed"]}
-    for name, remedy in (("libusb", "libusb-1.0"), ("VISA", "probe-design[scope]"), ("HDF5", "pip install h5py")):
+    for name, remedy in (("libusb", "libusb-1.0"), ("VISA", ".[scope]"), ("HDF5", "pip install h5py")):
         assert by_name[name]["state"] == "missing"
         assert remedy in by_name[name]["remedy"]
     assert by_name["serial ports"]["state"] == "missing"

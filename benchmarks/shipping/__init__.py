@@ -1,0 +1,1 @@
+"""What a user installs: the wheel in an environment that holds nothing else, its size and its time."""
