@@ -55,8 +55,8 @@ class OptimizeRequest(LimitedRequest):
 
     SCENE's load is an upper limit. In the search each design has the largest load that is within this limit, changes the ratio by
     at most 1 % through finite strain, and is at most 1/20 of the force that closes the gap. Where SCENE's load is above that,
-    contact evaluates the initial design and the candidates under the best load up to it (one tumour on the axis), with an open
-    gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
+    contact evaluates the initial design and the candidates under the best load up to it, with an open gap and up to half an
+    outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
     load.
     """  # noqa: D301
 

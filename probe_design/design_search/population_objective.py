@@ -38,6 +38,7 @@ from probe_design.design_search.variables import ProbeSizes
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import compute_known_probabilities
+from probe_design.populations.film_totals import find_charge_signs
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from solver.closed_form.bessel import Array
@@ -187,11 +188,7 @@ class PopulationObjective(SearchObjective):
             films = Films(
                 *(np.concatenate([part, part * factors], axis=-1) for part in (films.without, films.change, films.by_log))
             )
-        sign = np.where(films.without.real < 0, -1.0, 1.0)
-        sign[..., :2] = 1.0
-        if films.without.shape[-1] == 4 and film is not None and not film.uses_psi:
-            signs = [np.sign(item.d33) for item in film.by_block]
-            sign[..., 2:] = np.where(np.array(signs) == 0, sign[..., 2:], signs)
+        sign = find_charge_signs(self.design.scene, films.without)
         without = _mask_non_positive(sign * films.without)
         return Films(without, sign[:, :, None] * films.change, sign[:, :, None] * films.by_log)
 

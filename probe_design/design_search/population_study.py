@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from time import perf_counter
 
 from geometry.common.errors import InputError, Refusal
@@ -31,6 +32,7 @@ Progress = Callable[[str, int, int], None]  # called with the name of a stage, t
 MAX_VERIFIED = 2  # designs that are verified, besides start and single-tumour optimum
 MAX_TRIED = 100  # best designs among which these are selected
 SINGLE_STARTS = 4  # local searches for one tumour
+MAX_SINGLE_VERIFIED = 3  # of their designs that are verified at most: the first that contact presses counts
 MIN_SINGLE_NOISE = 1e-6
 
 
@@ -175,8 +177,14 @@ class PopulationStudy:
             noise = Noise.from_scene(scene, max(self.design.noise.white, MIN_SINGLE_NOISE))
             objective = TumourObjective.from_scene(rule, noise, SINGLE_STARTS)
             search = search_combinations(objective, self.search_space, partial(progress, "designing for one tumour"))
-            for choice, best in iterate_distinct(search.choices, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
-                return self._verify_choice(choice, best, partial(progress, "verifying the design for one tumour")), ""
+            distinct = iterate_distinct(search.choices, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE)
+            verified = list[tuple[PopulationVerification, Robustness]]()
+            for choice, best in islice(distinct, MAX_SINGLE_VERIFIED):
+                verified.append(self._verify_choice(choice, best, partial(progress, "verifying the design for one tumour")))
+                if verified[-1][0].pressed.loaded or not rule.loaded:
+                    break  # otherwise contact does not press this design to the load that the search estimated
+            if verified:
+                return max(verified, key=lambda pair: pair[0].objective[0]), ""
         except (Refusal, InputError) as fault:
             return None, str(fault)
         return None, "no design for one tumour within the limits"

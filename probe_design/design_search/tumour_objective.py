@@ -41,7 +41,7 @@ from probe_design.design_search.objective import (
 )
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import VARIABLES, ProbeSizes, read_vector
-from probe_design.populations.film_totals import append_charges
+from probe_design.populations.film_totals import append_charges, find_charge_signs
 from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_products
@@ -164,28 +164,26 @@ class TumourObjective(SearchObjective):
         products = (part.sum(axis=2) for part in compute_products(self.shape, columns))
         totals, derivatives = (append_charges(self.rule.design.scene, part).T for part in products)
         sensitivity = derivatives[-2] / totals[-2] - derivatives[-1] / totals[-1]
-        per_force = totals[2:] / totals[:2] if len(totals) == 4 else None
-        values = self.compute_log_precision(sizes, totals[:2], sensitivity, per_force)
+        values = self.compute_log_precision(sizes, totals, sensitivity)
         return values, 0 * values
 
-    def compute_log_precision(
-        self, sizes: ProbeSizes, totals: Array, sensitivity: Array, charge_per_force: Array | None = None
-    ) -> Array:
-        """Return -ln sd, eq. DS.6, of n designs, shape (n,).
+    def compute_log_precision(self, sizes: ProbeSizes, totals: Array, sensitivity: Array) -> Array:
+        """Return -ln sd, eq. DS.6, of n designs, shape (n,); NaN where a charge has not the sign that d33 gives.
 
         Parameters
         ----------
         sizes
             Sizes of the probes, shape (n,) each.
         totals
-            Forces on both films per unit indentation, N/m, shape (2, n).
+            Forces on both films per unit indentation, N/m, and their charges where the scene reads them, C/m, shape (2 or 4, n).
         sensitivity
             Log-sensitivity S of the ratio that is read, shape (n,).
-        charge_per_force
-            Of both films, C/N, of any sign, shape (2, n); default: |d33|.
         """
+        scene = self.rule.design.scene
+        totals = totals * find_charge_signs(scene, totals.T).T
+        totals = np.where(totals.real > 0, totals, np.nan)
         force = self.rule.compute_forces(sizes, totals.T[:, None], np.zeros(1, dtype=int))[:, 0]
-        per_force = None if charge_per_force is None else tuple(np.where(part.real < 0, -part, part) for part in charge_per_force)
+        per_force = (totals[2] / totals[0], totals[3] / totals[1]) if len(totals) == 4 else None
         return 0.5 * np.log(self.noise.compute_information(sensitivity, totals[0] / (totals[0] + totals[1]), force, per_force))
 
 
@@ -226,6 +224,6 @@ class FiniteElementObjective:
         sizes = ProbeSizes.from_vector(steps)
         totals = np.array([inner, outer]) * np.array(sizes.areas) / UNIT_INDENTATION_M
         with np.errstate(all="ignore"):
-            per_force = np.array(charges) / UNIT_INDENTATION_M / totals if charges else None
-            values = self.formulas.compute_log_precision(sizes, totals, sensitivity, per_force)
+            totals = np.concatenate([totals, np.array(charges).reshape(-1, len(which)) / UNIT_INDENTATION_M])
+            values = self.formulas.compute_log_precision(sizes, totals, sensitivity)
         return np.array([values[0].real, 0.0]), np.array([values.imag, 0 * values.imag]) / COMPLEX_STEP_RELATIVE

@@ -89,24 +89,27 @@ def estimate(
     check_accuracy(model_accuracy)
     model, stiffness_notes = _drop_useless_stiffnesses(TargetModel(scene, data, model_accuracy))
     notes += stiffness_notes
-    loaded_model = None
+    loaded_model, pressing = None, model
     if not linear and not _is_linear(model, nuisance_sds):
         phases = model.data.is_phase.sum()
         notes += (f"{phases} phases left out: nothing is known of them at this load",) if phases else ()
         model = replace(model, data=model.data.select(~model.data.is_phase))
+        pressing = replace(model, pressing=True)
         if can_mesh_target(model, bool(nuisance_sds)):
             loaded_model = LoadedModel(model, unknown, min(model.tolerance, MAX_ACCURACY) if accuracy is None else accuracy)
             model = loaded_model.unloaded_model
         else:
-            model = replace(model, pressing=True)
+            model = pressing
     findings = search_unknown(model, unknown, nuisance_sds, loaded_model)
     result = _build_estimate(findings, _fit_depth_and_strength(findings), nuisance_sds, notes, start)
     if not advise:
         return result
-    if loaded_model is not None or model.pressing:
-        warning = "next is null: there is no advice at loads beyond linear elasticity"
-        return replace(result, warnings=(*result.warnings, warning))
-    advice = choose_next_reading(model, unknown, nuisance_sds, result.identifiable)
+    if loaded_model is not None:
+        # other places take tumours off the axis, whose effects under the load contact knows about tissue without them
+        reason = ContactEvaluator().refusal_off_axis(scene)
+        if reason is not None:
+            return replace(result, warnings=(*result.warnings, f"next is null: at this load, advice takes {reason}"))
+    advice = choose_next_reading(pressing, unknown, nuisance_sds, result.identifiable)
     return replace(result, next=advice, seconds=perf_counter() - start)
 
 

@@ -79,7 +79,7 @@ def choose_next_reading(
     Parameters
     ----------
     model
-        With the present readings, under a load within linear elasticity.
+        With the present readings.
     unknown
         As in ``probe_design.estimation.estimate``.
     nuisances
@@ -107,8 +107,8 @@ def list_candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, fl
 
     They are ratios on and off the target's axis and over tumour-free tissue, each without and with stiffness, and sizes by
     ultrasound.
-    Their noise is the smallest of the present readings. In linear elasticity a reading does not depend on the load, so
-    that other loads are no candidates; a repetition is one. See ``choose_next_reading`` for the arguments.
+    Their noise is the smallest of the present readings, their load the scene's. In linear elasticity a reading does not depend
+    on the load, so that other loads are no candidates; a repetition is one. See ``choose_next_reading`` for the arguments.
     """
     data = model.data
     noise = float(data.noise[data.is_ratio].min())

@@ -66,6 +66,20 @@ def check_loaded_charges(scene: Scene, films: FilmForces) -> None:
         raise Refusal("load.force", Words("a film's charge nearly cancels"), remedy)
 
 
+def find_charge_signs(scene: Scene, totals: Any) -> Any:
+    """Return the signs by which totals of shape (..., 2 or 4) are multiplied to count charges of the right sign as positive.
+
+    Right is the sign that d33 gives. A charge of the other one passes 0 for some modulus of the bonds. Forces keep their sign;
+    so do charges whose film has no d33, or psi in its place, whatever it is: they become positive.
+    """
+    film, signs = scene.probe.film, np.where(np.real(totals) < 0, -1.0, 1.0)
+    signs[..., :2] = 1.0
+    if totals.shape[-1] == 4 and film is not None and not film.uses_psi:
+        expected = np.sign([item.d33 for item in film.by_block])
+        signs[..., 2:] = np.where(expected == 0, signs[..., 2:], expected)
+    return signs
+
+
 def weigh_charges(scene: Scene, totals: Any) -> Any:
     """Return a factor on a design's force in a search, which leaves out films whose charges nearly cancel.
 
@@ -84,10 +98,9 @@ def weigh_charges(scene: Scene, totals: Any) -> Any:
     if totals.shape[-1] == 2 or film is None or film.uses_psi:
         return np.ones(totals.shape[:-1])
     factor, min_share = np.ones(totals.shape[:-1]), find_min_share(scene)
-    shares = compute_charge_shares(scene, totals)
-    for share in shares:
-        sign = np.where(np.real(shares[0]) < 0, -1, 1)  # a search over a population counts charges of the right sign as positive
-        exponent = (min_share - sign * share) / (SHARE_WIDTH_RELATIVE * min_share)
+    for share in compute_charge_shares(scene, totals):
+        size = np.where(np.real(share) < 0, -share, share)  # searches leave out charges of the wrong sign: ``find_charge_signs``
+        exponent = (min_share - size) / (SHARE_WIDTH_RELATIVE * min_share)
         factor = factor / (1 + np.exp(np.where(np.real(exponent) > MAX_EXPONENT, MAX_EXPONENT, exponent)))
     return factor
 

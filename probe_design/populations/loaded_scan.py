@@ -52,7 +52,7 @@ def press_tissue(scene: Scene, force: float) -> PressedTissue:
     SolveError
         No step converges.
     """
-    return prepare_tissue(scene.model_copy(update={"inclusion": ()}), CONTACT_ACCURACY).press(force, refine=False)
+    return prepare_tissue(scene.model_copy(update={"inclusion": ()}), CONTACT_ACCURACY).press(force)
 
 
 @dataclass(frozen=True)

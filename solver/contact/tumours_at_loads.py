@@ -80,7 +80,7 @@ def _press_grid(under_load: TumoursUnderLoad) -> Iterator[tuple[float, FilmForce
             point = path.press_to_indentation(x * path.radius)
             if point.walls <= CLOSED_GAP_RELATIVE * path.points[0].walls:
                 return
-            yield point.force, under_load.press(point.force, refine=False)[1][0]
+            yield point.force, under_load.press(point.force)[1][0]
 
 
 def _narrow(under_load: TumoursUnderLoad, points: list[tuple[float, FilmForces]], change: _Change) -> LargestLoad | None:
@@ -91,6 +91,6 @@ def _narrow(under_load: TumoursUnderLoad, points: list[tuple[float, FilmForces]]
     low, high = points[number - 1] if number else (0.0, change.linear), points[number]
     for _ in range(BISECTIONS):
         force = (low[0] + high[0]) / 2
-        middle = force, under_load.press(force, refine=False)[1][0]
+        middle = force, under_load.press(force)[1][0]
         low, high = (low, middle) if change.has_ended(middle[1]) else (middle, high)
     return LargestLoad(low[0], low[0] / float(low[1].totals.sum()), change.quantity)

@@ -212,7 +212,7 @@ def build_plan(
     limits = build_limits(rule, accuracy, promise)
     if evaluator is None:
         evaluator = _choose_evaluator(reduced.scene, coarse, requested_accuracy)
-        is_beyond_limit = evaluator in (AXISYMMETRIC, HARMONICS) and rule.compute_force(scene) > limits.auto.force
+        is_beyond_limit = evaluator is not None and rule.compute_force(scene) > limits.auto.force
         if (
             not linear
             and (is_beyond_limit or find_refusal(scene, ("contact",)) is not None)
