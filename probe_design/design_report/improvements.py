@@ -62,6 +62,7 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
         """Return the performance with a changed design, from the readings at those of the scan's positions that it uses."""
         distances = np.abs(changed.protocol.places[:, None] - widest.protocol.places)
         load = Load(force=force_factor * (scene.load.force or 0.0)) if scene.load.force else scene.load
+        changed = _replace_table(changed, "protocol", loads=tuple(force_factor * force for force in changed.protocol.loads))
         pressed = replace(scan, draw=replace(scan.draw, scene=scan.draw.scene.model_copy(update={"load": load})))
         return pressed.select(distances.argmin(axis=1), "both").evaluate(changed)
 

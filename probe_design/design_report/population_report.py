@@ -38,7 +38,7 @@ LIMITS_NOTE = (
 )
 CHANNEL_LABELS: dict[ChannelSet, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
 FORCE_LIMIT_LABELS = {
-    "scene": "load", "force": "force limit", "largest force": "largest force", "linearity": "linearity",
+    "scene": "load", "loads": "largest load", "force": "force limit", "largest force": "largest force", "linearity": "linearity",
     "indentation": "indentation", "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
     "pressure": "pressure", "contact": "depth of contact", "last_converged": "convergence", "indentation_per_depth": "depth",
 }  # fmt: skip
@@ -155,9 +155,10 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     active = [limit.name for limit in optimum.limits if limit.active]
     read = "the ratio is that of the films' charges; " if optimum.design.scene.observable == "charge" else ""
     against = "a baseline reading" if protocol.blank else "a prediction"
+    loads = f", each under {' and '.join(f'{load:g} N' for load in sorted(protocol.loads))}," if protocol.loads else ""
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
-        f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
+        f"{len(protocol.positions)} positions{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
         f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); {read}± "
         "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to "
         f"0.5; active limits: {', '.join(active) or 'none'}"

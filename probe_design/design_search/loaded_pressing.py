@@ -20,6 +20,7 @@ from probe_design.design_search.loaded_limits import PressedDesign, list_indenta
 from probe_design.design_search.loads import PressingRule
 from probe_design.populations.film_totals import check_loaded_charges
 from probe_design.populations.loaded_scan import CONTACT_ACCURACY, press_tissue
+from probe_design.populations.several_loads import limit_loads
 from probe_design.populations.tables import DesignLimits
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import StoppedError
@@ -27,16 +28,17 @@ from solver.contact.tumours_anywhere import prepare_tissue
 from solver.planning.strains import compute_tissue_strain
 
 LINEARITY_LIMITS = ("linearity", "gap_closure")  # of the force, due to linear elasticity
-FORCE_LIMITS = ("scene", "force", "largest force", "pressure", "charge")  # of the force, whatever models it
+FORCE_LIMITS = ("scene", "force", "loads", "largest force", "pressure", "charge")  # of the force, whatever models it
 MAX_PRESSES, LESS_LOAD = 6, 0.9  # of tries with less load each, where a finer mesh does not reach the load of the first one
 
 
 def press_design(
     rule: PressingRule, scene: Scene, tissues: tuple[Scene, ...]
-) -> tuple[Scene, PressedDesign, tuple[PressedTissue, ...]]:
-    """Return a scene under the largest allowed force, the force, and the tissues under it if it is beyond linear elasticity.
+) -> tuple[Scene, PressedDesign, tuple[tuple[PressedTissue, ...], ...]]:
+    """Return a scene under the largest allowed force, the force, and, if it is beyond linear elasticity, the pressed tissues.
 
-    ``tissues`` are those of the tumours that verify; where ``contact`` fails, the force is that of linear elasticity.
+    These are under each load of the protocol, or under the force. ``tissues`` are those of the tumours that verify; where
+    ``contact`` fails, the force is that of linear elasticity.
 
     Raises
     ------
@@ -54,7 +56,11 @@ def press_design(
             allowed |= {name: min(force, allowed.get(name, force)) for name, force in contact_limits.items()}
         limited_by = min(allowed, key=lambda key: allowed[key])
         force, pressed, reached = press_tissues(scenes, allowed[limited_by], rule._choose_force)
-        for item in pressed:
+        by_load = [
+            pressed if load == force else [press_tissue(tissue, load) for tissue in scenes]
+            for load in limit_loads(rule.design.protocol, force) or [force]
+        ]
+        for item in (item for items in by_load for item in items):
             check_loaded_charges(item.base.scene, item.bare.films)
     except (Refusal, SolveError):  # what linear elasticity allows remains
         return *linear, ()
@@ -66,7 +72,7 @@ def press_design(
     indentation, strain, charges = read_pressed(pressed, force, rule.charge_per_force)
     charge_range = float(charges.min()), float(charges.max())
     design = PressedDesign(force, indentation, strain, charge_range, limited_by, allowed, loaded=True)
-    return scene.model_copy(update={"load": Load(force=force)}), design, tuple(pressed)
+    return scene.model_copy(update={"load": Load(force=force)}), design, tuple(map(tuple, by_load))
 
 
 def find_contact_limits(limits: DesignLimits, scene: Scene, force: float) -> dict[str, float]:

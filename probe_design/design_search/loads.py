@@ -333,7 +333,9 @@ class PressingRule:
         max_variable_force = find_max_force(self.force_variable)
         if limits.force is not None:
             allowed["force"] = limits.force
-        elif max_variable_force is None:
+        if self.design.protocol.loads:
+            allowed["loads"] = max(self.design.protocol.loads)
+        elif limits.force is None and max_variable_force is None:
             allowed["scene"] = compute_force(load, stiffness)
         if max_variable_force is not None:
             allowed["largest force"] = max_variable_force

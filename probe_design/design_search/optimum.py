@@ -30,7 +30,9 @@ from solver.contact.tumours_anywhere import MAX_X
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 LIMIT_KEYS = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
-FORCE_SOURCES = {"scene": "the scene's load", "force": "limits.force", "largest force": "variables.force"}
+FORCE_SOURCES = {
+    "scene": "the scene's load", "loads": "protocol.loads", "force": "limits.force", "largest force": "variables.force",
+}  # fmt: skip
 FORCE_LIMIT_REASONS = {  # limits of the force that no number of the design file states
     "linearity": "the largest at which linear elasticity is accurate enough; contact models more with bonded faces alone",
     "gap_closure": "as the gap closes under more: a wider gap, or stiffer blocks, help",

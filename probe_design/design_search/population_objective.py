@@ -41,6 +41,7 @@ from probe_design.populations.detection import compute_known_probabilities
 from probe_design.populations.film_totals import find_charge_signs
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
+from probe_design.populations.several_loads import combine_variances
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import Films as FilmStacks
 from solver.closed_form.designs import build_parameters, split_parameters
@@ -148,7 +149,8 @@ class PopulationObjective(SearchObjective):
             """Return the forces, N, and keep the smallest charge of a channel over all tumours in ``charges``."""
             forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
             # charge of the weaker channel; argmin takes the tumour whose tissue gives least
-            channels = self.rule.compute_charges(totals, forces)
+            lightest = minimum_by_real_part(min(self.design.protocol.loads, default=np.inf) + 0 * forces, forces)
+            channels = self.rule.compute_charges(totals, lightest)
             weaker = minimum_by_real_part(channels[..., 0], channels[..., 1])
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
@@ -204,11 +206,15 @@ class PopulationObjective(SearchObjective):
         return self._stack_channels(inner - outer, np.log(totals[..., :2].sum(axis=3) / without[..., :2].sum(axis=3)))
 
     def _compute_variance(self, films: Films, force: Array) -> Array:
-        """Return the variance V of each reading's own error, for forces (n, m), N; shape (n, m, readings)."""
-        noise, charges = self.design.noise, self.rule.compute_charges(films.without, force)
-        ones = np.ones((1, 1, films.change.shape[2]))
-        ratio = (noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=2))[..., None] * ones
-        return self._stack_channels(ratio, noise.stiffness_white**2 + MIN_VARIANCE + 0 * ratio)
+        """Return the variance V of each reading's own error, for forces (n, m), N; shape (n, m, readings).
+
+        Readings under several loads count as their mean.
+        """
+        noise, loads = self.design.noise, self.design.protocol.loads or (np.inf,)
+        charges = [self.rule.compute_charges(films.without, minimum_by_real_part(load + 0 * force, force)) for load in loads]
+        parts = [noise.white**2 + noise.tilt**2 + ((noise.charge / item) ** 2).sum(axis=2) for item in charges]
+        ratio = combine_variances(parts)[..., None] * np.ones((1, 1, films.change.shape[2]))
+        return self._stack_channels(ratio, (noise.stiffness_white**2 + MIN_VARIANCE) / len(loads) + 0 * ratio)
 
     def _build_shared_errors(self, probes: Array, films: Films, variance: Array) -> Array:
         """Return the errors common to a scan: the change of the readings by one standard deviation of each of a nuisances.

@@ -18,7 +18,16 @@ from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.scene_tables import Reading
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import find_model
-from probe_design.populations.tables import DesignLimits, DesignVariables, NoiseModel, Objective, PopulationRanges, Protocol
+from probe_design.populations.entries import DesignVariable
+from probe_design.populations.tables import (
+    FORCE_QUANTITY,
+    DesignLimits,
+    DesignVariables,
+    NoiseModel,
+    Objective,
+    PopulationRanges,
+    Protocol,
+)
 
 DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
 QUESTION_FILE, RECOMMENDED_FILE = "question.toml", "design.toml"  # in the folder of `optimize`: what was asked for, and the scene
@@ -183,12 +192,25 @@ def _check_against_scene(design: Design) -> Design:
         raise InputError("population.diameter", Words("missing"), "diameters of spheres: the scene's inclusion is none")
     if ranges.samples < 2 and ranges.is_varied:
         raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone gives no sampling error")
+    if design.protocol.loads:
+        _check_loads(design)
     if design.variables.force.fixed and scene.load.force is None:
         raise InputError("variables.force", "fixed", "bounds or choices, as the scene's load is an indentation")
     for key in ("depth", "diameter", "object"):
         if not scene.inclusion and getattr(ranges, key) is None:
             raise InputError(f"population.{key}", Words("missing"), "a value, a range or a list, as the scene has no inclusion")
     return design
+
+
+def _check_loads(design: Design) -> None:
+    """Raise ``InputError`` where another key contradicts the loads of the protocol."""
+    largest, limit = max(design.protocol.loads), design.limits.force
+    texts = [FORCE_QUANTITY.format_value(load) for load in design.protocol.loads]
+    if design.variables.force != DesignVariable():
+        raise InputError("variables.force", Words("given"), f"none beside protocol.loads = {texts}, which are the forces")
+    if limit is not None and limit < largest:
+        allowed = f"at most limits.force = {FORCE_QUANTITY.format_value(limit)!r}, or a larger limit"
+        raise InputError("protocol.loads", texts, allowed)
 
 
 def _resolve_calibration_path(design: Design, folder: Path) -> Design:

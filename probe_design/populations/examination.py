@@ -36,6 +36,7 @@ from probe_design.populations.resolved import (
     is_undecided,
 )
 from probe_design.populations.scan_readings import ScanReadings, compute_closed_form_readings
+from probe_design.populations.several_loads import join_noise, join_signals, list_loaded_scenes
 from probe_design.populations.tables import CHANNEL_INDICES, ChannelSet, Protocol
 from probe_design.populations.tissue_scan import InclusionScan
 from solver.contact.pressed_tissue import PressedTissue
@@ -54,10 +55,10 @@ class Examination:
         The ranges.
     draw
         The tumours.
-    readings
-        Readings over the tumours, with reflections where they are computed.
+    by_load
+        Readings over the tumours, with reflections where they are computed, under each load of the protocol, or under one.
     first
-        The same to first order; None if all tumours have reflections, or none.
+        The same to first order; none if all tumours have reflections, or none has.
     reflected
         Numbers of the tumours with reflections, or of all, shape (r,).
     reference
@@ -70,21 +71,27 @@ class Examination:
 
     population: ScenePopulation
     draw: TumourDraw
-    readings: ScanReadings
+    by_load: tuple[ScanReadings, ...]
     reference: Floats
     evaluator: str
     reflected: Ints
-    first: ScanReadings | None = None
+    first: tuple[ScanReadings, ...] = ()
     control: ControlSample | None = None
+
+    @property
+    def readings(self) -> ScanReadings:
+        """Readings under the last load."""
+        return self.by_load[-1]
 
     def select(self, positions: Ints, channel_set: ChannelSet) -> Examination:
         """Return the examination restricted to some positions, by number, and to the channels of a set of channels."""
         channels = CHANNEL_INDICES[channel_set]
-        columns = self.readings.list_columns(positions, channels)
+        first_columns, count = self.readings.list_columns(positions, channels), self.readings.signal.shape[1]
+        columns = np.concatenate([number * count + first_columns for number in range(len(self.by_load))])
         return replace(
             self,
-            readings=self.readings.select(positions, channels),
-            first=None if self.first is None else self.first.select(positions, channels),
+            by_load=tuple(readings.select(positions, channels) for readings in self.by_load),
+            first=tuple(readings.select(positions, channels) for readings in self.first),
             reference=self.reference[:, columns],
             control=None if self.control is None else self.control.select_readings(columns),
         )
@@ -123,25 +130,19 @@ class Examination:
 
     def _evaluate_channels(self, design: Design, channel_set: ChannelSet) -> Performance:
         """Evaluate the readings, which ``select`` has restricted to one set of channels."""
-        draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.readings
-        unknowns, blank = Unknowns.from_draw(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
-        known = design.noise, protocol, draw.scene, blank
-        noise = build_difference_noise(
-            *known,
-            tissue=_average_tissue_derivatives(unknowns, readings),
-            tumour_forces=readings.mean_forces,
-            channel_set=channel_set,
-        )
-        full_noise = build_full_noise(*known, readings.mean_forces, channel_set=channel_set)
+        draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.by_load
+        unknowns = Unknowns.from_draw(self.population, draw)
+        noise, full_noise = self._build_noise(unknowns, design, channel_set)
         detector = Detector.train(self.reference, noise.covariance, protocol.false_alarm)
         values, contrast_sd = _evaluate_tumours(detector, unknowns, readings, noise=full_noise, blank=protocol.blank)
         threshold_error, model_error, causes = self._compute_model_error(detector, values["detection"], protocol.blank)
         control = None if self.control is None else self.control.compute_probabilities(detector)
         correction_errors = dict.fromkeys(values, 0.0)
-        if self.first is not None:
+        if self.first:
             first_order = _evaluate_tumours(detector, unknowns, self.first, noise=full_noise, blank=protocol.blank)[0]
             values, correction_errors = self._correct_first_order(values, first_order)
-        fraction, reflected = _compute_error_fractions(readings, protocol.blank), self.reflected
+        reflected = self.reflected
+        fraction = np.max([_compute_error_fractions(part, protocol.blank) for part in readings], axis=0)
         resolved, information = values["resolved"], values["information"]
         model_errors: dict[Kind, float] = {
             "detection": model_error,
@@ -169,6 +170,18 @@ class Examination:
         return Performance(
             channel_set, means, errors, values, contrast_sd, draw, causes, protocol.false_alarm, self.evaluator, control
         )
+
+    def _build_noise(self, unknowns: Unknowns, design: Design, channel_set: ChannelSet) -> tuple[LinearGaussian, LinearGaussian]:
+        """Return the noise of differences, for a detector, and of all readings, under all loads of the protocol."""
+        protocol, scenes = design.protocol, list_loaded_scenes(self.draw.scene, design.protocol)
+        differences, full = list[LinearGaussian](), list[LinearGaussian]()
+        for scene, readings in zip(scenes, self.by_load, strict=True):
+            known = design.noise, protocol, scene, np.exp(np.log(readings.blank).mean(axis=0))
+            tissue = _average_tissue_derivatives(unknowns, readings)
+            given = {"tumour_forces": readings.mean_forces, "channel_set": channel_set}
+            differences.append(build_difference_noise(*known, tissue=tissue, **given))
+            full.append(build_full_noise(*known, **given))
+        return join_noise(differences, common=not protocol.blank), join_noise(full, common=True)
 
     def _correct_first_order(
         self, values: dict[Kind, Floats], first_order: dict[Kind, Floats]
@@ -218,19 +231,24 @@ class Examination:
             The standard error by the detector's threshold and by the draws of noise; the error bound by the evaluator; and the
             fraction of the latter that each of its causes has.
         """
-        readings, reflected = self.readings, self.reflected
-        derivatives, errors = detector.compute_derivatives(readings.signal), _bound_signal_errors(readings, blank)
+        signal, reflected = join_signals(self.by_load), self.reflected
+        errors = np.concatenate([_bound_signal_errors(readings, blank) for readings in self.by_load], axis=1)
+        derivatives = detector.compute_derivatives(signal)
         signal_errors = errors * np.sign(derivatives)  # eq. PO.11
         lower, upper = (
-            detector.compute_probabilities(readings.signal + item) if signal_errors.any() else probabilities
+            detector.compute_probabilities(signal + item) if signal_errors.any() else probabilities
             for item in (-signal_errors, signal_errors)
         )
-        shifted = detector.compute_probabilities(readings.signal, threshold=detector.lower_threshold)
+        shifted = detector.compute_probabilities(signal, threshold=detector.lower_threshold)
         threshold = float(np.mean(shifted - probabilities))
         # the scatter of several tumours contains that of the draws, and a single template needs no draws
         known = len(probabilities) > 1 or len(detector.templates) == 1
         draws = 0.0 if known else math.sqrt(float(probabilities[0] * (1 - probabilities[0])) / SCANS_PER_TUMOUR)
-        parts = {cause: float(np.sum(np.abs(derivatives * item)[reflected])) for cause, item in readings.errors.items()}
+        by_cause = {cause: [part.errors[cause] for part in self.by_load] for cause in self.readings.errors}
+        parts = {
+            cause: float(np.sum(np.abs(derivatives * np.concatenate(items, axis=1))[reflected]))
+            for cause, items in by_cause.items()
+        }
         total = sum(parts.values())
         causes = {cause: part / total for cause, part in parts.items()} if total > 0 else {}
         return math.hypot(threshold, draws), float(np.abs(upper - lower)[reflected].mean() / 2), causes
@@ -242,7 +260,7 @@ def examine(
     *,
     samples: int | None = None,
     unseen: bool = False,
-    pressed: tuple[PressedTissue, ...] = (),
+    pressed: tuple[tuple[PressedTissue, ...], ...] = (),
     progress: Progress | None = None,
 ) -> Examination:
     """Compute the readings over a population: by the closed form over the design's draw, or by finite elements over another.
@@ -261,7 +279,8 @@ def examine(
     unseen
         Whether to use equivalent-inclusion with reflections, and tumours that were not used in a search.
     pressed
-        The draw's tissues under the scene's force, where it is beyond linear elasticity: readings are then those of ``contact``.
+        The draw's tissues under each load of the protocol, or under the scene's force, where it is beyond linear elasticity:
+        readings are then those of ``contact``.
     progress
         Called by finite elements with the number of tissues done and the number of all.
 
@@ -275,21 +294,27 @@ def examine(
     population, protocol = ScenePopulation.from_scene(scene, design.population), design.protocol.with_both_channels
     draw = population.draw_tumours(samples, unseen=unseen)
     names = ("object", *(name for name, values in population.ranges.items() if not values.is_single and name != "object"))
-    first, control, reflected = None, None, np.arange(len(draw))
+    control, reflected, loads = None, np.arange(len(draw)), len(protocol.loads) or 1
+    best, first = list[ScanReadings](), list[ScanReadings]()
     if unseen:
-        inclusion = compute_inclusion_readings(draw, protocol, names, noise=design.noise, pressed=pressed, progress=progress)
-        readings, reflected = inclusion.best, inclusion.reflected
-        first = inclusion.first if len(reflected) < len(draw) else None
-        control = ControlSample.from_draw(protocol, population, draw) if len(draw) > 1 else None
+        for tissues in pressed or ((),):
+            readings = compute_inclusion_readings(draw, protocol, names, noise=design.noise, pressed=tissues, progress=progress)
+            best.append(readings.best)
+            first += [readings.first] if len(readings.reflected) < len(draw) else []
+            reflected = readings.reflected
+        control = ControlSample.from_draw(protocol, population, draw).repeat_readings(loads) if len(draw) > 1 else None
     else:
-        readings = compute_closed_form_readings(draw, protocol, names)
+        best = [compute_closed_form_readings(draw, protocol, names)]
+    # linear signals are the same under all loads
+    by_load, first_by_load = (items if pressed else loads * items for items in (best, first))
     # seed + 1: reference tumours that are not among those of the draw
     known_tumours = replace(population, seed=population.seed + 1).draw_tumours(DETECTOR_TUMOURS)
-    reference = compute_closed_form_readings(known_tumours, protocol).signal
+    reference = np.tile(compute_closed_form_readings(known_tumours, protocol).signal, (1, loads))
     if pressed and all(values.is_single for name, values in population.ranges.items() if name.endswith("thickness")):
-        reference = reference + _compute_reference_changes(known_tumours, protocol, pressed)
+        changes = [_compute_reference_changes(known_tumours, protocol, tissues) for tissues in pressed]
+        reference = reference + np.concatenate(changes, axis=1)
     evaluator = "contact" if pressed else "equivalent-inclusion" if unseen else "closed-form"
-    return Examination(population, draw, readings, reference, evaluator, reflected, first, control)
+    return Examination(population, draw, tuple(by_load), reference, evaluator, reflected, tuple(first_by_load), control)
 
 
 def _compute_reference_changes(draw: TumourDraw, protocol: Protocol, pressed: tuple[PressedTissue, ...]) -> Floats:
@@ -311,13 +336,13 @@ def _compute_reference_changes(draw: TumourDraw, protocol: Protocol, pressed: tu
 
 
 def _evaluate_tumours(
-    detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, noise: LinearGaussian, blank: bool
+    detector: Detector, unknowns: Unknowns, by_load: tuple[ScanReadings, ...], *, noise: LinearGaussian, blank: bool
 ) -> tuple[dict[Kind, Floats], Floats]:
     """Return each tumour's probability of detection, resolution and information, and its standard deviation of ln contrast."""
-    J = unknowns.build_derivatives(readings, blank)
+    J = np.concatenate([unknowns.build_derivatives(readings, blank) for readings in by_load], axis=1)
     contrast_sd = compute_contrast_sd(unknowns, J, noise)
     values: dict[Kind, Floats] = {
-        "detection": detector.compute_probabilities(readings.signal),
+        "detection": detector.compute_probabilities(join_signals(by_load)),
         "resolved": is_resolved(contrast_sd),
         "information": compute_informations(unknowns, J, noise),
     }

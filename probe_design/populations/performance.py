@@ -68,6 +68,11 @@ class ControlSample:
         same, others = (compute_closed_form_readings(tumours, protocol).signal for tumours in (draw, control_draw))
         return cls(same, others, control_draw.tissue)
 
+    def repeat_readings(self, times: int) -> ControlSample:
+        """Return the signals of ``times`` as many readings, all alike."""
+        same, others = (np.tile(signals, (1, times)) for signals in (self.same_tumours, self.other_tumours))
+        return ControlSample(same, others, self.tissue)
+
     def select_readings(self, columns: Ints) -> ControlSample:
         """Return the signals of some of the readings, by number."""
         return ControlSample(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)

@@ -22,6 +22,7 @@ POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
 FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
 DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS, MAX_TUMOURS = 64, 4096, 101, 3
+MAX_LOADS = 6  # of a protocol: each takes as long as one does
 
 Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
 Pressure = Annotated[float, Quantity("pressure", "Pa", "kPa", 1e-3, 1e9)]
@@ -153,6 +154,13 @@ class Protocol(Frozen):
         default=tuple(np.linspace(-16e-3, 16e-3, 9).tolist()),
         description="of the probe's axis: [from, to, number], or a list of positions with their units",
         examples=[["-16 mm", "16 mm", 9]],
+    )
+    loads: Annotated[tuple[Annotated[float, FORCE_QUANTITY], ...], Field(strict=False, max_length=MAX_LOADS)] = Field(
+        default=(),
+        description=f"forces under each of which every place is read, up to {MAX_LOADS}; where a design's limits allow less, "
+        "that is read in place of those above it; left out: one reading under the largest force that is allowed; `locate` and "
+        "`survey` do not use them, as their readings have forces of their own",
+        examples=[["0.1 N", "0.3 N"]],
     )
     observable: Observable | None = Field(
         default=None,
