@@ -109,7 +109,12 @@ def estimate(
         reason = ContactEvaluator().refusal_off_axis(scene)
         if reason is not None:
             return replace(result, warnings=(*result.warnings, f"next is null: at this load, advice takes {reason}"))
-    advice = choose_next_reading(pressing, unknown, nuisance_sds, result.identifiable)
+    try:
+        advice = choose_next_reading(pressing, unknown, nuisance_sds, result.identifiable)
+    except Refusal as fault:  # at a place that a candidate needs, nearer the tissue's sides
+        if not pressing.pressing:
+            raise
+        return replace(result, warnings=(*result.warnings, f"next is null: {fault}"))
     return replace(result, next=advice, seconds=perf_counter() - start)
 
 

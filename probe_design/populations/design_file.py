@@ -18,7 +18,6 @@ from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.scene_tables import Reading
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import find_model
-from probe_design.populations.entries import DesignVariable
 from probe_design.populations.tables import (
     FORCE_QUANTITY,
     DesignLimits,
@@ -203,14 +202,14 @@ def _check_against_scene(design: Design) -> Design:
 
 
 def _check_loads(design: Design) -> None:
-    """Raise ``InputError`` where another key contradicts the loads of the protocol."""
-    largest, limit = max(design.protocol.loads), design.limits.force
-    texts = [FORCE_QUANTITY.format_value(load) for load in design.protocol.loads]
-    if design.variables.force != DesignVariable():
-        raise InputError("variables.force", Words("given"), f"none beside protocol.loads = {texts}, which are the forces")
-    if limit is not None and limit < largest:
-        allowed = f"at most limits.force = {FORCE_QUANTITY.format_value(limit)!r}, or a larger limit"
-        raise InputError("protocol.loads", texts, allowed)
+    """Raise ``InputError`` where the design file limits forces below the largest load of its protocol."""
+    variable, scene_force = design.variables.force, design.scene.load.force
+    varied = scene_force if variable.fixed else max(variable.choices, default=variable.high)
+    limits = {"limits.force": design.limits.force, "variables.force": varied}
+    for key, limit in limits.items():
+        if limit is not None and limit < max(design.protocol.loads):
+            texts = [FORCE_QUANTITY.format_value(load) for load in design.protocol.loads]
+            raise InputError("protocol.loads", texts, f"at most {FORCE_QUANTITY.format_value(limit)}, the largest {key}")
 
 
 def _resolve_calibration_path(design: Design, folder: Path) -> Design:

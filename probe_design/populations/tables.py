@@ -305,7 +305,7 @@ class DesignVariables(Frozen):
     force: VariedForce = Field(
         default=DesignVariable(),
         description="on the probe, in place of the scene's: each design has the largest that its limits allow",
-        examples=[{"choices": ["5 mN", "10 mN", "20 mN"]}],
+        examples=[{"choices": ["0.1 N", "0.2 N", "0.3 N"]}],
     )
     materials: Materials = Field(
         default=(),

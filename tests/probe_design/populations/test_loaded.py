@@ -96,8 +96,8 @@ def test_a_search_weighs_loads_as_a_verification_does() -> None:
 @pytest.mark.parametrize(
     ("tables", "allowed"),
     [
-        ({"limits": {"force": 0.1}}, "at most limits.force"),
-        ({"variables": {"force": {"choices": [0.1]}}}, "none beside protocol.loads"),
+        ({"limits": {"force": 0.1}}, "the largest limits.force"),
+        ({"variables": {"force": {"choices": [0.1]}}}, "the largest variables.force"),
         ({"protocol": {"loads": [0.0]}}, "loads"),
         ({"protocol": {"loads": [0.1] * 7}}, "up to 6"),
     ],
