@@ -178,9 +178,9 @@ class Examination:
         for scene, readings in zip(scenes, self.by_load, strict=True):
             known = design.noise, protocol, scene, np.exp(np.log(readings.blank).mean(axis=0))
             tissue = _average_tissue_derivatives(unknowns, readings)
-            given = {"tumour_forces": readings.mean_forces, "channel_set": channel_set}
-            differences.append(build_difference_noise(*known, tissue=tissue, **given))
-            full.append(build_full_noise(*known, **given))
+            forces = readings.mean_forces
+            differences.append(build_difference_noise(*known, tissue=tissue, tumour_forces=forces, channel_set=channel_set))
+            full.append(build_full_noise(*known, forces, channel_set=channel_set))
         return join_noise(differences, common=not protocol.blank), join_noise(full, common=True)
 
     def _correct_first_order(
