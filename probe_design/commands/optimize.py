@@ -119,7 +119,7 @@ class OptimizeRequest(LimitedRequest):
         from probe_design.design_report.build import build_report
         from probe_design.design_search.pareto import compute_front
         from probe_design.populations.design_file import Design
-        from probe_design.reporting.workshop_command import build_export_command
+        from probe_design.reporting.workshop_command import build_evaluate_command, build_export_command
         from probe_design.terminal.console import show_stages, show_table, warn, write_message
         from probe_design.workshop.package import list_missing_films
 
@@ -140,6 +140,8 @@ class OptimizeRequest(LimitedRequest):
                 write_message(message)
             write_message(f"wrote {len(files)} files to {folder}; begin with {folder / 'report.html'}")
             write_message(f"for the workshop: {build_export_command(folder)}")
+            if optimum.best.evaluator == "contact":  # whose error is mostly above the default accuracy
+                write_message(f"its readings: {build_evaluate_command(folder)}")
         warn(optimum.warnings)
         write_message(optimum.verdict)
         if optimum.status == "no-gain":

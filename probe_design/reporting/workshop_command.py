@@ -24,3 +24,8 @@ WORKSHOP_PARTS = (
 def build_export_command(folder: Path) -> str:
     """Return the command that writes the workshop package of the design in the folder of an optimisation."""
     return f"probe-design export {shlex.quote(str(folder / DESIGN_FILE))} -o {shlex.quote(str(folder / PACKAGE_FOLDER))}"
+
+
+def build_evaluate_command(folder: Path) -> str:
+    """Return the command that computes the readings of an optimised design under the load of a hand."""
+    return f"probe-design evaluate {shlex.quote(str(folder / DESIGN_FILE))} --evaluator contact"

@@ -224,6 +224,8 @@ def compute_budget(
     refusal = ClosedForm().refusal(scene)
     statistics = sample_probes(scene, variables, samples, seed) if refusal is None else None
     notes = tuple(str(item) for item in result.warnings)
+    if any(item.kind == "linear" for item in result.warnings):
+        notes = (*notes, "tolerances are linear: probe-design sweep varies the same numbers under this load, by contact")
     if statistics is None:
         reason = f"closed-form takes {refusal}" if refusal else "the closed form has no result for some built probes"
         notes = (*notes, f"no samples: {reason}")
