@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
+from typing import NoReturn
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from solver.contact.limits import CLOSED_GAP_RELATIVE
 from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene
 from solver.contact.preloaded_tissue import STEP_RELATIVE, PreloadedTissue
 from solver.contact.pressed_tissue import PressedTissue
-from solver.contact.states import StoppedError
+from solver.contact.states import PathPoint, StoppedError
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion, build_film_forces
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, remove_tumours, solve_undisturbed
 from solver.equivalent_inclusion.readings import Readings
@@ -77,12 +78,10 @@ class TissueUnderLoad:
         """
         key, value = load_entry or ("load.force", Words(f"{force:g} N"))
         self._check_depth(force, key, value)
+        self._check_gap(force, key, value)  # before a finer mesh is pressed, which takes long where walls touch
         pressed = self._press_paths(force)
-        min_gap = CLOSED_GAP_RELATIVE * self.loaded.paths[0].points[0].walls
-        if pressed.bare.point.walls <= min_gap:
-            open_points = [point for point in self.loaded.paths[0].points if point.walls > min_gap]
-            limit = _format_limit(key, open_points[-1].force, open_points[-1].indentation)
-            raise Refusal(key, value, f"up to {limit} for contact: tumours off the axis are not modelled once the gap is closed")
+        if self._is_closed(pressed.bare.point):
+            self._refuse_closed_gap(key, value)
         return pressed
 
     def press_beside(self, preload: float) -> PreloadedTissue:
@@ -135,13 +134,30 @@ class TissueUnderLoad:
         path = self.loaded.paths[0]
         deepest = MAX_X * path.radius
         if indentation <= deepest:
-            if path.last.force >= force or any(point.force >= force for point in path.iterate_steps(deepest)):
+            if path.last.force >= force or any(map(self._is_closed, path.points)):
+                return
+            if any(point.force >= force or self._is_closed(point) for point in path.iterate_steps(deepest)):
                 return
         else:
             path.press_to_indentation(deepest)
         limit = _format_limit(key, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)) / margin, deepest)
         reason = f"what load does to tumours off the axis is known up to an indentation of {MAX_X:g} outer radii"
         raise Refusal(key, value, f"up to {limit} for contact: {reason}")
+
+    def _is_closed(self, point: PathPoint) -> bool:
+        """Return whether the gap's walls touch at a point of a load path."""
+        return point.walls <= CLOSED_GAP_RELATIVE * self.loaded.paths[0].points[0].walls
+
+    def _check_gap(self, force: float, key: str, value: object) -> None:
+        """Refuse a force, N, under which the gap is closed on the coarser mesh, as far as that is pressed."""
+        if any(self._is_closed(point) and point.force <= force for point in self.loaded.paths[0].points):
+            self._refuse_closed_gap(key, value)
+
+    def _refuse_closed_gap(self, key: str, value: object) -> NoReturn:
+        """Refuse a load that closes the gap, with the largest that does not on the coarser mesh."""
+        point = [point for point in self.loaded.paths[0].points if not self._is_closed(point)][-1]
+        limit = _format_limit(key, point.force, point.indentation)
+        raise Refusal(key, value, f"up to {limit} for contact: tumours off the axis are not modelled once the gap is closed")
 
 
 def _format_limit(key: str, force: float, indentation: float) -> str:
