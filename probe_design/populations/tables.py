@@ -21,8 +21,7 @@ from probe_design.populations.entries import NUMBER_QUANTITY, DesignVariable, Ra
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
 FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
-DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS, MAX_TUMOURS = 64, 4096, 101, 3
-MAX_LOADS = 6  # of a protocol: each takes as long as one does
+DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS, MAX_TUMOURS, MAX_LOADS = 64, 4096, 101, 3, 6
 
 Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
 Pressure = Annotated[float, Quantity("pressure", "Pa", "kPa", 1e-3, 1e9)]
@@ -33,8 +32,6 @@ Distance = Annotated[float, replace(LENGTH_QUANTITY, low=0.0)]
 Weights = Annotated[tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...], Field(strict=False, max_length=MAX_TUMOURS + 1)]
 ChannelSet = Literal["ratio", "stiffness", "both"]
 CHANNEL_INDICES: dict[ChannelSet, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of a scan's channels
-
-
 Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=MAX_NOISE, allow_inf_nan=False)]
 
 
@@ -157,9 +154,8 @@ class Protocol(Frozen):
     )
     loads: Annotated[tuple[Annotated[float, FORCE_QUANTITY], ...], Field(strict=False, max_length=MAX_LOADS)] = Field(
         default=(),
-        description=f"forces under each of which every place is read, up to {MAX_LOADS}; where a design's limits allow less, "
-        "that is read in place of those above it; left out: one reading under the largest force that is allowed; `locate` and "
-        "`survey` do not use them, as their readings have forces of their own",
+        description=f"forces under each of which every place is read, up to {MAX_LOADS}, or the largest that limits allow; left "
+        "out: one reading under that; not for `locate` and `survey`, whose readings have forces of their own",
         examples=[["0.1 N", "0.3 N"]],
     )
     observable: Observable | None = Field(
