@@ -11,7 +11,7 @@ from tests.support.paths import DOCS, ROOT
 PAGES = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path in sorted(DOCS.rglob("*.md"))}
 GENERATED = {f"reference/{name}.md" for name in ("commands", "design-file", "equations", "python", "scene-file")}
 GENERATED |= {"explanation/architecture.md", "evidence/extremes.md"}  # a benchmark prints the latter
-MAX_WORDS = 31_000  # of prose, tables included; the aim is 30 000
+MAX_WORDS = 30_500  # of prose, tables included; the aim is 30 000
 MAX_GUIDE_LINES = 150
 LONG_GUIDES = {"guides/population.md": 167}
 
