@@ -3,13 +3,14 @@
     python -m benchmarks.explorer.latency [EVENTS]
 
 Each event is a key on a random slider of examples/scene.toml. Times are from the key to the frame after the new ratio, and to the
-frame after the new map of detection, the last of all.
+frame after the new map of detection.
 
 Duration: 4 minutes.
 """
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
 import subprocess
@@ -37,17 +38,18 @@ def main() -> None:
     start = time.perf_counter()
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
-            times, growth = _measure(server, start, events)
+            times, growth, processor = _measure(server, start, events)
         finally:
             server.terminate()
     print("| redrawn | median, ms | 95th percentile, ms |\n|---|---|---|")
     for name, values in times.items():
         print(f"| {name} | {np.median(values):.0f} | {np.percentile(values, 95):.0f} |")
-    print(f"{events} events, memory of the server grew by {growth:.1f} MB")
+    print(f"{events} events: memory of the server grew by {growth:.1f} MB; it took {processor:.0f} ms of a processor for each")
+    print(f"load average {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
 
 
-def _measure(server: subprocess.Popen[str], start: float, events: int) -> tuple[dict[str, list[float]], float]:
-    """Return times by what is redrawn, ms, and the growth of the server's memory, MB."""
+def _measure(server: subprocess.Popen[str], start: float, events: int) -> tuple[dict[str, list[float]], float, float]:
+    """Return times by what is redrawn, ms, the growth of the server's memory, MB, and its processor time for an event, ms."""
     assert server.stdout is not None
     address = server.stdout.readline().strip()
     with sync_playwright() as playwright:
@@ -59,11 +61,12 @@ def _measure(server: subprocess.Popen[str], start: float, events: int) -> tuple[
         page.wait_for_selector("[data-drawings]", state="attached")
         page.evaluate(WATCH)
         _press_keys(page, 20, random.Random(SEED + 1))
-        before = _read_memory(server.pid)
+        before, begin = _read_memory(server.pid), _read_processor_time(server.pid)
         times = _press_keys(page, events, random.Random(SEED))
         growth = _read_memory(server.pid) - before
+        processor = 1e3 * (_read_processor_time(server.pid) - begin) / events
         browser.close()
-    return times, growth
+    return times, growth, processor
 
 
 def _press_keys(page: Page, events: int, chance: random.Random) -> dict[str, list[float]]:
@@ -82,6 +85,12 @@ def _read_memory(process: int) -> float:
     """Return the memory that a process holds, MB (Linux)."""
     lines = Path(f"/proc/{process}/status").read_text().splitlines()
     return next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
+
+
+def _read_processor_time(process: int) -> float:
+    """Return the time of processors that a process has used, s (Linux)."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

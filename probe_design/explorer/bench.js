@@ -1,6 +1,5 @@
 // The live waveform of the bench page: minimum and maximum of each channel in each column, drawn on one canvas.
 window.drawWaveform = (wave) => {
-  window.lastWaveform = wave;
   const canvas = document.querySelector("canvas.waveform");
   if (!canvas) return;
   const ratio = devicePixelRatio;
@@ -34,7 +33,8 @@ window.drawWaveform = (wave) => {
   pen.fillStyle = "#d55e00";
   for (const k of wave.clipped) pen.fillRect((k * width) / 240, 0, Math.max(width / 240, 2), 5);
   document.querySelector(".clipping").hidden = !wave.clipped.length;
-  canvas.dataset.frames = Number(canvas.dataset.frames ?? 0) + 1;
+  if (wave !== window.lastWaveform) canvas.dataset.frames = Number(canvas.dataset.frames ?? 0) + 1;
+  window.lastWaveform = wave;
   canvas.dataset.clipped = wave.clipped.length;
 };
 const redraw = () => window.lastWaveform && drawWaveform(window.lastWaveform);

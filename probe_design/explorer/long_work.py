@@ -103,8 +103,7 @@ class LongWork:
         if optimum is None:
             return
         if optimum["improved"]:
-            _, readings = await compute(quick.evaluate_readings, optimum["scene"])
-            self._optimum = optimum["scene"], readings
+            self._optimum = optimum["scene"], await compute(quick.evaluate_outputs, optimum["scene"])
             self.accept_button.visible = True
             self._show()
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in optimum["warnings"])

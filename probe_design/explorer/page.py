@@ -77,7 +77,7 @@ class Page:
         self.session, self.name = Session(settings.scene), name
         self.work = LongWork(self.session, settings.design, self._show_outputs, self.request_update)
         self.kept: dict[str, tuple[dict[str, str], dict[str, quick.Reading]]] = {}
-        self.result: Result | None = None
+        self._warnings: list[str] = []
         self._drawn: Scene | None = None
         self.readings: dict[str, quick.Reading] = {}
         self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
@@ -173,6 +173,7 @@ class Page:
 
     def _open_fragment(self, event: events.GenericEventArguments) -> None:
         """Show the design that the address holds."""
+        self.session.settle()
         try:
             self.session.read_fragment(str(event.args))
         except ProbeError as refusal:
@@ -190,6 +191,7 @@ class Page:
             self.request_update()
 
     def _redo(self) -> None:
+        self.session.settle()
         if self.session.redo():
             self.request_update()
 
@@ -215,7 +217,7 @@ class Page:
             asyncio.get_running_loop().create_task(self._update())
 
     async def _update(self) -> None:
-        """Draw until nothing is pending: first the quick quantities, then curves and map unless there is a newer design."""
+        """Draw until nothing is pending: first the outputs, then map, limits and curves unless there is a newer design."""
         try:
             while self._pending:
                 self._pending = False
@@ -225,7 +227,7 @@ class Page:
                     self._say(refusal)
                     self._show_numbers()
                 elif await self._compute_quantities(scene, refusal) and not self._pending:
-                    await self._compute_charts(scene)
+                    await self._compute_charts(scene, refusal)
                     self._drawn = scene
         finally:
             self._is_updating = False
@@ -233,46 +235,49 @@ class Page:
     async def _compute_quantities(self, scene: Scene, refusal: str) -> bool:
         """Compute and show the outputs; False where the formulas refuse the design."""
         try:
-            result, readings = await compute(quick.evaluate_readings, scene)
+            self.readings = await compute(quick.evaluate_outputs, scene)
         except ProbeError as fault:
             self._say(str(fault))
             self._show_numbers()
             return False
-        self.result, self.readings = result, readings
         with self.client:
             self._show_numbers()
             self._show_outputs()
-            self._show_limits(result)
             self.section.content = draw_section(scene)
             fragment = json.dumps(f"/#{self.session.fragment}" if self.session.fragment else "/")
             ui.run_javascript(f"history.replaceState(null, '', {fragment})")
-        self._say(refusal, list(result.warnings))
+        self._say(refusal)
         return True
 
-    async def _compute_charts(self, scene: Scene) -> None:
-        """Compute and show curves and map."""
-        variables = [item for item in self.session.variables.values() if not item.key.startswith("load.")]
-        curves = await compute(quick.compute_curves, scene, variables)
-        names = ["ratio", "log_sensitivity", "stiffness"]
-        if scene.probe.film is not None:
-            names.append("charge_ratio")
-        self.curves.content = draw_curves(curves, names)
-        if self._pending:
-            return
+    async def _compute_charts(self, scene: Scene, refusal: str) -> None:
+        """Compute and show map, limits of the load and curves, unless there is a newer design."""
         try:
             detected = await compute(quick.compute_map, scene, Thresholds(self.work.noise))
             picture = draw_map(detected, scene)
-        except ProbeError as refusal:
-            picture = f"<p>No map: {html.escape(str(refusal))}</p>"
-        self._drawings += 1
-        self.map.content = (
-            f'{picture}<span hidden data-drawings="{self._drawings}"></span>'  # for those who wait for the last drawing
-        )
+        except ProbeError as fault:
+            picture = f"<p>No map: {html.escape(str(fault))}</p>"
+        self._drawings += 1  # for those who wait for this drawing
+        self.map.content = f'{picture}<span hidden data-drawings="{self._drawings}"></span>'
+        if self._pending:
+            return
+        try:
+            result = await compute(quick.evaluate_with_limits, scene)
+        except ProbeError as fault:
+            self._say(str(fault))
+        else:
+            self._warnings = list(result.warnings)
+            self._show_limits(result)
+            self._say(refusal)
+        if self._pending:
+            return
+        variables = [item for item in self.session.variables.values() if not item.key.startswith("load.")]
+        names = ["ratio", "log_sensitivity", "stiffness", *(["charge_ratio"] if scene.probe.film is not None else [])]
+        self.curves.content = draw_curves(await compute(quick.compute_curves, scene, variables), names)
 
-    def _say(self, text: str, warnings: list[str] | None = None) -> None:
+    def _say(self, text: str) -> None:
         """Show a refusal, or that the design is shown, with what evaluated it."""
-        who = f"evaluated by {quick.EVALUATOR}, errors at 95 %" if self.result is not None else "computing"
-        notes = "".join(f"<li>{html.escape(note)}</li>" for note in warnings or [])
+        who = f"evaluated by {quick.EVALUATOR}, errors at 95 %" if self.readings else "computing"
+        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self._warnings)
         refusal = f'<strong class="refusal">{html.escape(text)}</strong> The last valid design is shown. ' if text else ""
         self.status.content = f"{refusal}<span>{who}</span><ul>{notes}</ul>"
 

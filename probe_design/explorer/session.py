@@ -42,25 +42,25 @@ class Session:
     _past: list[dict[str, str]] = field(default_factory=list)
     _future: list[dict[str, str]] = field(default_factory=list)
     _last: tuple[tuple[str, ...], float] = ((), 0.0)
-    _waiting: dict[str, str] = field(default_factory=dict)
+    _waiting: dict[tuple[str, ...], dict[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.variables = {variable.key: variable for variable in list_variables(self.start)}
         self.scene = self.start
 
     def propose(self, entries: dict[str, str]) -> None:
-        """Remember changes for ``settle``, which carries out the last ones of a flood together."""
-        self._waiting |= entries
+        """Remember changes for ``settle``; of a flood of changes of the same numbers the last ones."""
+        self._waiting[tuple(entries)] = entries
 
     def settle(self) -> str:
-        """Carry out the changes that were proposed; return why they are refused, or an empty text."""
-        entries, self._waiting = self._waiting, {}
-        try:
-            if entries:
+        """Carry out the changes that were proposed; return why one is refused, or an empty text."""
+        waiting, self._waiting, reason = self._waiting, {}, ""
+        for entries in waiting.values():
+            try:
                 self.change(entries)
-        except InputError as refusal:
-            return str(refusal)
-        return ""
+            except InputError as refusal:
+                reason = str(refusal)
+        return reason
 
     def change(self, entries: dict[str, str]) -> None:
         """Change numbers of the design, given as typed.
