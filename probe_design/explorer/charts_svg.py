@@ -43,8 +43,8 @@ def draw_curves(curves: Sequence[Curve], outputs: Sequence[str]) -> str:
 def draw_map(result: DetectionMap, scene: Scene) -> str:
     """Return the map of detected tumours over diameter and depth, with a cross for the present one."""
     rows, columns = result.verdicts.shape
-    size, left, top = MAP_SIZE / max(rows, columns), 34, 6
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" class="map" role="img" viewBox="0 0 {MAP_SIZE + 46} {MAP_SIZE + 62}" '
+    size, left, top = MAP_SIZE / max(rows, columns), 40, 6
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" class="map" role="img" viewBox="0 0 {MAP_SIZE + 52} {MAP_SIZE + 62}" '
              f'aria-label="tumours detected over depth and diameter">']  # fmt: skip
     for (row, column), verdict in np.ndenumerate(result.verdicts):
         kind, words = VERDICTS.get(float(verdict), ("unfit", "does not fit, or is refused"))
@@ -67,7 +67,7 @@ def draw_map(result: DetectionMap, scene: Scene) -> str:
         parts.append(f'<text x="{left - 4}" y="{top + max(place, 10)}" text-anchor="end">{depth:.3g}</text>')
     parts.append(f'<text x="{left + MAP_SIZE / 2}" y="{bottom}" text-anchor="middle">diameter, mm</text>')
     parts.append(f'<text transform="translate(12,{top + MAP_SIZE / 2}) rotate(-90)" text-anchor="middle">depth, mm</text>')
-    for x, (kind, words) in zip((left, left + 74, left + 208), VERDICTS.values(), strict=True):
+    for x, (kind, words) in zip((left, left + 74, left + 216), VERDICTS.values(), strict=True):
         parts.append(f'<rect class="{kind}" x="{x}" y="{bottom + 12}" width="11" height="11"/>')
         parts.append(f'<text x="{x + 15}" y="{bottom + 22}">{words}</text>')
     return "".join(parts) + "</svg>"

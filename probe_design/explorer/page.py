@@ -216,6 +216,10 @@ class Page:
             self._is_updating = True
             asyncio.get_running_loop().create_task(self._update())
 
+    def _has_newer_design(self) -> bool:
+        """Return whether a change has come since the drawing began."""
+        return self._pending
+
     async def _update(self) -> None:
         """Draw until nothing is pending: first the outputs, then map, limits and curves unless there is a newer design."""
         try:
@@ -258,7 +262,7 @@ class Page:
             picture = f"<p>No map: {html.escape(str(fault))}</p>"
         self._drawings += 1  # for those who wait for this drawing
         self.map.content = f'{picture}<span hidden data-drawings="{self._drawings}"></span>'
-        if self._pending:
+        if self._has_newer_design():
             return
         try:
             result = await compute(quick.evaluate_with_limits, scene)
@@ -268,7 +272,7 @@ class Page:
             self._warnings = list(result.warnings)
             self._show_limits(result)
             self._say(refusal)
-        if self._pending:
+        if self._has_newer_design():
             return
         variables = [item for item in self.session.variables.values() if not item.key.startswith("load.")]
         names = ["ratio", "log_sensitivity", "stiffness", *(["charge_ratio"] if scene.probe.film is not None else [])]
