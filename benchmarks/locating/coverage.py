@@ -4,8 +4,9 @@
 
 Scans are simulated by ``equivalent-inclusion`` with reflections, not by the tables that the inference uses, with white noise, a
 gain common to scan and baseline reading and, for hand-held readings, a place that differs from the stated one by 0.5 mm along
-each axis. Half of the scans hold a tumour drawn from the population. Four settings: narrow and wide populations as in
-``forward_model``, with the ratio alone and with the stiffness; hand-held; under a skin of 1 mm and 20 kPa. The detector is that
+each axis. Half of the scans hold a tumour drawn from the population. Settings: narrow and wide populations as in
+``forward_model``, with the ratio alone and with the stiffness; hand-held; under a skin of 1 mm and 20 kPa; in a tissue whose
+modulus, or whose skin, differs from scan to scan within a range that the design states. The detector is that
 of ``optimize`` (eq. PO.4) on the same scans, with 512 tumours of the population; both thresholds are the 95 % quantile of the
 scans without tumour.
 
@@ -33,9 +34,10 @@ from probe_design.locating.inference import Posterior
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.posterior import find_region, summarise
 from probe_design.locating.prior import TumourPrior
-from probe_design.locating.scan_data import ScanData
-from probe_design.populations.design_file import design_from_dict
+from probe_design.locating.scan_data import ScanData, TumourFree
+from probe_design.populations.design_file import Design, design_from_dict
 from probe_design.populations.detection import compute_log_likelihood_ratio, whiten
+from probe_design.populations.population import ScenePopulation
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
@@ -45,11 +47,15 @@ NARROW = {"depth": ["8 mm", "20 mm"], "diameter": ["5 mm", "12 mm"], "object": [
 COMMON = {"x": ["-16 mm", "16 mm"], "least_cover": "2 mm", "tumours": 1}
 WIDE = {"depth": ["5 mm", "25 mm"], "diameter": ["4 mm", "16 mm"], "object": ["8 kPa", "160 kPa"]}
 SKIN = {"thickness": "1 mm", "youngs_modulus": "20 kPa", "poisson_ratio": 0.45}
+UNKNOWN_SKIN = {"thickness": ["0.8 mm", "1.25 mm"], "modulus": ["10 kPa", "40 kPa"]}
+TISSUES = 12  # different ones, where the tissue is not known
 SETTINGS: dict[str, tuple[dict[str, Any], bool, float, dict[str, Any]]] = {  # population, stiffness, pose error in m, tissue
     "narrow": (NARROW, False, 0.0, {}),
     "wide": (WIDE, True, 0.0, {}),
     "hand-held": (WIDE, True, 0.5e-3, {}),
     "under a skin": (NARROW, True, 0.0, {"layer": [SKIN]}),
+    "unknown tissue": (NARROW | {"tissue": ["4 kPa", "7 kPa"]}, True, 0.0, {}),
+    "unknown skin": (NARROW | {"layer": [UNKNOWN_SKIN]}, True, 0.0, {"layer": [SKIN]}),
 }
 WHITE, GAIN = np.array([0.01, 0.03]), np.array([0.0707, 0.05])  # of ln ratio and ln stiffness
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.85, 1.0)  # of P(no tumour)
@@ -96,6 +102,23 @@ def simulate(scene: Scene, tumour: Floats, positions: Floats) -> Floats:
     return np.stack([ratio, np.log(readings.stiffness / blank.sum())], axis=-1)
 
 
+def compute_blank(scene: Scene) -> Floats:
+    """Return ln ratio, but for the areas, and ln stiffness without tumours, shape (2,)."""
+    forces = EquivalentInclusion().prepare(scene, 0.003).films.totals
+    return np.log([forces[0] / forces[1], forces.sum()])
+
+
+def draw_tissues(design: Design) -> list[Scene]:
+    """Return tissues of the population, without tumours."""
+    population = ScenePopulation.from_scene(design.scene, design.population)
+    fractions = np.random.default_rng(SEED).permuted(np.tile((np.arange(TISSUES) + 0.5) / TISSUES, (3, 1)), axis=1)
+    rows = {
+        key: population.ranges[key].compute_quantiles(row)
+        for key, row in zip(population.tissue_parameters, fractions, strict=False)
+    }
+    return [population.build_tissue_scene({key: float(row[index]) for key, row in rows.items()}) for index in range(TISSUES)]
+
+
 def run(name: str, scans: int) -> Outcome:
     """Simulate and locate the scans of a setting, the first half with a tumour."""
     population, has_stiffness, pose, extra = SETTINGS[name]
@@ -104,7 +127,9 @@ def run(name: str, scans: int) -> Outcome:
     scene = design.scene.model_copy(update={"inclusion": ()})
     grid, rng = build_positions(), np.random.default_rng((SEED, list(SETTINGS).index(name)))
     places, k = np.vstack([[30e-3, 0.0], grid]), len(grid) + 1
-    prior = TumourPrior.from_design(design, grid)
+    prior, free = TumourPrior.from_design(design, grid), TumourFree.from_design(design)
+    tissues = draw_tissues(design) if np.any(free.signal_errors) else [scene]
+    gain = np.hypot(GAIN, free.errors)
     model = build_model(prior)
     tumours = prior.transform(rng.random((2 * scans, 1, 5)))
     tumours = tumours[prior.find_allowed(tumours)][:scans]  # a skin leaves no room for some
@@ -125,12 +150,13 @@ def run(name: str, scans: int) -> Outcome:
     outcome = Outcome([], [], [], [], [], [])
     for index in range(scans):
         is_free = index % 2 == 1
-        values = np.zeros((k, 2))
+        tissue = tissues[index % len(tissues)]
+        values = np.tile(compute_blank(tissue) - compute_blank(free.scene), (k, 1))
         if not is_free:
-            values[1:] = simulate(scene, tumours[index, 0], grid + pose * rng.standard_normal(grid.shape))
+            values[1:] += simulate(tissue, tumours[index, 0], grid + pose * rng.standard_normal(grid.shape))
         values += GAIN * rng.standard_normal(2) + WHITE * rng.standard_normal((k, 2))
         values[:, [c for c in range(2) if c not in channels]] = 0.0
-        data = ScanData(places, values, variance, np.full((k, 2), pose), np.arange(k) == 0, GAIN)
+        data = ScanData(places, values, variance, np.full((k, 2), pose), np.arange(k) == 0, gain, free.signal_errors)
         start = process_time()
         posterior = Posterior.from_likelihood(Likelihood(data, model, prior), index)
         outcome.seconds.append(process_time() - start)

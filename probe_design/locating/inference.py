@@ -110,7 +110,7 @@ def infer(
         next=_advise(likelihood, posterior, sets) if advise else None,
         warnings=(),
         evaluator=tumour_free.evaluator,
-        model_error=float(np.max(likelihood.model.error)),
+        model_error=float(np.max(np.hypot(likelihood.model.error, likelihood.scale_sd))),
         seconds=time.perf_counter() - start,
         seed=seed,
         tumour_prior=likelihood.prior,
@@ -272,6 +272,12 @@ def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sam
         notes.append(
             f"the probability of {numbers} is withheld: repeats of ln evidence differ by {sample.repeat_difference:.1f}, the "
             f"effective sample is {sample.size:.0f}; the other probabilities hold if there are at most {first - 1}"
+        )
+    scale = likelihood.data.scale_sd[likelihood.data.is_read.any(axis=0)]
+    if np.any(scale):
+        notes.append(
+            f"the tissue is not known ([population] tissue, layer): all that tumours change may be off alike by "
+            f"{100 * scale.max():.0f} %, to first order, which widens depth, diameter and contrast"
         )
     share = compute_detectable_share(likelihood)
     if share < 0.1:

@@ -2,17 +2,20 @@
 
 With r_k the residual of reading k after subtracting the signal that the tumours cause, in each channel
 
-    r_k = b + w_k,   b ~ N(0, g^2),   w_k ~ N(0, v_k),   v_k = white^2 + sum_j (pose_j d signal / d x_j)^2 + (e signal)^2   (LO.1)
+    r_k = b + a s_k + w_k,   b ~ N(0, g^2),   a ~ N(0, f^2),   w_k ~ N(0, v_k),
+    v_k = white^2 + sum_j (pose_j d s_k / d x_j)^2 + (e s_k)^2                                          (LO.1)
 
-where b is the logarithm of the gain, common to the scan and the baseline reading, g its standard deviation, pose_j the standard
-deviation of the probe's place along axis j, and e the relative error of the model. Several tumours exchange fields, which a sum
-of their effects leaves out: e contains c sum_(i<j) (R_i R_j)^(3/2) / d_ij^3 with their radii R and distances d. With b integrated
-out,
+where b is the logarithm of the gain, common to the scan and the baseline reading, g its standard deviation, a what the model is
+off by in all signals s_k alike, as a tissue is stiffer than thought or a load changes them, pose_j the standard deviation of the
+probe's place along axis j, and e the relative error of each signal by itself. Several tumours exchange fields, which a sum of
+their effects leaves out: e contains c sum_(i<j) (R_i R_j)^(3/2) / d_ij^3 with their radii R and distances d. With a and b
+integrated out, S_i = sum_k r_k^i / v_k, Q_0 = sum_k s_k / v_k, Q_1 = sum_k s_k r_k / v_k, Q_2 = sum_k s_k^2 / v_k,
 
-    ln L = -1/2 sum over channels [S_2 - S_1^2 / (S_0 + g^-2) + ln(1 + g^2 S_0) + sum_k ln v_k],   S_i = sum_k r_k^i / v_k  (LO.2)
+    ln L = -1/2 sum over channels [S_2 - N / D + ln D + sum_k ln v_k],   D = (1 + g^2 S_0) (1 + f^2 Q_2) - g^2 f^2 Q_0^2,
+    N = g^2 (1 + f^2 Q_2) S_1^2 - 2 g^2 f^2 Q_0 S_1 Q_1 + f^2 (1 + g^2 S_0) Q_1^2                       (LO.2)
 
-With a rate q of wild readings each density N(r_k - b, v_k) becomes (1 - q) N(r_k - b, v_k) + q N(r_k - b, v_k + s^2); b is then
-integrated by Laplace's method about its most probable value.
+With a rate q of wild readings each density N(r_k - b, v_k) becomes (1 - q) N(r_k - b, v_k) + q N(r_k - b, v_k + s^2), with
+(f s_k)^2 in v_k; b is then integrated by Laplace's method about its most probable value.
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ class Sums:
     Attributes
     ----------
     moments
-        S_0, S_1, S_2 of each channel, shape (3, n, 2).
+        S_0, S_1, S_2, Q_0, Q_1, Q_2 of each channel, shape (6, n, 2).
     log_variance
         Sum of ln v_k, shape (n, 2).
     """
@@ -52,10 +55,14 @@ class Sums:
         """Return the sums over the readings of both."""
         return Sums(self.moments + other.moments, self.log_variance + other.log_variance)
 
-    def compute_log_likelihood(self, gain_sd: Floats) -> Floats:
-        """Return ln L, shape (n,), up to a constant that is the same for all tumours."""
-        S0, S1, S2 = self.moments
-        terms = S2 - S1**2 / (S0 + gain_sd**-2.0) + np.log1p(gain_sd**2 * S0) + self.log_variance
+    def compute_log_likelihood(self, gain_sd: Floats, scale_sd: Floats) -> Floats:
+        """Return ln L for g and f of LO.1, shape (2,) each, up to a constant that is the same for all tumours; shape (n,)."""
+        S0, S1, S2, Q0, Q1, Q2 = self.moments
+        g2, f2 = gain_sd**2, scale_sd**2
+        for_gain, for_scale, both = 1 + g2 * S0, 1 + f2 * Q2, g2 * f2 * Q0
+        numerator = g2 * for_scale * S1**2 - 2 * both * S1 * Q1 + f2 * for_gain * Q1**2
+        determinant = for_gain * for_scale - both * Q0
+        terms = S2 - numerator / determinant + np.log(determinant) + self.log_variance
         return np.asarray(-terms.sum(axis=-1) / 2)
 
 
@@ -121,17 +128,25 @@ class Likelihood:
 
     def evaluate_tumours(self, tumours: Floats) -> Floats:
         """Return ln L of sets of tumours, shape (n, m, 5); m may be 0. Shape (n,)."""
-        residuals, variance = self.compute_residuals(tumours)
         if self.outlier_rate:
-            return self._integrate_gain(residuals, variance)
-        return self._sum(residuals, variance).compute_log_likelihood(self.data.gain_sd)
+            return self._integrate_gain(*self.compute_residuals(tumours))
+        return self.sum_readings(tumours).compute_log_likelihood(self.data.gain_sd, self.scale_sd)
 
     def sum_readings(self, tumours: Floats) -> Sums:
         """Return the sums of eq. LO.2 for sets of tumours, shape (n, m, 5)."""
-        return self._sum(*self.compute_residuals(tumours))
+        residuals, variance = self.compute_residuals(tumours, with_scale=False)
+        return self._sum(residuals, variance, self.data.values - residuals)
 
-    def compute_residuals(self, tumours: Floats) -> tuple[Floats, Floats]:
-        """Return residuals r_k and variances v_k, inf where nothing is read, for tumours (n, m, 5); shape (n, k, 2) each."""
+    @property
+    def scale_sd(self) -> Floats:
+        """Standard deviation of what all signals of a channel are off by alike, f of LO.1, shape (2,)."""
+        return np.hypot(self.model.scale_error, self.data.scale_sd)
+
+    def compute_residuals(self, tumours: Floats, with_scale: bool = True) -> tuple[Floats, Floats]:
+        """Return residuals r_k and variances v_k, inf where nothing is read, for tumours (n, m, 5); shape (n, k, 2) each.
+
+        With ``with_scale`` the variances contain (f s_k)^2, as if each signal was off by itself.
+        """
         data, n = self.data, len(tumours)
         signal, variance = np.zeros((n, len(data), 2)), np.repeat(data.variance[None], n, axis=0)
         over_tissue = ~data.is_baseline
@@ -139,7 +154,8 @@ class Likelihood:
             positions = data.positions[over_tissue]
             signal[:, over_tissue] = self.model.predict(tumours, positions)
             exchange = compute_exchange(tumours)[:, None, None]
-            variance += (self.model.error**2 + exchange**2) * signal**2
+            scale = self.scale_sd if with_scale else 0.0
+            variance += (self.model.error**2 + scale**2 + exchange**2) * signal**2
             if np.any(data.pose_sd[over_tissue]):
                 slopes = self.model.slopes(tumours, positions)
                 variance[:, over_tissue] += ((slopes * data.pose_sd[over_tissue][:, None, :]) ** 2).sum(axis=-1)
@@ -159,10 +175,15 @@ class Likelihood:
     def _is_read(self) -> Bools:
         return self.data.is_read
 
-    def _sum(self, residuals: Floats, variance: Floats) -> Sums:
+    def _sum(self, residuals: Floats, variance: Floats, signal: Floats) -> Sums:
         """Return the sums over all readings."""
         weights = 1 / variance
-        moments = np.stack([weights.sum(axis=1), (residuals * weights).sum(axis=1), (residuals**2 * weights).sum(axis=1)])
+        weighted = residuals * weights
+        moments = np.zeros((6, len(residuals), 2))
+        moments[:3] = weights.sum(axis=1), weighted.sum(axis=1), (residuals * weighted).sum(axis=1)
+        if np.any(self.scale_sd):
+            scaled = signal * weights
+            moments[3:] = scaled.sum(axis=1), (signal * weighted).sum(axis=1), (signal * scaled).sum(axis=1)
         log_variance = np.log(variance, where=np.isfinite(variance), out=np.zeros_like(variance)).sum(axis=1)
         return Sums(moments, log_variance)
 

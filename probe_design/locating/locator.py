@@ -66,7 +66,7 @@ class Locator:
         if not 0 <= outliers <= 0.3:
             raise InputError("outliers", outliers, "a fraction from 0 to 0.3")
         self.design, self.seed, self.readings = known, seed, ()
-        self._tumour_free = TumourFree.from_scene(known.scene)
+        self._tumour_free = TumourFree.from_design(known)
         lines = known.protocol.places
         grid = np.stack(np.meshgrid(lines, lines), axis=-1).reshape(-1, 2)
         prior = TumourPrior.from_design(known, grid)

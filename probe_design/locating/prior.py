@@ -33,7 +33,12 @@ class ForwardModel(Protocol):
 
     @property
     def error(self) -> Floats:
-        """Relative error of the predicted changes of ln ratio and ln stiffness, shape (2,)."""
+        """Relative error of each predicted change of ln ratio and ln stiffness by itself, shape (2,)."""
+        ...
+
+    @property
+    def scale_error(self) -> Floats:
+        """Relative error that all changes have alike, shape (2,)."""
         ...
 
     def predict(self, tumours: Floats, positions: Floats) -> Floats:
@@ -76,13 +81,9 @@ class TumourPrior:
         Raises
         ------
         InputError
-            The population's tissue differs between patients, or the shallowest tumour lies deeper than the deepest.
+            The shallowest tumour lies deeper than the deepest.
         """
         given, population = design.population, ScenePopulation.from_scene(design.scene, design.population)
-        for name in population.tissue_parameters:
-            if not population.ranges[name].is_single:
-                key = "population.tissue" if name == "tissue" else f"population.layer, {name}"
-                raise InputError(key, Words("a range"), "one value, as readings are predicted in a known tissue")
         inclusion = design.scene.inclusion[0] if design.scene.inclusion else None
         x_range = given.x or _span(positions[:, 0])
         if given.y is not None:

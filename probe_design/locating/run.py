@@ -51,7 +51,7 @@ def run_locate(
     model
         Predicts readings; default: the table of the probe on the tissue.
     """
-    tumour_free = TumourFree.from_scene(design.scene)
+    tumour_free = TumourFree.from_design(design)
     readings = read_scan(scan, design, tumour_free) if isinstance(scan, Path) else scan
     check_readings(readings)
     data = ScanData.from_readings(readings, design, tumour_free)

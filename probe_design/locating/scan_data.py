@@ -13,9 +13,11 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from probe_design.estimation.measurements import Reading
+from probe_design.locating.tissue_errors import estimate_tissue_errors
 from probe_design.populations.design_file import Design
 from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.noise import compute_common_variances
+from probe_design.populations.population import ScenePopulation
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.load_limits import compute_load_limits
 from solver.reading_tables.effect_samplers import LOAD_ACCURACY, choose_sampler
@@ -38,7 +40,9 @@ class TumourFree:
     logarithms
         Ln ratio, as it is read, and ln stiffness, N/m; shape (2,).
     errors
-        Their standard deviations by the model's error, shape (2,).
+        Their standard deviations by errors of the model, and by what is not known of the tissue, shape (2,).
+    signal_errors
+        Relative standard deviations of what tumours change, by what is not known of the tissue, shape (2,).
     evaluator
         Name of the model of the readings.
     """
@@ -47,6 +51,7 @@ class TumourFree:
     totals: Floats
     logarithms: Floats
     errors: Floats = field(default_factory=lambda: np.zeros(2))
+    signal_errors: Floats = field(default_factory=lambda: np.zeros(2))
     evaluator: str = EquivalentInclusion.name
 
     @classmethod
@@ -64,7 +69,23 @@ class TumourFree:
         totals = np.asarray(stack_totals(scene, films), dtype=float)
         per_area = np.abs(totals[-2:]) / [scene.probe.inner_area, scene.probe.outer_area]
         errors = np.array([films.get_observable(scene).bound.log_ratio, films.stiffness_error]) / 2  # of bounds
-        return cls(scene, totals, np.log([per_area[0] / per_area[1], totals[:2].sum()]), errors, sampler.name)
+        return cls(scene, totals, np.log([per_area[0] / per_area[1], totals[:2].sum()]), errors, np.zeros(2), sampler.name)
+
+    @classmethod
+    def from_design(cls, design: Design) -> TumourFree:
+        """Solve the probe on the tissue in the middle of a design's ranges; what is not known of it counts as errors.
+
+        Raises
+        ------
+        InputError
+            No tumour of the population fits the tissue at both ends of its ranges.
+        Refusal
+            The evaluator cannot model the scene or its load.
+        """
+        population = ScenePopulation.from_scene(design.scene, design.population)
+        free = cls.from_scene(population.middle)
+        readings, signals = estimate_tissue_errors(population)
+        return replace(free, errors=np.hypot(free.errors, readings), signal_errors=signals)
 
     @property
     def is_linear(self) -> bool:
@@ -90,6 +111,8 @@ class ScanData:
         Whether a reading is over tumour-free tissue, shape (k,).
     gain_sd
         Standard deviation of the logarithm of each channel's gain, common to all readings, shape (2,).
+    scale_sd
+        Standard deviation of the logarithm of all signals of tumours, as the tissue is not known, shape (2,).
     """
 
     positions: Floats
@@ -98,6 +121,7 @@ class ScanData:
     pose_sd: Floats
     is_baseline: Bools
     gain_sd: Floats
+    scale_sd: Floats = field(default_factory=lambda: np.zeros(2))
 
     @classmethod
     def from_readings(cls, readings: Sequence[Reading], design: Design, tumour_free: TumourFree) -> ScanData:
@@ -123,7 +147,7 @@ class ScanData:
         return cls(
             np.array([(reading.x, reading.y) for reading in readings]).reshape(k, 2), values, variance,
             np.array(pose, dtype=float).reshape(k, 2), np.array([reading.blank for reading in readings], dtype=bool),
-            np.maximum(gains, MIN_GAIN_SD_RELATIVE),
+            np.maximum(gains, MIN_GAIN_SD_RELATIVE), tumour_free.signal_errors,
         )  # fmt: skip
 
     def __len__(self) -> int:

@@ -208,13 +208,14 @@ def _measure(likelihood: Likelihood, points: Floats) -> tuple[Floats, Sums | Non
 
 def _compute_log_likelihood(likelihood: Likelihood, sums: Sums) -> Floats:
     """Return ln L of sums, -inf where the squares are infinite."""
-    return np.where(np.isfinite(sums.moments[2]).all(axis=-1), sums.compute_log_likelihood(likelihood.data.gain_sd), -np.inf)
+    values = sums.compute_log_likelihood(likelihood.data.gain_sd, likelihood.scale_sd)
+    return np.where(np.isfinite(sums.moments[2]).all(axis=-1), values, -np.inf)
 
 
 def _sum_predictable(likelihood: Likelihood, tumours: Floats, is_possible: Bools) -> Sums:
     """Return the sums of eq. LO.2; of sets that are not possible, and of those that the model refuses, with infinite squares."""
     n = len(tumours)
-    moments, log_variance = np.zeros((3, n, 2)), np.zeros((n, 2))
+    moments, log_variance = np.zeros((6, n, 2)), np.zeros((n, 2))
     moments[2] = np.inf
     chosen = np.flatnonzero(is_possible)
     parts = list(np.array_split(chosen, max(1, len(chosen) // 4096)))

@@ -36,7 +36,7 @@ COEFFICIENT_TOLERANCE_RELATIVE = 1e-6  # of the largest coefficient: polynomials
 END_SHARE = 0.02  # of the largest effect: more of it at the end of the tissue's side is refused
 REACH_OUTER_RADII, REACH_DEPTHS = 2.0, 2.5  # the end of the table: beyond it effects are below 1e-3 of the largest
 SCALE_OUTER_RADII = 0.6  # outer radii: scale of offsets
-TABLE_ARRAYS = ("scale", "end", "offset_functions", "degrees", "coefficients", "error", "worst_error")  # stored on disk
+TABLE_ARRAYS = ("scale", "end", "offset_functions", "degrees", "coefficients", "error", "scale_error", "worst_error")  # stored on disk
 HELD_OUT_TUMOURS, HELD_OUT_SEED = 24, 7  # tumours at which the error is measured
 HELD_OUT_OFFSETS_OUTER_RADII = (0.0, 0.35, 0.7, 1.0, 1.4, 2.0, 3.0)  # outer radii: where their readings are compared
 
@@ -168,8 +168,8 @@ def _reduce(scene: Scene, cube: TumourCube, grid: OffsetGrid, counts: tuple[int,
     return ReadingTable(cube, scene, grid.scale, grid.end, functions, degrees[large], coefficients[large])
 
 
-def _measure_error(table: ReadingTable, sampler: EffectSampler) -> tuple[Floats, Floats]:
-    """Return the errors of a table, those of its model included, at tumours drawn evenly within its ranges."""
+def _measure_error(table: ReadingTable, sampler: EffectSampler) -> tuple[Floats, Floats, Floats]:
+    """Return the errors of a table and of its model, and the largest of the table, at tumours drawn evenly within its ranges."""
     random, cube = np.random.default_rng(HELD_OUT_SEED), table.cube
     depth, diameter, modulus = cube.map_from_cube(random.uniform(-1, 1, (HELD_OUT_TUMOURS, 3)))
     depth = np.maximum(depth, cube.compute_shallowest(diameter))
@@ -181,9 +181,9 @@ def _measure_error(table: ReadingTable, sampler: EffectSampler) -> tuple[Floats,
     truth = truth.reshape(HELD_OUT_TUMOURS, len(offsets), 2)
     candidates = np.stack([0 * depth, 0 * depth, depth, diameter, modulus], axis=-1)[:, None]
     deviations = np.abs(table.predict(candidates, np.stack([offsets, 0 * offsets], axis=-1)) - truth)
-    squares = deviations**2 + sampler.compute_errors(tumours).reshape(truth.shape) ** 2
-    error = np.sqrt(squares.mean(axis=(0, 1)) / (truth**2).mean(axis=(0, 1)))
-    return error, (deviations.max(axis=1) / np.abs(truth).max(axis=1)).max(axis=0)
+    squares = np.stack([deviations**2, sampler.compute_errors(tumours).reshape(truth.shape) ** 2])
+    error, scale_error = np.sqrt(squares.mean(axis=(1, 2)) / (truth**2).mean(axis=(0, 1)))
+    return error, scale_error, (deviations.max(axis=1) / np.abs(truth).max(axis=1)).max(axis=0)
 
 
 @cache

@@ -83,7 +83,7 @@ def predict_readings(
         number = int(np.flatnonzero(~allowed)[0])
         raise InputError("tumours", Words(f"candidate {number}"), "tumours inside the tissue and at least 0.5 mm apart")
     exchange = SUPERPOSITION_ERROR_RELATIVE if candidates.shape[1] > 1 else 0.0
-    return PredictedReadings(signals[..., 0], signals[..., 1], table.error + exchange)
+    return PredictedReadings(signals[..., 0], signals[..., 1], np.hypot(table.error, table.scale_error) + exchange)
 
 
 def _find_ranges(scene: Scene, candidates: Floats) -> TumourRanges:

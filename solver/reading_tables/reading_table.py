@@ -50,7 +50,9 @@ class ReadingTable:
         Degrees of the polynomials, shape (p, 3), and psi_rc per diameter^3, 1/m^3, as sums of these, shape (p, r, 3).
     error
         Root mean square error of the signals over held-out tumours, relative to that of the signals; of ln ratio and ln
-        stiffness, shape (2,). It is of one tumour; several add their exchange of fields. Under load that of ``contact`` counts.
+        stiffness, shape (2,). It is of one tumour; several add their exchange of fields.
+    scale_error
+        The same of the model, which all signals of a scan have nearly alike, shape (2,): 0 in linear elasticity.
     worst_error
         The largest error of a held-out signal relative to the largest signal of its tumour, shape (2,).
     """
@@ -63,6 +65,7 @@ class ReadingTable:
     degrees: Ints
     coefficients: Floats
     error: Floats = field(default_factory=lambda: np.zeros(2))
+    scale_error: Floats = field(default_factory=lambda: np.zeros(2))
     worst_error: Floats = field(default_factory=lambda: np.zeros(2))
 
     def predict(self, tumours: Floats, positions: Floats) -> Floats:
@@ -129,9 +132,9 @@ class ReadingTable:
                 allowed &= distance - radius[:, i] - radius[:, j] >= MIN_DISTANCE_M
         return np.asarray(allowed)
 
-    def with_errors(self, error: Floats, worst_error: Floats) -> ReadingTable:
+    def with_errors(self, error: Floats, scale_error: Floats, worst_error: Floats) -> ReadingTable:
         """Return the table with measured errors."""
-        return replace(self, error=error, worst_error=worst_error)
+        return replace(self, error=error, scale_error=scale_error, worst_error=worst_error)
 
     def _find_covered(self, tumours: Floats) -> Bools:
         """Return whether each tumour of shape (..., 5) lies within the ranges and has its cover, shape (...)."""

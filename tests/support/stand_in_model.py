@@ -11,6 +11,7 @@ class StandInModel:
     """Signals fall with depth and distance, grow with diameter^3 and contrast; those of several tumours add."""
 
     error = np.zeros(2)
+    scale_error = np.zeros(2)
 
     def predict(self, tumours: Floats, positions: Floats) -> Floats:
         x, y, depth, diameter, modulus = np.moveaxis(tumours[..., None], -2, 0)

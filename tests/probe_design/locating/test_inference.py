@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import logistic, multivariate_normal, multivariate_t
 
+from geometry import read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from probe_design.estimation.measurements import Reading
@@ -72,10 +73,10 @@ def clear() -> Location:
     return result(scan(CLEAR), tumours=1)
 
 
-@pytest.mark.parametrize("pose", [0.0, 0.5e-3])
-def test_likelihood_is_that_of_the_whole_covariance(pose: float) -> None:
-    """Against scipy's multivariate normal density: the gain is one number for scan and baseline reading."""
-    data = scan(CLEAR, stiffness=True, pose=pose)
+@pytest.mark.parametrize(("pose", "scale"), [(0.0, 0.0), (0.5e-3, 0.0), (0.0, 0.2)])
+def test_likelihood_is_that_of_the_whole_covariance(pose: float, scale: float) -> None:
+    """Against scipy's multivariate normal density: one gain for scan and baseline reading, one scale of all signals."""
+    data = replace(scan(CLEAR, stiffness=True, pose=pose), scale_sd=scale * np.ones(2))
     tumours = CLEAR + np.array([[[0.0] * 5], [[1e-3, 0, 1e-3, 0, 0]]])
     values, expected = likelihood(data).evaluate_tumours(tumours), []
     for bodies in tumours:
@@ -84,7 +85,7 @@ def test_likelihood_is_that_of_the_whole_covariance(pose: float) -> None:
         parts = []
         for channel in range(2):
             white = WHITE[channel] ** 2 + pose**2 * (slopes[:, channel] ** 2).sum(axis=-1)
-            covariance = np.diag(white) + GAIN[channel] ** 2
+            covariance = np.diag(white) + GAIN[channel] ** 2 + scale**2 * np.outer(signal[:, channel], signal[:, channel])
             parts.append(multivariate_normal.logpdf(data.values[:, channel] - signal[:, channel], cov=covariance))
         expected.append(sum(parts))
     assert values[1] - values[0] == pytest.approx(expected[1] - expected[0], abs=1e-6)
@@ -257,6 +258,29 @@ def test_readings_too_noisy_for_any_tumour_say_so() -> None:
     data = scan(NONE)
     noisy = result(replace(data, variance=data.variance * 100), tumours=1)
     assert any("the map is little more than the population" in line for line in noisy.warnings)
+
+
+def test_a_tissue_that_is_not_known_widens_size_and_says_so() -> None:
+    unknown = result(replace(scan(CLEAR), scale_sd=np.full(2, 0.4)), tumours=1)
+    assert any("tissue is not known" in line for line in unknown.warnings)
+    known, wider = (np.ptp(part.tumours[0].quantities["diameter"].interval_90) for part in (clear(), unknown))
+    assert wider > 1.15 * known
+
+
+def test_errors_by_the_tissue_are_those_of_its_modulus() -> None:
+    """Below much stiffer blocks the stiffness is proportional to the modulus; signals change as Eshelby's strength."""
+    low, high, nu = 4e3, 7e3, 0.45
+    soft = read_scene(ROOT / "examples" / "scene.toml").replace({"probe.outer.youngs_modulus": "1 MPa"})
+    tables = {
+        "scene": soft,
+        "population": {"depth": [15e-3, 20e-3], "diameter": [4e-3, 5e-3], "object": 24e3, "tissue": [low, high]},
+    }
+    free = TumourFree.from_design(design_from_dict(tables))
+    sd = np.log(high / low) / np.sqrt(12)
+    excess, beta = 24e3 / np.sqrt(low * high) - 1, 2 * (4 - 5 * nu) / (15 * (1 - nu))
+    assert free.errors[1] == pytest.approx(sd, rel=0.05)
+    by_host = -(1 + excess) / excess / (1 + beta * excess)  # d ln of (c - 1) / (1 + beta (c - 1)) by ln E_host
+    assert free.signal_errors[1] == pytest.approx(sd * abs(by_host), rel=0.1)
 
 
 def test_touching_tumours_are_excluded_and_the_evidence_counts_it() -> None:
