@@ -152,6 +152,61 @@ class SetProposal:
         return log_sum_exp(np.stack([*joint, *single], axis=1)) - math.log(2 * len(orders))
 
 
+@dataclass(frozen=True)
+class ExtendedProposal:
+    """Proposal for sets of several tumours: sets of one tumour less, and one more that is not tied to them.
+
+    A tumour that the readings hardly show may lie anywhere beside those that they show.
+
+    Attributes
+    ----------
+    fewer
+        For sets of one tumour less; its density does not depend on their order.
+    single
+        For the tumour that is added.
+    """
+
+    fewer: SetProposal
+    single: StudentMixture
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return logits, shape (count, D)."""
+        return np.concatenate([rng.permutation(self.fewer.draw(count, rng)), self.single.draw(count, rng)], axis=1)
+
+    def compute_log_density(self, z: Floats) -> Floats:
+        """Return ln q at logits (n, D), averaged over which tumour is the added one, shape (n,)."""
+        sets = z.reshape(len(z), -1, self.single.means.shape[1])
+        number = sets.shape[1]
+        parts = [
+            self.fewer.compute_log_density(np.delete(sets, tumour, axis=1).reshape(len(z), -1))
+            + self.single.compute_log_density(sets[:, tumour])
+            for tumour in range(number)
+        ]
+        return log_sum_exp(np.stack(parts, axis=1)) - math.log(number)
+
+
+@dataclass(frozen=True)
+class CombinedProposal:
+    """Equal parts of several proposals.
+
+    Attributes
+    ----------
+    parts
+        The proposals.
+    """
+
+    parts: tuple[SetProposal | ExtendedProposal, ...]
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return logits, shape (count, D); count is a multiple of the number of parts."""
+        return np.concatenate([part.draw(count // len(self.parts), rng) for part in self.parts])
+
+    def compute_log_density(self, z: Floats) -> Floats:
+        """Return ln q at logits (n, D), shape (n,)."""
+        densities = [part.compute_log_density(z) for part in self.parts]
+        return log_sum_exp(np.stack(densities, axis=1)) - math.log(len(self.parts))
+
+
 def _compute_covariance(z: Floats, weights: Floats, mean: Floats) -> Floats:
     """Return the sum of the squared deviations of z (n, D) by weights, shape (D, D)."""
     deviations = z - mean

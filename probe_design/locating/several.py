@@ -9,14 +9,14 @@ sampling computes the evidence without bias.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit, logit
 
 from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
-from probe_design.locating.mixtures import SetProposal, StudentMixture
+from probe_design.locating.mixtures import CombinedProposal, ExtendedProposal, SetProposal, StudentMixture
 from probe_design.locating.samples import (
     MAX_LOGIT,
     Evaluate,
@@ -94,6 +94,8 @@ class Pool:
         Whitened readings, shape (2 k,).
     parts
         Mixtures from which tumours of the pool are drawn, besides the prior.
+    proposal
+        For sets of as many tumours as were drawn from it last, 2 or more.
     """
 
     readings: LinearReadings
@@ -101,6 +103,7 @@ class Pool:
     sobol_signals: Floats
     values: Floats
     parts: tuple[StudentMixture, ...]
+    proposal: SetProposal | None = None
 
     @classmethod
     def from_sample(cls, likelihood: Likelihood, sample: Sample, seed: int) -> Pool:
@@ -114,9 +117,9 @@ class Pool:
         readings = LinearReadings(likelihood, variance[0])
         points = likelihood.prior.draw(SOBOL_PART, 1, seed)
         sobol = logit(points).reshape(len(points), -1)
-        pool = cls(readings, sobol, readings.predict(sobol), readings.whiten(likelihood.data.values[None])[0], ())
         posterior = logit(sample.resample(POOL_PART, rng)).reshape(POOL_PART, -1)
         mixture = StudentMixture.fit(posterior, np.full(POOL_PART, 1 / POOL_PART), FIRST_COMPONENTS, rng)
+        pool = cls(readings, sobol, readings.predict(sobol), readings.whiten(likelihood.data.values[None])[0], ())
         return pool.add_part(np.zeros((1, len(pool.values))), rng, mixture).add_part(readings.predict(posterior[::8]), rng)
 
     def add_part(self, signals: Floats, rng: np.random.Generator, *mixtures: StudentMixture) -> Pool:
@@ -128,7 +131,7 @@ class Pool:
         log_weights = log_sum_exp(gains) - math.log(gains.shape[1])
         weights = raise_likelihood(log_weights, choose_power(log_weights, 0.0, POOL_SIZE))
         mixture = StudentMixture.fit(self.sobol, weights, POOL_COMPONENTS, rng)
-        return Pool(self.readings, self.sobol, self.sobol_signals, self.values, (*self.parts, *mixtures, mixture))
+        return replace(self, parts=(*self.parts, *mixtures, mixture))
 
     def draw(self, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
         """Return tumours, logits (n, d), ln weights against the prior (n,), and whitened signals (n, 2 k)."""
@@ -195,6 +198,9 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         """Return ln likelihood at logits, shape (n, m * d)."""
         return likelihood.evaluate(expit(z).reshape(-1, number, dimensions))
 
+    # a second tumour moves the first too much for that
+    extended = () if pool.proposal is None else (ExtendedProposal(pool.proposal, pool.parts[-1]),)
+    counts = [size * (1 + len(extended)) for size in (FIRST_SIZE, LAST_SIZE)]
     parts, evidences, signals = [], [], []
     for repeat in range(REPEATS):
         rng = np.random.default_rng((seed, number, repeat))
@@ -203,11 +209,11 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         z = _temper(evaluate, z, number, power, rng)
         z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
         mixture = SetProposal.fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, number, rng)
-        z, log_weights = weigh(evaluate, mixture, FIRST_SIZE, rng)
+        z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), counts[0], rng)
         softened = soften_weights(log_weights)
         z = Labels.from_particles(z, softened, number).order(z)
         mixture = SetProposal.fit(z, softened, LAST_COMPONENTS, number, rng)
-        z, log_weights = weigh(evaluate, mixture, LAST_SIZE, rng)
+        z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), counts[1], rng)
         parts.append((z, log_weights))
         evidences.append(float(log_sum_exp(log_weights)) - math.log(len(log_weights)))
     z, log_weights = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
@@ -217,11 +223,12 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         expit(z).reshape(-1, number, dimensions), log_weights - total, log_evidence, compute_effective_size(log_weights),
         max(evidences) - min(evidences),
     )  # fmt: skip
+    pool = replace(pool, proposal=mixture)
     return order_labels(sample), pool.add_part(np.concatenate(signals)[::16], np.random.default_rng((seed, number)))
 
 
 def weigh(
-    evaluate: Evaluate, proposal: SetProposal | StudentMixture, count: int, rng: np.random.Generator
+    evaluate: Evaluate, proposal: CombinedProposal | StudentMixture, count: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Return draws of a proposal, shape (count, D), and the logarithms of their weights."""
     z = proposal.draw(count, rng)

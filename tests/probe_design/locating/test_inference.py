@@ -18,7 +18,7 @@ from probe_design.locating import inference
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
-from probe_design.locating.mixtures import FREEDOM, PRIOR_SHARE, SetProposal, StudentMixture
+from probe_design.locating.mixtures import FREEDOM, PRIOR_SHARE, ExtendedProposal, SetProposal, StudentMixture
 from probe_design.locating.next_position import compute_information
 from probe_design.locating.posterior import compute_quantiles
 from probe_design.locating.prior import TumourPrior
@@ -177,6 +177,20 @@ def test_density_of_proposals_is_that_of_student_mixtures() -> None:
     joint = density(proposal.joint, z) + density(proposal.joint, swapped)
     single = density(first, z[:, :2]) * density(second, z[:, 2:]) + density(first, z[:, 2:]) * density(second, z[:, :2])
     assert proposal.compute_log_density(z) == pytest.approx(np.log((joint + single) / 4), abs=1e-9)
+    triples = rng.standard_normal((50, 6))
+    pairs = [np.exp(proposal.compute_log_density(np.delete(triples, [2 * k, 2 * k + 1], axis=1))) for k in range(3)]
+    extended = sum(pair * density(first, triples[:, 2 * k : 2 * k + 2]) for k, pair in enumerate(pairs)) / 3
+    assert ExtendedProposal(proposal, first).compute_log_density(triples) == pytest.approx(np.log(extended), abs=1e-9)
+
+
+@pytest.mark.slow
+def test_the_evidence_of_three_repeats_beside_two_clear_tumours() -> None:
+    """The third may lie anywhere where the readings do not show it."""
+    subject = likelihood(scan(APART, stiffness=True))
+    stated = [posterior for seed in range(4) if len((posterior := Posterior.from_likelihood(subject, seed)).samples) == 3]
+    assert len(stated) >= 3
+    differences = [part.log_evidence[3] - part.log_evidence[2] for part in stated]
+    assert np.ptp(differences) < 0.5
 
 
 def test_the_same_seed_gives_the_same_result() -> None:

@@ -122,5 +122,6 @@ def test_ask_and_tell_until_a_tumour_is_certain() -> None:
 
 def test_reasons_to_stop() -> None:
     assert find_stop(0.5, 0.5, 0.1) is None
-    reasons = [find_stop(*numbers) for numbers in ((0.009, 0.9, 0.1), (0.7, 0.09, 0.1), (0.5, 0.5, 1e-4))]
+    assert find_stop(0.5, 0.05, 0.1) is None  # one such stop in twenty would be wrong
+    reasons = [find_stop(*numbers) for numbers in ((0.009, 0.9, 0.1), (0.7, 0.019, 0.1), (0.5, 0.5, 1e-4))]
     assert [stop.reason for stop in reasons if stop is not None] == ["tumour", "none", "nothing to learn"]
