@@ -156,7 +156,7 @@ def measure_stops(design: Design, base: object) -> MeasuredTable:
             same = [part for part in chosen if part[1] == cause]
             counts, wrong = [part[2] for part in same], sum(part[3] for part in same)
             table.add(limit, cause, len(same), wrong, f"{np.median(counts):.0f}", f"{np.quantile(counts, 0.9):.0f}")
-        wrong, expected = (sum(part[column] for part in chosen) for column in (3, 4))
+        wrong, expected = sum(part[3] for part in chosen), sum(part[4] for part in chosen)
         table.note(f"limit {limit:g}: {wrong} of {SURVEYS} stops are wrong, {expected:.1f} by the posteriors")
     return table
 
