@@ -198,6 +198,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.populations",
         "probe_design.reporting",
         "solver.equivalent_inclusion",
+        "solver.inclusions",
         "solver.planning",  # the load up to which the tables hold
         "solver.reading_tables",
         *ANSWERS,
