@@ -37,6 +37,6 @@ def _list_blocks(cell: dict[str, Any]) -> Iterator[str]:
 
 
 def _clean_html(html: str) -> str:
-    """Return a table without pandas' styles and without empty lines, at which Markdown would end it."""
-    html = re.sub(r"<style.*?</style>", "", html, flags=re.S)
+    """Return a table without pandas' styles and empty headings, and without empty lines, at which Markdown would end it."""
+    html = re.sub(r"<style.*?</style>", "", html, flags=re.S).replace("<th></th>", "<td></td>")
     return "\n".join(line.strip() for line in html.splitlines() if line.strip())

@@ -37,7 +37,7 @@ def register_displays() -> None:
 def draw_png(figure: Figure) -> bytes:
     """Return a figure as the bytes of a PNG file."""
     file = BytesIO()
-    figure.savefig(file, format="png", dpi=FIGURE_DPI)
+    figure.savefig(file, format="png", dpi=FIGURE_DPI, bbox_inches="tight")
     return file.getvalue()
 
 

@@ -74,8 +74,10 @@ class Table:
         classes = [' class="words"' if self.is_wordy(column) else "" for column in range(len(self.headings))]
 
         def join(tag: str, cells: Sequence[str]) -> str:
-            """Return a row of cells in HTML."""
-            return "".join(f"<{tag}{kind}>{escape(cell)}</{tag}>" for cell, kind in zip(cells, classes, strict=True))
+            """Return a row of cells in HTML; an empty heading is no heading, which screen readers would announce."""
+            tags = [tag if cell else "td" for cell in cells]
+            rows = zip(tags, classes, cells, strict=True)
+            return "".join(f"<{name}{kind}>{escape(cell)}</{name}>" for name, kind, cell in rows)
 
         body = "\n".join(f"<tr>{join('td', row)}</tr>" for row in self.rows)
         return f"<table><thead><tr>{join('th', self.headings)}</tr></thead>\n<tbody>{body}</tbody></table>"
