@@ -66,7 +66,7 @@ def build_application(settings: BenchSettings, name: str) -> FastAPI:
         """Build the page of one tab."""
         Page(settings, name)
 
-    ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=10)
+    ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=3)
     return application
 
 
