@@ -1,9 +1,9 @@
 """Detection of the built-in population against force, of designs found for two forces, and simulated scans under load.
 
-    python -m benchmarks.populations.loads [--forces 0.005 0.01 ...] [--scans 20000] [--samples 40]
+    python -m benchmarks.populations.loads [--found 0.025 0.3] [--forces 0.005 0.01 ...] [--scans 20000] [--samples 40]
 
-One search is limited to the first of ``--found`` (25 mN), one to the second (0.3 N). Both designs are then verified under each
-force that the limits allow them, on the same tumours. Simulated scans under the force draw white noise, gains and the noise of
+A search is limited to each force of ``--found``, N. Each design found is then verified under each force that the limits allow it,
+on the same tumours. Simulated scans under the force draw white noise, gains and the noise of
 each charge, whose logarithms are taken without linearisation, and are read by the same detector.
 
 Duration: ten minutes.
@@ -80,7 +80,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--forces", type=float, nargs="+", default=FORCES_N)
-    parser.add_argument("--found", type=float, nargs=2, default=(0.025, 0.3))
+    parser.add_argument("--found", type=float, nargs="+", default=(0.025, 0.3))
     parser.add_argument("--scans", type=int, default=20_000)
     parser.add_argument("--samples", type=int, default=40)
     given = parser.parse_args()
