@@ -16,4 +16,7 @@ def build_model(prior: TumourPrior) -> ForwardModel:
         The evaluator cannot model the scene or its load, or the population does not fit the tissue.
     """
     depth, diameter, modulus = ((min(part.values), max(part.values)) for part in prior.ranges[2:])
-    return read_or_build_table(prior.scene, TumourRanges(depth, diameter, modulus, prior.poisson_ratio, prior.least_cover))
+    # the population's cover is counted from the surface, the table's from the interface above the tumours
+    ceiling = max((face for face in prior.scene.tissue.interfaces if face <= depth[1]), default=0.0)
+    cover = max(prior.least_cover - ceiling, 0.0)
+    return read_or_build_table(prior.scene, TumourRanges(depth, diameter, modulus, prior.poisson_ratio, cover))

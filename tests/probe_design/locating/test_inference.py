@@ -10,11 +10,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import logistic, multivariate_normal, multivariate_t
 
-from geometry import read_scene
+from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from probe_design.estimation.measurements import Reading
-from probe_design.locating import inference
+from probe_design.locating import forward_model, inference
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
@@ -26,6 +26,7 @@ from probe_design.locating.report import build_tables
 from probe_design.locating.sampling import draw_posterior
 from probe_design.locating.scan_data import ScanData, TumourFree
 from probe_design.populations.design_file import Design, design_from_dict
+from solver.reading_tables.tumour_ranges import TumourCube, TumourRanges
 from tests.support.paths import ROOT
 from tests.support.stand_in_model import StandInModel
 
@@ -315,6 +316,22 @@ def test_depth_begins_below_the_least_cover() -> None:
     share = np.log(tumours[:, 2] / shallowest) / np.log(25e-3 / shallowest)
     assert np.mean(share) == pytest.approx(0.5, abs=0.01)
     assert np.corrcoef(share, np.log(tumours[:, 3]))[0, 1] == pytest.approx(0, abs=0.03)
+
+
+def test_tumours_that_fit_below_a_skin_are_those_of_the_table() -> None:
+    """The least cover counts from the surface; the interface takes a tenth of the diameter."""
+    skin = {"thickness": 1e-3, "youngs_modulus": 20e3, "poisson_ratio": 0.45}
+    scene = read_scene(ROOT / "examples" / "scene.toml")
+    layered = Scene.from_tables(scene.model_dump(exclude_none=True) | {"tissue": scene.tissue.model_dump() | {"layer": [skin]}})
+    prior = replace(TumourPrior.from_design(design(), PLACES), scene=layered)
+    ranges: list[TumourRanges] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forward_model, "read_or_build_table", lambda scene, given: ranges.append(given))
+        forward_model.build_model(prior)
+    cube = TumourCube.from_tissue(ranges[0], layered.tissue)
+    tumours = prior.transform(prior.draw(1024, 1, 0))
+    depth, diameter = tumours[prior.find_allowed(tumours)][:, 0, 2:4].T
+    assert np.all(depth >= cube.compute_shallowest(diameter) - 1e-9)
 
 
 def test_margin_and_weights_of_the_population() -> None:
