@@ -67,6 +67,7 @@ class Bench:
         if self.is_busy:
             return False
         self._stop_file.unlink(missing_ok=True)
+        self._publish("numbers", None)  # those of the last reading say nothing about this one
         self._task = asyncio.get_running_loop().create_task(self._work(replace(request, stop_file=self._stop_file)))
         return True
 

@@ -120,6 +120,7 @@ class BenchPage:
         """Show the numbers of the latest samples."""
         numbers = self.bench.numbers
         if numbers is None:
+            self.numbers.content = ""
             return
         charges, sds = numbers["charges"], numbers["charges_sd"]
         rows = [

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
+MIN_ERROR_RELATIVE = 1e-6  # below which more digits of the number would tell a reader nothing
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d*),(\d+)(?![\d.,])(.*)")
 
 
@@ -22,5 +23,7 @@ def format_number(value: float, error: float | None) -> str:
         return f"{value:.3g} (error not stated)"
     if not 0 < error < math.inf:
         return f"{value:.4g}"
+    if error < MIN_ERROR_RELATIVE * abs(value):
+        return f"{value:.7g} ± {error:.1g}"
     decimals = max(0, 1 - math.floor(math.log10(error)))  # two digits of the error
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"

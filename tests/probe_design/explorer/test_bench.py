@@ -1,9 +1,11 @@
-"""The bench page in a real Chromium: a scan of a virtual tissue until the map shows the hidden tumour, and a killed worker."""
+"""The bench page in a real Chromium: a virtual scan with a killed worker, a board on a serial port, recordings with faults."""
 
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,21 +15,29 @@ from probe_design.commands.hardware_sources import HardwareSetup
 from probe_design.commands.scan_recordings import read_scan_recordings
 from probe_design.populations.design_file import read_design
 from tests.support.explorer import PATIENCE_MS, kill_worker, open_browser, serve_pages
-from tests.support.paths import ROOT
+from tests.support.hw.firmware_board import posix_board
+from tests.support.paths import EXAMPLES, ROOT
 
 DESIGN = ROOT / "examples" / "scans" / "one-clear.toml"
 TUMOUR_MM = (3.0, -5.0)  # of examples/scans/hidden.toml
 PRESSES = 9
 
 
+def open_bench(browser: Any, address: str) -> Any:
+    """Open the bench page, ready for its first reading."""
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(address)
+    page.get_by_role("link", name="Bench").click()
+    page.get_by_text("ready; 0 readings").wait_for()
+    return page
+
+
 @pytest.mark.slow
 def test_scan_of_a_hidden_tumour(tmp_path: Path) -> None:
     words = (str(DESIGN), "--hide", str(DESIGN.with_name("hidden.toml")), "-o", str(tmp_path / "scan"))
     with serve_pages(*words) as (address, server), open_browser() as browser:
-        page = browser.new_page()
-        page.set_default_timeout(PATIENCE_MS)
-        page.goto(address)
-        page.get_by_role("link", name="Bench").click()
+        page = open_bench(browser, address)
         page.locator("img.plan").wait_for()
         start = float(page.locator("[data-bench=none]").get_attribute("data-value") or "nan")
         page.get_by_label("seconds").fill("2,0")
@@ -58,3 +68,47 @@ def test_scan_of_a_hidden_tumour(tmp_path: Path) -> None:
     )
     assert shown == pytest.approx([reading.ratio for reading in readings], rel=1e-9)
     assert [reading.blank for reading in readings] == [True] + [False] * (PRESSES - 1)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_a_board_on_a_serial_port(tmp_path: Path) -> None:
+    """The firmware of the examples gives 27/40 of the outer film's code to the inner film."""
+    with posix_board("-c", "3") as port:
+        words = (str(EXAMPLES / "scene.toml"), "--device", f"serial:{port}", "-o", str(tmp_path / "out"))
+        with serve_pages(*words) as (address, _), open_browser() as browser:
+            page = open_bench(browser, address)
+            page.get_by_label("seconds").fill("2")
+            page.get_by_role("button", name="Record").click()
+            page.locator("[data-reading='1']").wait_for()
+            inner, outer = (
+                float(page.locator(f"[data-bench='charge {name}']").get_attribute("data-value") or "nan")
+                for name in ("inner", "outer")
+            )
+    assert inner / outer == pytest.approx(27 / 40, rel=1e-3)
+    assert (tmp_path / "out" / "press-001.probe").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_faults_of_recordings_are_said(tmp_path: Path) -> None:
+    """Mains hum 17 times the load's signal is a warning; a channel cut off at 2.5 V is refused, and shows no older numbers."""
+    t = np.arange(8000) / 2000
+    load, hum = np.sin(2 * np.pi * 5 * t), 2e-3 * np.sin(2 * np.pi * 50.02 * t)
+    recordings = {
+        "hum": [8e-5 * load + hum, 12e-5 * load + hum],
+        "cut": [np.clip(size * load, -2.5, 2.5) for size in (3, 4)],
+    }
+    words = [word for name in ("time=time s", "inner=inner V", "outer=outer V") for word in ("--column", name)]
+    for name, films in recordings.items():
+        path = tmp_path / f"{name}.csv"
+        np.savetxt(path, np.column_stack([t, *films]), delimiter=",", header="time,inner,outer", comments="")
+        words += ["--replay", str(path)]
+    with serve_pages(str(EXAMPLES / "scene.toml"), *words) as (address, _), open_browser() as browser:
+        page = open_bench(browser, address)
+        page.get_by_role("button", name="Watch").click()
+        page.get_by_text("mains hum is 17 times the signal").wait_for()
+        page.get_by_label("source").click()
+        page.get_by_role("option", name="cut.csv").click()
+        page.get_by_role("button", name="Watch").click()
+        page.get_by_text("is it cut off or overloaded?").wait_for()
+        assert page.locator("[data-bench=ratio]").count() == 0
