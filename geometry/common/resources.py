@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-from geometry.common.errors import Refusal, Words
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.limits import format_minimum
 
 LIBRARY_MEMORY_BYTES = 0.25e9  # bytes of a process that has loaded what it needs and not begun
@@ -49,7 +49,9 @@ def get_limits() -> Limits:
 
 @contextmanager
 def use_limits(new_limits: Limits | None) -> Iterator[None]:
-    """Set limits for the block; None leaves them unchanged."""
+    """Set limits for the block; None leaves them unchanged. Raises ``InputError`` for anything else but ``Limits``."""
+    if new_limits is not None and not isinstance(new_limits, Limits):
+        raise InputError("limits", new_limits, "Limits(memory=..., seconds=...), or None")
     token = _CURRENT_LIMITS.set(new_limits or _CURRENT_LIMITS.get())
     try:
         yield

@@ -4,7 +4,7 @@ from contextvars import copy_context
 import pytest
 
 from geometry.common import resources as module
-from geometry.common.errors import Refusal
+from geometry.common.errors import InputError, Refusal
 from geometry.common.resources import (
     LimitReached,
     Limits,
@@ -58,6 +58,11 @@ def test_the_clock_of_an_answer_runs_from_its_question(clock):
 def test_none_leaves_the_limits_as_they_are():
     with use_limits(Limits(seconds=7.0)), use_limits(None):
         assert get_limits().seconds == 7
+
+
+def test_other_types_are_refused():
+    with pytest.raises(InputError, match="limits = true: allowed: Limits"), use_limits(True):
+        pass
 
 
 def test_a_thread_is_given_them_with_its_context():
