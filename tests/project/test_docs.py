@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.page_output import find_missing, is_alike, read_lines
+from tests.support.page_output import Line, find_missing, is_alike, read_lines
 from tests.support.paths import DOCS, ROOT
 from tests.support.slow import slow_unless
 
@@ -21,6 +21,7 @@ PAGES = {str(path.relative_to(DOCS)): path.read_text(encoding="utf-8") for path 
 # pages that show shortened tables, placeholders for files, or checks that fail by intention: only their other commands run
 SHORTENED_NAMES = (
     "design-search",
+    "explore",
     "films",
     "hardware",
     "lab",
@@ -32,11 +33,15 @@ SHORTENED_NAMES = (
     "tolerances",
 )
 SHORTENED = {f"guides/{name}.md" for name in SHORTENED_NAMES}
-COMMANDS = {
-    name: lines
-    for name, page in PAGES.items()
-    if (lines := read_lines(re.sub(r"```console\n.*?```", "", page, flags=re.S) if name in SHORTENED else page))
-}
+SERVER = "probe-design explore"  # serves until Ctrl-C: tests of the explorer start it
+
+
+def list_commands(name: str) -> list[Line]:
+    page = re.sub(r"```console\n.*?```", "", PAGES[name], flags=re.S) if name in SHORTENED else PAGES[name]
+    return [line for line in read_lines(page) if not line.command.startswith(SERVER)]
+
+
+COMMANDS = {name: lines for name in PAGES if (lines := list_commands(name))}
 QUICK = ("explanation/physics.md",)
 
 

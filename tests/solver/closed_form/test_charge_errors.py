@@ -19,7 +19,7 @@ from tests.support.paths import REFERENCE, ROOT
 TABLE = json.loads((ROOT / "solver" / "closed_form" / "charge_error_quantiles.json").read_text(encoding="utf-8"))
 STORED = REFERENCE / "closed-form-errors" / "charges.jsonl"
 STORED_SEED, FRESH_SEED = 38, 2037  # of ``benchmarks.closed_form.film_scenes``
-FRESH_SCENES = 40  # of each class; the page of evidence has more
+FRESH_SCENES = 20  # of each class; the page of evidence has more
 PROMISED_COVERAGE = 0.93, 0.97  # of each class and quantity
 RARE = 0.002  # probability on each side that a count fails if the coverage is at a limit of the promised
 

@@ -22,8 +22,8 @@ from tests.support.paths import REFERENCE, ROOT, SCENE
 TABLE = json.loads((ROOT / "solver" / "closed_form" / "error_quantiles.json").read_text(encoding="utf-8"))
 STORED = REFERENCE / "closed-form-errors" / "scenes.jsonl"
 STORED_SEED, FRESH_SEED = 4, 2027  # of ``benchmarks.closed_form.scenes``
-FRESH_SCENES = {"drawn": 60, "searched": 24}  # of each class; the page of evidence has 400
-FRESH_OFF_AXIS_SCENES = {"drawn": 40, "searched": 12}  # they take longer
+FRESH_SCENES = {"drawn": 60, "searched": 12}  # of each class; the page of evidence has 400
+FRESH_OFF_AXIS_SCENES = {"drawn": 16, "searched": 6}  # ten seconds each
 PROMISED_COVERAGE = 0.93, 0.97  # of each class and quantity
 MIN_SHARPNESS_COUNT = 50  # errors from which their median is sharp enough to compare: that of 20 scatters by a factor of two
 RARE = 0.002  # probability on each side that a count fails if the coverage is at a limit of the promised: 4 % that one of 20 does
