@@ -91,7 +91,7 @@ def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
     shown = next(block for block in blocks("console") if BUILTIN in block)
     for row in ("detected of 100, ratio alone", "detected of 100, both", "force, N", "outer radius, mm"):
         computed, stated = (numbers(text, row) for text in (printed, shown))
-        assert len(computed) == 2
+        assert len(computed) == len(stated) >= 2  # start and recommended at least
         assert computed == pytest.approx(stated, rel=0.02)  # IPOPT may stop elsewhere on another machine
 
 
