@@ -86,4 +86,8 @@ class ExploreRequest(Request):
             folder=self.output,
         )
         name = "built-in design" if self.scene is None else self.scene.name
-        serve(build_application(settings, name), self.port, not self.no_browser)
+        if design is not None and not scene.inclusion:
+            from probe_design.design_search.population_study import build_middle_scene
+
+            scene = build_middle_scene(design)  # without a tumour, sensitivity and map would have no meaning
+        serve(build_application(settings, scene, name), self.port, not self.no_browser)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import html
 import io
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -14,7 +15,7 @@ from nicegui import ui
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
-from probe_design.data.noise import DEFAULT_NOISE
+from probe_design.data.noise import DEFAULT_NOISE, MIN_NOISE
 from probe_design.explorer import quick
 from probe_design.explorer.computing import compute
 from probe_design.explorer.section_svg import draw_section
@@ -45,7 +46,7 @@ class LongWork:
     def __init__(self, session: Session, design: Design | None, show: Callable[[], None], accept: Callable[[], None]) -> None:
         self.session, self.design, self.worker = session, design, Worker()
         self._show, self._request_update = show, accept
-        self.noise = DEFAULT_NOISE
+        self.noise = DEFAULT_NOISE if design is None else max(math.hypot(design.noise.white, design.noise.tilt), MIN_NOISE)
         self._checked: tuple[Scene, Result] | None = None
         self._optimum: tuple[Scene, dict[str, quick.Reading]] | None = None
 

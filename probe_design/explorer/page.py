@@ -36,15 +36,17 @@ SLIDER_STEPS = 400  # of a slider from end to end
 LIMITS = (("linear_limit_load", "L", "linear elasticity holds up to"), ("gap_closure_load", "G", "the gap stays open up to"))
 
 
-def build_application(settings: BenchSettings, name: str) -> FastAPI:
+def build_application(settings: BenchSettings, start: Scene, name: str) -> FastAPI:
     """Return the application: each tab of the design page has a design of its own, all of the bench page the same bench.
 
     Parameters
     ----------
     settings
         What was named at the start.
+    start
+        Scene with which the design page begins.
     name
-        Its name on the pages.
+        Name of the file on the pages.
     """
     bench = Bench(settings)
 
@@ -64,7 +66,7 @@ def build_application(settings: BenchSettings, name: str) -> FastAPI:
     @ui.page("/", title="Explorer: " + name, response_timeout=20)
     def show_page() -> None:
         """Build the page of one tab."""
-        Page(settings, name)
+        Page(settings, start, name)
 
     ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=3)
     return application
@@ -73,8 +75,8 @@ def build_application(settings: BenchSettings, name: str) -> FastAPI:
 class Page:
     """One tab."""
 
-    def __init__(self, settings: BenchSettings, name: str) -> None:
-        self.session, self.name = Session(settings.scene), name
+    def __init__(self, settings: BenchSettings, start: Scene, name: str) -> None:
+        self.session, self.name = Session(start), name
         self.work = LongWork(self.session, settings.design, self._show_outputs, self.request_update)
         self.kept: dict[str, tuple[dict[str, str], dict[str, quick.Reading]]] = {}
         self._warnings: list[str] = []
