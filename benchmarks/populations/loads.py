@@ -88,18 +88,18 @@ def main() -> None:
     design = design.model_copy(update={"population": design.population.model_copy(update={"samples": given.samples})})
     columns = "design found at, N", "force, N", "detected of 100", "error", "simulated less P, of 100", "evaluator"
     table = MeasuredTable("detection of the built-in population against force", columns)
-    for found in given.found:
-        scene = optimize_for_population(limit_force(design, found), lambda *_: None).scene
+    for search_force in given.found:
+        scene = optimize_for_population(limit_force(design, search_force), lambda *_: None).scene
         verify = partial(verify_under, scene=scene, scans=given.scans)
         for force in given.forces:
             try:
                 reached, mean, error, rate, name = verify(limit_force(design, force))
             except Refusal as fault:
-                table.note(f"{found:g} N, {force:g} N: {fault}")
+                table.note(f"{search_force:g} N, {force:g} N: {fault}")
                 continue
             numbers = f"{reached:.3g}", f"{100 * mean:.1f}", f"{100 * error:.1f}", f"{100 * rate:+.1f}"
-            print(found, force, *numbers, name, flush=True)
-            table.add(f"{found:g}", *numbers, name)
+            print(search_force, force, *numbers, name, flush=True)
+            table.add(f"{search_force:g}", *numbers, name)
             if reached < 0.99 * force:
                 break  # more is not allowed
     table.print(Console(width=120))

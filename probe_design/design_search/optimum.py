@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Generic, Literal, Self, TypeVar
@@ -44,7 +43,7 @@ Verified = TypeVar("Verified", PopulationVerification, TumourVerification)
 
 
 @dataclass(frozen=True, repr=False)
-class Optimum(OptimumTables, ABC, Generic[Verified]):
+class Optimum(OptimumTables, Generic[Verified]):
     """The result of an optimisation.
 
     Attributes
@@ -107,16 +106,6 @@ class Optimum(OptimumTables, ABC, Generic[Verified]):
             Limit(LIMIT_KEYS.get(limit.name, limit.name), limit.value, limit.active)
             for limit in self.search_space.list_limits(self.best.loaded_scene)
         )
-
-    @property
-    @abstractmethod
-    def verdict(self) -> str:
-        """The result in one sentence, with the reason why a gain counts or does not."""
-
-    @property
-    @abstractmethod
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings to the user, one line each."""
 
     @property
     def title(self) -> str:

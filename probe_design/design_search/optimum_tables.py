@@ -20,7 +20,7 @@ class OptimumTables(ABC):
     @property
     @abstractmethod
     def verdict(self) -> str:
-        """The result in one sentence."""
+        """The result in one sentence, with the reason why a gain counts or does not."""
 
     @property
     @abstractmethod

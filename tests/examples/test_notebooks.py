@@ -15,13 +15,13 @@ CHANGING = ("seconds", "<Figure")  # lines that differ from run to run
 
 def read_outputs(notebook: Any) -> list[tuple[list[str], int]]:
     """Return for each cell with code the lines that it printed, and the number of its pictures."""
-    found = []
+    outputs_shown = []
     for cell in notebook.cells:
         outputs = [output.get("data", {"text/plain": output.get("text", "")}) for output in cell.get("outputs", [])]
         lines = [line for output in outputs for line in output["text/plain"].splitlines()]
         shown = [line for line in lines if line.strip() and not line.startswith(CHANGING)]
-        found.append((shown, sum("image/png" in output for output in outputs)))
-    return found
+        outputs_shown.append((shown, sum("image/png" in output for output in outputs)))
+    return outputs_shown
 
 
 @pytest.mark.slow
