@@ -101,7 +101,7 @@ def __getattr__(name: str) -> object:
     if name in __all__:
         return getattr(import_module(_MODULE_NAMES[name]), name)
     if name == "__version__":
-        return import_module("importlib.metadata").version("probe-design")
+        return import_module("importlib.metadata").version(import_module("geometry.provenance.block").DISTRIBUTION)
     if name == "load":  # the name up to version 0.3; to be removed in 0.5
         import_module("warnings").warn("probe_design.load is called press", DeprecationWarning, stacklevel=2)
         return import_module("solver.evaluation").press

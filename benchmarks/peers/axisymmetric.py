@@ -32,6 +32,7 @@ from rich.console import Console
 from benchmarks.peers import comparisons
 from benchmarks.peers.measured import NAMES, PeerClock, cases
 from benchmarks.tables import MeasuredTable
+from geometry.provenance.block import DISTRIBUTION
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ONE_THREAD = dict.fromkeys(THREADS, "1")
@@ -72,9 +73,7 @@ def main() -> None:
         PeerClock.now = process_time
     ngs.SetNumThreads(chosen.threads)
     tasks = ngs.TaskManager() if chosen.threads > 1 else nullcontext()
-    codes = {name: version(name) for name in ("probe-design", "ngsolve", "numpy", "scipy")} | {
-        "python": platform.python_version()
-    }
+    codes = {name: version(name) for name in (DISTRIBUTION, "ngsolve", "numpy", "scipy")} | {"python": platform.python_version()}
     document: dict[str, Any] = {"codes": codes, "tables": []}
     with progress.status("starting") as status, tasks:
         for table in measure(chosen, lambda line: status.update(line)):

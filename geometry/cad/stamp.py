@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 from geometry.cad.materials import PartMaterial, find_part_materials
 from geometry.cad.parts_record import compute_design_digest
-from geometry.provenance.block import Provenance, build_provenance
+from geometry.provenance.block import DISTRIBUTION, Provenance, build_provenance
 from geometry.scenes.probe import Probe
 
 LENGTH_UNIT_NAME = "millimetres"
@@ -42,5 +42,5 @@ class Stamp:
 
 def build_stamp(probe: Probe, edge_radius: float = 0.0) -> Stamp:
     """Return the stamp of the files of a probe whose blocks have lower edges of a radius, m."""
-    program = f"probe-design {version('probe-design')}"
+    program = f"probe-design {version(DISTRIBUTION)}"
     return Stamp(compute_design_digest(probe, edge_radius), program, find_part_materials(probe), build_provenance())

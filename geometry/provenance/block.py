@@ -26,6 +26,7 @@ from geometry.scenes.scene_file import read_scene
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
 
+DISTRIBUTION = "palpation-probe-design"  # of pyproject.toml; PyPI has another program called probe-design
 DIGEST_DIGITS = 9  # significant digits of a number: smaller differences leave the digest unchanged
 MAX_DIGEST_BYTES = 4_000_000_000  # bytes: read in some seconds; larger files get no digest
 BLOCK_FORMAT, BLOCK_VERSION = "probe-design provenance", 1
@@ -114,7 +115,7 @@ def build_provenance(
     return {
         "format": BLOCK_FORMAT,
         "version": BLOCK_VERSION,
-        "program": find_version("probe-design"),
+        "program": find_version(DISTRIBUTION),
         "dependencies": {name: number for name in DEPENDENCIES if (number := find_version(name)) is not None},
         "scene": _compute_digest(request.scene if scene is None else scene),
         **settings,

@@ -17,7 +17,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.files import write_text
 from geometry.common.json_types import JsonObject
 from geometry.common.text_files import read_tables
-from geometry.provenance.block import build_provenance
+from geometry.provenance.block import DISTRIBUTION, build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.quantities import Frozen
 from geometry.scenes.scene import Scene
@@ -168,7 +168,7 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
         gains
         | {name: gains[name].tolist() for name in GAIN_ARRAYS}
         | {
-            "format": RECORD_FORMAT, "version": RECORD_VERSION, "software": f"probe-design {version('probe-design')}",
+            "format": RECORD_FORMAT, "version": RECORD_VERSION, "software": f"probe-design {version(DISTRIBUTION)}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device, "serial": serial or "",
             "frequency": calibration.frequency, "entries": ENTRY_NAMES[: len(calibration.gains.covariance)],
             "charge_unit": compute_charge_unit(calibration.scene), "variables": calibration.variables,

@@ -94,7 +94,7 @@ class MainGroup(CommandGroup):
 
 
 @click.group(cls=MainGroup, context_settings=CONTEXT_SETTINGS)
-@click.version_option(package_name="probe-design")
+@click.version_option(package_name="palpation-probe-design")  # geometry.provenance.block has the name, too
 @click.option(
     "--install-completion",
     is_flag=False,

@@ -158,11 +158,11 @@ class OptimizeRequest(LimitedRequest):
         from geometry.cad.parts_record import check_same_question
         from geometry.cad.solids import load_cadquery
         from geometry.common.files import check_writable
-        from geometry.provenance.block import compute_digest
+        from geometry.provenance.block import DISTRIBUTION, compute_digest
 
         tables, options = (model.model_dump(mode="json", exclude_none=True) for model in (start, self))
         settings = {key: value for key, value in options.items() if key not in IGNORED_FIELDS}
-        question_digest = compute_digest({"asked": tables, "version": version("probe-design"), **settings})
+        question_digest = compute_digest({"asked": tables, "version": version(DISTRIBUTION), **settings})
         check_writable(folder)
         if not self.force:
             check_same_question(folder, question_digest)

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from geometry.common.errors import to_one_line
-from geometry.provenance.block import find_version
+from geometry.provenance.block import DISTRIBUTION, find_version
 from hw.common.errors import UDEV_RULES_FILE, read_udev_rule
 from probe_design.doctor.finding import Finding
 
-PACKAGE_NAMES = ("probe-design", "numpy", "scipy", "pyusb", "libusb-package", "pyserial", "h5py", "pyvisa", "pyvisa-py")
+PACKAGE_NAMES = (DISTRIBUTION, "numpy", "scipy", "pyusb", "libusb-package", "pyserial", "h5py", "pyvisa", "pyvisa-py")
 RULE_FOLDERS = (
     "/etc/udev/rules.d",
     "/run/udev/rules.d",

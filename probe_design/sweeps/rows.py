@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonMapping, JsonObject
 from geometry.common.resources import LimitReached, get_limits
-from geometry.provenance.block import compute_file_digest, find_version
+from geometry.provenance.block import DISTRIBUTION, compute_file_digest, find_version
 from geometry.scenes.keys import Key, Value, find_key, replace_values
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, build_scene
@@ -250,7 +250,7 @@ def compute_version() -> str:
         for path in sorted(path for path in (SOURCE_ROOT / package).rglob("*") if path.suffix in SOURCE_SUFFIXES):
             digest.update(path.relative_to(SOURCE_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     libraries = (f"{name} {find_version(name) or 0}" for name in RESULT_LIBRARIES)
-    return " ".join((f"{find_version('probe-design') or 0}+{digest.hexdigest()[:12]}", *libraries))
+    return " ".join((f"{find_version(DISTRIBUTION) or 0}+{digest.hexdigest()[:12]}", *libraries))
 
 
 def _hash_json(value: object) -> bytes:

@@ -19,6 +19,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.cached_arrays import find_cache_folder, read_arrays, write_arrays
 from geometry.common.errors import Refusal
 from geometry.common.limits import format_maximum_mm
+from geometry.provenance.block import DISTRIBUTION
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.inclusions.tumours import Tumours
@@ -78,7 +79,7 @@ def read_or_build_table(scene: Scene, ranges: TumourRanges, sampler: EffectSampl
     """
     sampler = sampler or choose_sampler(scene)
     cube = TumourCube.from_tissue(ranges, scene.tissue)
-    text = f"{_compute_source_digest()} {version('probe-design')} {np.__version__} {sampler.key} {list_ranges(ranges)}"
+    text = f"{_compute_source_digest()} {version(DISTRIBUTION)} {np.__version__} {sampler.key} {list_ranges(ranges)}"
     path = find_cache_folder("tables") / f"{hashlib.sha256(text.encode()).hexdigest()}.table"
     arrays = read_arrays(path)
     if arrays is None:

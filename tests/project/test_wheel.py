@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,9 +15,16 @@ from zipfile import ZipFile
 
 import pytest
 
+import probe_design
+from geometry.provenance.block import DISTRIBUTION
 from tests.support.paths import ROOT
 
 PACKAGES = ("geometry", "hw", "probe_design", "solver")
+
+
+def test_the_distribution_is_called_as_the_project_looks_it_up() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert (project["name"], project["version"]) == (DISTRIBUTION, probe_design.__version__)
 
 
 def test_wheel_holds_every_source_and_all_data(tmp_path: Path) -> None:

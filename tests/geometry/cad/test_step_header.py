@@ -15,7 +15,7 @@ from geometry.cad.parts_record import compute_design_digest
 from geometry.scenes.probe import Base, Material
 from tests.support.parts import make
 
-PROGRAM = f"probe-design {version('probe-design')}"
+PROGRAM = f"probe-design {version('palpation-probe-design')}"
 NAMES = ["inner", "outer", "film-inner", "film-outer", "base"]
 
 

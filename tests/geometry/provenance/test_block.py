@@ -26,7 +26,7 @@ def test_a_block_has_all_its_parts() -> None:
     assert block.keys() == {
         "format", "version", "program", "dependencies", "scene", "evaluator", "accuracy", "seed", "command", "inputs"
     }  # fmt: skip
-    assert block["program"] == version("probe-design")
+    assert block["program"] == version("palpation-probe-design")
     assert block["dependencies"]["numpy"] == version("numpy")
     assert (block["evaluator"], block["accuracy"], block["seed"], block["command"]) == ("solid", 0.02, 7, None)
 
