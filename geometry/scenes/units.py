@@ -41,7 +41,7 @@ UNIT_FACTORS = {
     "ohm": {"ohm": 1.0, "Mohm": 1e6, "Gohm": 1e9},
     "Hz": {"Hz": 1.0, "kHz": 1e3},
     "K": {"K": 1.0},
-    "s": {"s": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
     "byte": {"GB": 1e9, "MB": 1e6},
 }
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Complexes, Floats
@@ -109,6 +108,8 @@ def compute_parts_covariance(
     frequency, calibrated_at
         As of ``ChargeAmplifier.compute_tolerance``, Hz.
     """
-    relative = block_diag(*(amplifier.compute_tolerance(frequency, calibrated_at) for amplifier in amplifiers))
+    relative = np.zeros((2 * len(amplifiers), 2 * len(amplifiers)))
+    for k, amplifier in enumerate(amplifiers):
+        relative[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = amplifier.compute_tolerance(frequency, calibrated_at)
     multiplication = build_multiplication_matrix(charges)
     return np.asarray(multiplication @ relative @ multiplication.T)

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from geometry.common.errors import InputError, MissingLibrary, Words
+from probe_design.commands.evaluate import EVALUATOR_NAMES
 from probe_design.commands.request import Option, Request
+
+if TYPE_CHECKING:
+    from geometry.scenes.scene import Scene
+    from probe_design.explorer.bench_settings import BenchSettings
+    from probe_design.explorer.formulas import Formulas
+    from probe_design.populations.design_file import Design
 
 
 class ExploreRequest(Request):
@@ -48,35 +56,61 @@ class ExploreRequest(Request):
 
     def run(self) -> None:
         """Read the files, and serve the pages until Ctrl-C."""
-        from geometry.common.files import check_writable
-        from hw.files.columns import ColumnMap, read_rate
-        from probe_design.built_probe.hidden_tumours import read_hidden_tumours
-        from probe_design.commands.hardware_sources import HardwareSetup
-        from probe_design.commands.scan_recordings import use_calibration
-        from probe_design.populations.design_file import Design, read_design_source
+        from probe_design.explorer.formulas import Formulas
 
         if self.device is not None and self.output is None:
             raise InputError("output", Words("missing"), "-o DIR beside --device: recordings of a probe are always kept")
+        with Formulas() as formulas:  # which load meanwhile
+            self._serve(formulas)
+
+    def _serve(self, formulas: Formulas) -> None:
+        """Read the files, and serve the pages until Ctrl-C."""
+        from probe_design.explorer.quick_nicegui import hide_libraries
+        from probe_design.explorer.server import announce, serve
+        from probe_design.populations.design_file import Design, read_design_source
+
         source = read_design_source(self.scene)
-        design = use_calibration(source, self.calibration) if isinstance(source, Design) else None
-        scene = source.scene if isinstance(source, Design) else source
-        setup = HardwareSetup.from_scene(scene, self.bench, self.calibration)
+        design = source if isinstance(source, Design) else None
+        settings = self._build_settings(source.scene if isinstance(source, Design) else source, design)
+        if missing := [name for name in ("nicegui", "fastapi", "uvicorn") if find_spec(name) is None]:
+            raise MissingLibrary(f"{missing[0]} is not installed: pip install '.[explore]' brings it")
+        start, name = settings.scene, "built-in design" if self.scene is None else self.scene.name
+        if design is not None and not start.inclusion:
+            from probe_design.design_search.population_study import build_middle_scene
+
+            start = build_middle_scene(design)  # without a tumour, sensitivity and map would have no meaning
+        with announce(self.port, not self.no_browser) as (listener, token):
+            with hide_libraries():
+                from probe_design.explorer.page import build_application
+
+            serve(build_application(settings, formulas, start, name, EVALUATOR_NAMES), listener, token)
+
+    def _build_settings(self, scene: Scene, design: Design | None) -> BenchSettings:
+        """Return what was named at the start. Raises ``InputError`` where it is not allowed."""
+        from geometry.common.files import check_writable
+        from hw.files.columns import ColumnMap, read_rate
+        from probe_design.built_probe.bench import read_builtin_bench
+        from probe_design.built_probe.hidden_tumours import read_hidden_tumours
+        from probe_design.explorer.bench_settings import BenchSettings
+
+        bench, calibration = read_builtin_bench(), None
+        if self.bench is not None or self.calibration is not None:
+            from probe_design.commands.hardware_sources import HardwareSetup
+            from probe_design.commands.scan_recordings import use_calibration
+
+            setup = HardwareSetup.from_scene(scene, self.bench, self.calibration)
+            bench, calibration = setup.bench, setup.calibration
+            design = None if design is None else use_calibration(design, self.calibration)
         for path in self.replay:
             if not path.is_file():
                 raise InputError("replay", str(path), "a file that is there")
         if self.output is not None:
             check_writable(self.output)
-        try:
-            from probe_design.explorer.bench_settings import BenchSettings
-            from probe_design.explorer.page import build_application
-            from probe_design.explorer.server import serve
-        except ImportError as fault:
-            raise MissingLibrary(f"{fault.name} is not installed: pip install '.[explore]' brings it") from None
-        settings = BenchSettings(
+        return BenchSettings(
             scene,
-            setup.bench,
+            bench,
             design,
-            setup.calibration,
+            calibration,
             device=self.device,
             recordings=self.replay,
             rate=None if self.rate is None else read_rate(self.rate),
@@ -85,9 +119,3 @@ class ExploreRequest(Request):
             seed=self.seed,
             folder=self.output,
         )
-        name = "built-in design" if self.scene is None else self.scene.name
-        if design is not None and not scene.inclusion:
-            from probe_design.design_search.population_study import build_middle_scene
-
-            scene = build_middle_scene(design)  # without a tumour, sensitivity and map would have no meaning
-        serve(build_application(settings, scene, name), self.port, not self.no_browser)

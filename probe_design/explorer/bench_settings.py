@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
 from hw.files.columns import ColumnMap
-from hw.reader import DEFAULT_COLUMNS
-from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.calibration_record import CalibrationRecord
-from probe_design.populations.design_file import Design
+
+if TYPE_CHECKING:
+    from probe_design.built_probe.bench import Bench
+    from probe_design.built_probe.calibration_record import CalibrationRecord
+    from probe_design.populations.design_file import Design
 
 VIRTUAL = "virtual"
 
@@ -49,7 +51,7 @@ class BenchSettings:
     device: str | None = None
     recordings: tuple[Path, ...] = ()
     rate: float | None = None
-    columns: ColumnMap = DEFAULT_COLUMNS
+    columns: ColumnMap = field(default_factory=ColumnMap)
     hidden: tuple[Inclusion, ...] | None = None
     seed: int = 0
     folder: Path | None = None

@@ -9,7 +9,8 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
-from probe_design.explorer.quick import LABELS, UNITS, Curve, DetectionMap
+from probe_design.explorer.formats import LABELS, UNITS
+from probe_design.explorer.quick import Curve, DetectionMap
 
 WIDTH, HEIGHT, MARGIN = 118, 54, 4  # px of a small curve
 NAME_WIDTH = 104  # px of the column of names

@@ -1,14 +1,33 @@
-"""Numbers as the pages write and read them."""
+"""Outputs as the pages write them, and numbers as they read them."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
+EVALUATOR = "closed-form"  # of everything that follows a slider
+LABELS = {
+    "ratio": "ratio",
+    "log_sensitivity": "log-sensitivity",
+    "stiffness": "stiffness",
+    "charge_ratio": "charge ratio",
+    "charge_inner": "charge inner",
+    "charge_outer": "charge outer",
+}
+UNITS = {"stiffness": ("N/m", 1.0), "charge_inner": ("pC", 1e12), "charge_outer": ("pC", 1e12)}  # unit on the page, per SI unit
 MIN_ERROR_RELATIVE = 1e-6  # below which more digits of the number would tell a reader nothing
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d*),(\d+)(?![\d.,])(.*)")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A number with its error, SI; ``value`` is None where it is not known."""
+
+    value: float | None
+    error: float | None
 
 
 def convert_decimal_comma(text: str) -> str:

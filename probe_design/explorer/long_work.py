@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import html
-import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,16 +14,13 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from probe_design.data.noise import DEFAULT_NOISE, MIN_NOISE
-from probe_design.explorer import quick
-from probe_design.explorer.computing import compute
+from probe_design.explorer.formats import Reading
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import Session
 from probe_design.explorer.worker import Worker
 from probe_design.populations.design_file import Design
-from solver.evaluators import AUTO, EVALUATOR_NAMES
-from solver.results.result import Result
 
-Columns = list[tuple[str, dict[str, quick.Reading]]]
+Columns = list[tuple[str, dict[str, Reading]]]
 
 
 class LongWork:
@@ -47,14 +42,14 @@ class LongWork:
         self.session, self.design, self.worker = session, design, Worker()
         self._show, self._request_update = show, accept
         self.noise = DEFAULT_NOISE if design is None else max(math.hypot(design.noise.white, design.noise.tilt), MIN_NOISE)
-        self._checked: tuple[Scene, Result] | None = None
-        self._optimum: tuple[Scene, dict[str, quick.Reading]] | None = None
+        self._checked: tuple[Scene, str, dict[str, Reading]] | None = None
+        self._optimum: tuple[Scene, Columns] | None = None
 
-    def build(self) -> None:
+    def build(self, evaluators: Sequence[str]) -> None:
         """Build evaluator, buttons and progress."""
         with ui.row():
-            names = [AUTO, *EVALUATOR_NAMES]
-            self.evaluator = ui.select(names, value=AUTO, label="evaluator").props("dense").classes("evaluator")
+            self.evaluator = ui.select(list(evaluators), value=evaluators[0], label="evaluator").props("dense")
+            self.evaluator.classes("evaluator")
             ui.button("Check", on_click=self._check).props("no-caps")
             ui.button("Optimise from here", on_click=self._optimize).props("no-caps")
             self.accept_button = ui.button("Accept", on_click=self._use_optimum).props("no-caps outline")
@@ -65,7 +60,8 @@ class LongWork:
     def build_downloads(self) -> None:
         """Build the buttons of the downloads."""
         for text, act in (
-            ("Scene TOML", self._download_toml), ("SVG", self._download_svg), ("PNG", self._download_png),
+            ("Scene TOML", self._download_toml), ("SVG", self._download_svg),
+            ("PNG", partial(self._download_files, "png", "section.png")),
             ("STEP", partial(self._download_files, "step", "assembly.step")),
             ("Workshop", partial(self._download_files, "workshop", "workshop.zip")),
         ):  # fmt: skip
@@ -75,11 +71,10 @@ class LongWork:
         """Return the outputs that were checked and optimised, with their headings."""
         columns: Columns = []
         if self._checked is not None:
-            scene, result = self._checked
-            old = "" if scene is self.session.scene else " (of an earlier design)"
-            columns.append((f"{result.evaluator}, {result.error_kind}{old}", quick.list_readings(result, None)))
+            scene, heading, readings = self._checked
+            columns.append((heading if scene is self.session.scene else f"{heading} (of an earlier design)", readings))
         if self._optimum is not None:
-            columns.append((f"optimised, {quick.EVALUATOR}", self._optimum[1]))
+            columns += self._optimum[1]
         return columns
 
     def _get_scene(self) -> Scene:
@@ -90,11 +85,11 @@ class LongWork:
     async def _check(self) -> None:
         """Evaluate the present design, and show the result beside the quick one."""
         scene = self._get_scene()
-        result = await self._work("evaluate", scene, str(self.evaluator.value))
-        if isinstance(result, Result):
-            self._checked = scene, result
+        if (checked := await self._work("evaluate", scene, str(self.evaluator.value))) is not None:
+            heading, readings, seconds = checked
+            self._checked = scene, heading, readings
             self._show()
-            self.progress.content = f"checked by {result.evaluator} in {result.seconds:.2g} s"
+            self.progress.content = html.escape(f"checked by {heading.partition(',')[0]} in {seconds:.2g} s")
 
     async def _optimize(self) -> None:
         """Search for a better design from the present one, and show its outputs beside the quick ones."""
@@ -104,7 +99,7 @@ class LongWork:
         if optimum is None:
             return
         if optimum["improved"]:
-            self._optimum = optimum["scene"], await compute(quick.evaluate_outputs, optimum["scene"])
+            self._optimum = optimum["scene"], optimum["columns"]
             self.accept_button.visible = True
             self._show()
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in optimum["warnings"])
@@ -126,24 +121,19 @@ class LongWork:
 
     async def _work(self, kind: str, subject: Scene | Design, option: object = None) -> Any:
         """Return the result of the worker, or None where it is refused or cancelled, which the page then says."""
-        self.progress.content = "working"
+        self.progress.content, result = "working", None
         async for state, content in self.worker.work(kind, subject, option):
             if state == "result":
-                return content
-            self.progress.content = html.escape(str(content))
-        return None
+                result = content
+            else:
+                self.progress.content = html.escape(str(content))
+        return result
 
     def _download_toml(self) -> None:
         ui.download.content(scene_to_toml(self._get_scene()), "scene.toml")
 
     def _download_svg(self) -> None:
         ui.download.content(draw_section(self._get_scene()), "section.svg")
-
-    async def _download_png(self) -> None:
-        picture = io.BytesIO()
-        figure = await asyncio.to_thread(self._get_scene().plot)
-        await asyncio.to_thread(figure.savefig, picture, format="png")
-        ui.download.content(picture.getvalue(), "section.png")
 
     async def _download_files(self, kind: str, name: str) -> None:
         """Build files of the present design in the worker."""

@@ -5,48 +5,49 @@ from __future__ import annotations
 import asyncio
 import html
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
 from nicegui import Client, context, events, ui
 
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
-from probe_design.explorer import quick
 from probe_design.explorer.bench import Bench
 from probe_design.explorer.bench_page import BenchPage
 from probe_design.explorer.bench_settings import BenchSettings
-from probe_design.explorer.charts_svg import draw_curves, draw_map
-from probe_design.explorer.computing import compute
 from probe_design.explorer.edges import find_edge_changes
-from probe_design.explorer.formats import FOLDER, format_number
+from probe_design.explorer.formats import EVALUATOR, FOLDER, LABELS, UNITS, Reading, format_number
+from probe_design.explorer.formulas import Formulas, FormulasEnded
 from probe_design.explorer.long_work import LongWork
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session
 from probe_design.explorer.variables import Variable, get_value
-from probe_design.maps.sphere_effects import Thresholds
-from solver.results.result import Result
+
+if TYPE_CHECKING:
+    from probe_design.explorer.limits import Limit
 
 MAX_NAME_LENGTH = 20  # characters, of what can be dragged
 SLIDER_STEPS = 400  # of a slider from end to end
-# loads that the slider of the force marks
-LIMITS = (("linear_limit_load", "L", "linear elasticity holds up to"), ("gap_closure_load", "G", "the gap stays open up to"))
 
 
-def build_application(settings: BenchSettings, start: Scene, name: str) -> FastAPI:
+def build_application(settings: BenchSettings, formulas: Formulas, start: Scene, name: str, evaluators: Sequence[str]) -> FastAPI:
     """Return the application: each tab of the design page has a design of its own, all of the bench page the same bench.
 
     Parameters
     ----------
     settings
         What was named at the start.
+    formulas
+        That compute for all pages.
     start
         Scene with which the design page begins.
     name
         Name of the file on the pages.
+    evaluators
+        With which a design can be checked, the default first.
     """
     bench = Bench(settings)
 
@@ -66,23 +67,27 @@ def build_application(settings: BenchSettings, start: Scene, name: str) -> FastA
     @ui.page("/", title="Explorer: " + name, response_timeout=20)
     def show_page() -> None:
         """Build the page of one tab."""
-        Page(settings, start, name)
+        Page(settings, formulas, start, name, evaluators)
 
-    ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=3)
+    ui.run_with(
+        application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=3, gzip_middleware_factory=None
+    )  # fmt: skip - packing for the loopback takes longer than it saves
     return application
 
 
 class Page:
     """One tab."""
 
-    def __init__(self, settings: BenchSettings, start: Scene, name: str) -> None:
-        self.session, self.name = Session(start), name
+    def __init__(self, settings: BenchSettings, formulas: Formulas, start: Scene, name: str, evaluators: Sequence[str]) -> None:
+        self.session, self.name, self.formulas, self.evaluators = Session(start), name, formulas, evaluators
+        self.min_wall = None if settings.design is None else settings.design.limits.wall
         self.work = LongWork(self.session, settings.design, self._show_outputs, self.request_update)
-        self.kept: dict[str, tuple[dict[str, str], dict[str, quick.Reading]]] = {}
+        self.kept: dict[str, tuple[dict[str, str], dict[str, Reading]]] = {}
         self._warnings: list[str] = []
+        self._accident = ""  # to the process of the formulas, until the next change
         self._drawn: Scene | None = None
-        self.readings: dict[str, quick.Reading] = {}
-        self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
+        self.readings: dict[str, Reading] = {}
+        self._pending, self._is_updating, self._is_quiet, self._has_failed, self._drawings = False, False, False, False, 0
         self.client: Client = context.client
         self.client.on_delete(self.work.worker.cancel)
         ui.add_css((FOLDER / "explorer.css").read_text())
@@ -121,7 +126,7 @@ class Page:
                 self.section = ui.html("", sanitize=False)
                 self.outputs = ui.html("", sanitize=False)
                 self.limits = ui.html("", sanitize=False).classes("progress")
-                self.work.build()
+                self.work.build(self.evaluators)
             with ui.element("section").classes("charts"):
                 ui.html("<h2>Tumours detected</h2>", sanitize=False)
                 self.map = ui.html("", sanitize=False)
@@ -184,6 +189,7 @@ class Page:
 
     def _change(self, entries: dict[str, str]) -> None:
         """Change numbers; a refusal is shown, and the last valid picture stays."""
+        self._accident = ""
         self.session.propose(entries)
         self.request_update()
 
@@ -241,10 +247,9 @@ class Page:
     async def _compute_quantities(self, scene: Scene, refusal: str) -> bool:
         """Compute and show the outputs; False where the formulas refuse the design."""
         try:
-            self.readings = await compute(quick.evaluate_outputs, scene)
+            self.readings = await self.formulas.compute("outputs", scene)
         except ProbeError as fault:
-            self._say(str(fault))
-            self._show_numbers()
+            self._refuse(fault)
             return False
         with self.client:
             self._show_numbers()
@@ -258,34 +263,44 @@ class Page:
     async def _compute_charts(self, scene: Scene, refusal: str) -> None:
         """Compute and show map, limits of the load and curves, unless there is a newer design."""
         try:
-            detected = await compute(quick.compute_map, scene, Thresholds(self.work.noise))
-            picture = draw_map(detected, scene)
+            picture = await self.formulas.compute("map", scene, self.work.noise)
+        except FormulasEnded as fault:
+            self._refuse(fault)
+            return
         except ProbeError as fault:
             picture = f"<p>No map: {html.escape(str(fault))}</p>"
         self._drawings += 1  # for those who wait for this drawing
         self.map.content = f'{picture}<span hidden data-drawings="{self._drawings}"></span>'
         if self._has_newer_design():
             return
+        variables = list(self.session.variables.values())
         try:
-            result = await compute(quick.evaluate_with_limits, scene)
-        except ProbeError as fault:
-            self._say(str(fault))
-        else:
-            self._warnings = list(result.warnings)
-            self._show_limits(result)
+            self._warnings, limits = await self.formulas.compute("limits", scene, self.min_wall, variables)
+            self._show_limits(limits)
             self._say(refusal)
-        if self._has_newer_design():
-            return
-        variables = [item for item in self.session.variables.values() if not item.key.startswith("load.")]
-        names = ["ratio", "log_sensitivity", "stiffness", *(["charge_ratio"] if scene.probe.film is not None else [])]
-        self.curves.content = draw_curves(await compute(quick.compute_curves, scene, variables), names)
+            if not self._has_newer_design():
+                varied = [variable for variable in variables if not variable.key.startswith("load.")]
+                self.curves.content = await self.formulas.compute("curves", scene, varied)
+        except ProbeError as fault:
+            self._refuse(fault)
+        else:
+            self._has_failed = False
+
+    def _refuse(self, fault: ProbeError) -> None:
+        """Show why nothing was computed; where the process of the formulas has ended, compute again once."""
+        if isinstance(fault, FormulasEnded):
+            self._accident = str(fault)
+            self._pending, self._has_failed = self._pending or not self._has_failed, True
+        self._say("" if isinstance(fault, FormulasEnded) else str(fault))
+        self._show_numbers()
 
     def _say(self, text: str) -> None:
         """Show a refusal, or that the design is shown, with what evaluated it."""
-        who = f"evaluated by {quick.EVALUATOR}, errors at 95 %" if self.readings else "computing"
+        who = f"evaluated by {EVALUATOR}, errors at 95 %" if self.readings else "computing"
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in self._warnings)
         refusal = f'<strong class="refusal">{html.escape(text)}</strong> The last valid design is shown. ' if text else ""
-        self.status.content = f"{refusal}<span>{who}</span><ul>{notes}</ul>"
+        accident = f'<strong class="refusal">{html.escape(self._accident)}</strong> ' if self._accident else ""
+        self.status.content = f"{refusal}{accident}<span>{who}</span><ul>{notes}</ul>"
 
     def _show_numbers(self) -> None:
         """Set sliders and texts to the present design, without that counting as a change."""
@@ -301,41 +316,39 @@ class Page:
         finally:
             self._is_quiet = False
 
-    def _show_limits(self, result: Result) -> None:
-        """State where linear elasticity ends and the gap may close, and mark it on the slider of the force."""
-        marks, texts = [], []
-        for name, sign, words in LIMITS:
-            limit = getattr(result, name)
-            for key, load in (("load.force", "force"), ("load.indentation", "indentation")):
-                value, variable = getattr(limit, load, None), self.session.variables.get(key)
-                if variable is not None and value is not None:
-                    texts.append(f"{sign}: {words} {variable.format_value(float(f'{value:.3g}'))} ({limit.by})")
-                    if variable.low <= value <= variable.high:
-                        marks.append({"value": round(SLIDER_STEPS * variable.find_fraction(value)), "label": sign})
-        self.limits.content = html.escape("; ".join(texts))
-        for key in {"load.force", "load.indentation"} & self.sliders.keys():
-            if marks or "marker-labels" in self.sliders[key].props:
-                self.sliders[key].props["marker-labels"] = marks
-                self.sliders[key].update()
+    def _show_limits(self, limits: list[Limit]) -> None:
+        """State the limits, and mark each on the sliders of the numbers with which it binds."""
+        self.limits.content = "; ".join(
+            f"<span{'' if limit.is_kept else ' class=refusal'}>{limit.sign}: {html.escape(limit.text)}</span>" for limit in limits
+        )
+        for key, slider in self.sliders.items():
+            variable = self.session.variables[key]
+            marks = [
+                {"value": round(SLIDER_STEPS * variable.find_fraction(limit.marks[key])), "label": limit.sign}
+                for limit in limits if key in limit.marks
+            ]  # fmt: skip
+            if marks != slider.props.get("marker-labels", []):
+                slider.props["marker-labels"] = marks
+                slider.update()
 
     def _show_outputs(self) -> None:
         """Show the outputs, beside them those that were checked and kept."""
         others = [*self.work.list_columns(), *((f"kept {key}", readings) for key, (_, readings) in self.kept.items())]
-        heads = ["", f"{quick.EVALUATOR}, 95 %", *(head for head, _ in others)]
+        heads = ["", f"{EVALUATOR}, 95 %", *(head for head, _ in others)]
         rows = []
         for name, reading in self.readings.items():
             columns = [reading, *(readings.get(name) for _, readings in others)]
             cells = "".join(_write_cell(name, item, k == 0) for k, item in enumerate(columns))
-            rows.append(f"<tr><th>{quick.LABELS[name]}</th>{cells}</tr>")
+            rows.append(f"<tr><th>{LABELS[name]}</th>{cells}</tr>")
         head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
         self.outputs.content = f'<table class="outputs"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
 
 
-def _write_cell(name: str, reading: quick.Reading | None, is_present: bool) -> str:
+def _write_cell(name: str, reading: Reading | None, is_present: bool) -> str:
     """Return a cell with a number, its error and its unit; the present design's is marked, and holds all digits."""
     if reading is None or reading.value is None:
         return "<td>not known</td>"
-    unit, factor = quick.UNITS.get(name, ("", 1.0))
+    unit, factor = UNITS.get(name, ("", 1.0))
     value, error = factor * reading.value, None if reading.error is None else factor * reading.error
     mark = f' data-output="{name}"' if is_present else ""
     return f'<td{mark} data-value="{reading.value!r}">{format_number(value, error)} {unit}</td>'

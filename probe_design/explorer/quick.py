@@ -10,6 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from probe_design.explorer.formats import EVALUATOR, Reading
 from probe_design.explorer.variables import Variable, get_value
 from probe_design.maps.sphere_effects import Thresholds
 from probe_design.maps.target_grid import choose_sizes, compute_free_radii
@@ -19,29 +20,11 @@ from solver.linalg.workspace import Workspace, use_workspace
 from solver.results.film_forces import FilmForces, compute_ratio_fields
 from solver.results.result import Result
 
-EVALUATOR = "closed-form"
 ACCURACY = 0.01  # relative, as for `evaluate`; the closed form does not depend on it
 CURVE_POINTS = 7  # of each curve; the middle one is the present design, so that it is odd
 CURVE_REACH = 1.6  # relative: a curve reaches this factor to both sides of the present value
 OFFSET_REACH_RADII = 0.5  # outer radii: a curve over a lateral offset reaches so far to both sides
 MAP_POINTS = 12  # depths and diameters of the map
-LABELS = {
-    "ratio": "ratio",
-    "log_sensitivity": "log-sensitivity",
-    "stiffness": "stiffness",
-    "charge_ratio": "charge ratio",
-    "charge_inner": "charge inner",
-    "charge_outer": "charge outer",
-}
-UNITS = {"stiffness": ("N/m", 1.0), "charge_inner": ("pC", 1e12), "charge_outer": ("pC", 1e12)}  # unit on the page, per SI unit
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A number with its error, SI; ``value`` is None where it is not known."""
-
-    value: float | None
-    error: float | None
 
 
 @dataclass(frozen=True)

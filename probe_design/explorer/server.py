@@ -1,4 +1,4 @@
-"""Serve the page on the loopback only, to browsers that know the token; nothing else is answered."""
+"""Serve the pages on the loopback only, from an address that is announced before the pages are built, which takes a second."""
 
 from __future__ import annotations
 
@@ -10,27 +10,13 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs
-
-import uvicorn
-from fastapi import FastAPI
 
 from geometry.common.errors import InputError
+from probe_design.explorer.guard import HOST, Guard
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, MutableMapping
+    from fastapi import FastAPI
 
-    Message = MutableMapping[str, Any]
-    Receive = Callable[[], Awaitable[Message]]
-    Send = Callable[[Message], Awaitable[None]]
-    Application = Callable[[Message, Receive, Send], Awaitable[None]]
-
-HOST = "127.0.0.1"
-HEADERS = (
-    (b"content-security-policy", b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'none'"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-content-type-options", b"nosniff"),
-)
 MAX_LINE_LENGTH = 200  # characters of a fault on standard error
 SHUTDOWN_S = 1  # s that open pages have to end
 
@@ -45,102 +31,12 @@ class OneLine(logging.Formatter):
         return f"probe-design: {' '.join(what.split())[:MAX_LINE_LENGTH]}"
 
 
-class Guard:
-    """An ASGI application before another: it passes on what comes from this machine's browser and holds the cookie.
+@contextmanager
+def announce(port: int, open_browser: bool) -> Iterator[tuple[socket.socket, str]]:
+    """Print the address with its token; yield the socket, at which browsers wait from now on, and the token.
 
     Parameters
     ----------
-    application
-        What is guarded, HTTP and websockets alike.
-    port
-        Port of the server.
-    token
-        Secret of the address; it is exchanged for a cookie with another secret.
-    """
-
-    def __init__(self, application: Application, port: int, token: str) -> None:
-        self._application, self._token = application, token
-        self._secret, self._cookie = secrets.token_urlsafe(32), f"probe-design-{port}"
-        self._hosts = {f"{name}:{port}".encode() for name in (HOST, "localhost")}
-        self._origins = {b"http://" + host for host in self._hosts}
-
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Answer 403 without token or cookie and from elsewhere, exchange the token, or pass the request on."""
-        if scope["type"] not in ("http", "websocket"):
-            await self._application(scope, receive, send)
-            return
-        headers = [(name.lower(), value) for name, value in scope["headers"]]
-        if not self._is_local(headers):
-            await _refuse(scope, send, "403: only this machine's own page is served")
-        elif scope["type"] == "http" and self._has_token(scope):
-            cookie = f"{self._cookie}={self._secret}; HttpOnly; SameSite=Strict; Path=/".encode()
-            await _respond(send, 303, "", (b"location", scope["path"].encode()), (b"set-cookie", cookie))
-        elif self._has_cookie(headers):
-            await self._pass_on(scope, receive, send)
-        else:
-            await _refuse(scope, send, "403: open the address that probe-design explore printed, with its token")
-
-    async def _pass_on(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Let the application respond; a page that is left meanwhile is no fault, whatever the framework raises then."""
-        is_left = False
-
-        async def receive_and_note() -> Message:
-            """Receive a message, and note whether the browser has left."""
-            nonlocal is_left
-            message = await receive()
-            is_left = is_left or message["type"] == "http.disconnect"
-            return message
-
-        try:
-            await self._application(scope, receive_and_note, _add_headers(send))
-        except Exception:
-            if not is_left:
-                raise
-
-    def _is_local(self, headers: list[tuple[bytes, bytes]]) -> bool:
-        """Return whether Host and, where it is stated, Origin are this server's: neither rebinding nor another site's page."""
-        hosts = [value for name, value in headers if name == b"host"]
-        origins = [value for name, value in headers if name == b"origin"]
-        return len(hosts) == 1 and hosts[0] in self._hosts and all(origin in self._origins for origin in origins)
-
-    def _has_token(self, scope: Message) -> bool:
-        """Return whether the address holds the token."""
-        tokens = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
-        return scope["path"] == "/" and len(tokens) == 1 and secrets.compare_digest(tokens[0].encode(), self._token.encode())
-
-    def _has_cookie(self, headers: list[tuple[bytes, bytes]]) -> bool:
-        """Return whether the browser has exchanged the token before."""
-        for name, value in headers:
-            if name == b"cookie":
-                for part in value.decode("latin-1").split(";"):
-                    key, _, text = part.strip().partition("=")
-                    if key == self._cookie and secrets.compare_digest(text.encode(), self._secret.encode()):
-                        return True
-        return False
-
-
-class _Server(uvicorn.Server):
-    """A server that ends with Ctrl-C as any program that is done: without raising the signal again."""
-
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Handle the signals that end the server while it runs."""
-        numbers = [signal.SIGINT, signal.SIGTERM]
-        handlers = [signal.signal(number, self.handle_exit) for number in numbers]
-        try:
-            yield
-        finally:
-            for number, handler in zip(numbers, handlers, strict=True):
-                signal.signal(number, handler)
-
-
-def serve(application: FastAPI, port: int, open_browser: bool) -> None:
-    """Print the address with its token, and serve until Ctrl-C.
-
-    Parameters
-    ----------
-    application
-        What is served.
     port
         Of the loopback; 0 for any that is free.
     open_browser
@@ -156,48 +52,50 @@ def serve(application: FastAPI, port: int, open_browser: bool) -> None:
     except OSError as fault:
         raise InputError("port", port, f"a free port of {HOST}, or 0 for any ({fault.strerror})") from None
     with listener:
-        port, token = listener.getsockname()[1], secrets.token_urlsafe(24)
-        address = f"http://{HOST}:{port}/?token={token}"
-        guarded: Any = Guard(application, port, token)
-        config = uvicorn.Config(
-            guarded,
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            timeout_graceful_shutdown=SHUTDOWN_S,
-            ws="websockets-sansio",
-        )
-        handler = logging.StreamHandler()
-        handler.setFormatter(OneLine())
-        logging.getLogger().addHandler(handler)
+        token = secrets.token_urlsafe(24)
+        address = f"http://{HOST}:{listener.getsockname()[1]}/?token={token}"
         print(address, flush=True)
         if open_browser:
             webbrowser.open(address)
-        _Server(config).run(sockets=[listener])
+        yield listener, token
 
 
-async def _refuse(scope: Message, send: Send, text: str) -> None:
-    """Answer 403, of a websocket by closing it before it opens."""
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-    else:
-        await _respond(send, 403, text)
+def serve(application: FastAPI, listener: socket.socket, token: str) -> None:
+    """Serve an application until Ctrl-C.
 
+    Parameters
+    ----------
+    application
+        What is served.
+    listener, token
+        Of ``announce``.
+    """
+    import uvicorn
 
-async def _respond(send: Send, status: int, text: str, *headers: tuple[bytes, bytes]) -> None:
-    """Send a response of one line."""
-    content = (b"content-type", b"text/plain; charset=utf-8")
-    await send({"type": "http.response.start", "status": status, "headers": [content, *HEADERS, *headers]})
-    await send({"type": "http.response.body", "body": text.encode()})
+    class Server(uvicorn.Server):
+        """A server that ends with Ctrl-C as any program that is done: without raising the signal again."""
 
+        @contextmanager
+        def capture_signals(self) -> Iterator[None]:
+            """Handle the signals that end the server while it runs."""
+            numbers = [signal.SIGINT, signal.SIGTERM]
+            handlers = [signal.signal(number, self.handle_exit) for number in numbers]
+            try:
+                yield
+            finally:
+                for number, handler in zip(numbers, handlers, strict=True):
+                    signal.signal(number, handler)
 
-def _add_headers(send: Send) -> Send:
-    """Return ``send`` with the headers that keep the page on this machine."""
-
-    async def send_with_headers(message: Message) -> None:
-        """Send a message."""
-        if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", []), *HEADERS]
-        await send(message)
-
-    return send_with_headers
+    guarded: Any = Guard(application, listener.getsockname()[1], token)
+    config = uvicorn.Config(
+        guarded,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+        ws="websockets-sansio",
+    )
+    handler = logging.StreamHandler()
+    handler.setFormatter(OneLine())
+    logging.getLogger().addHandler(handler)
+    Server(config).run(sockets=[listener])

@@ -6,33 +6,44 @@ import io
 import tempfile
 import zipfile
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
+from probe_design.explorer.formats import EVALUATOR, Reading
 from probe_design.explorer.messages import Message, Put, stream_messages
+from probe_design.explorer.quick import list_readings
 from probe_design.populations.design_file import Design
 from solver import evaluate
+from solver.evaluators import AUTO
 
 
 def run(request: tuple[str, Any, Any]) -> Iterator[Message]:
     """Yield ("progress", text) while it works, then ("result", content) or ("refused", reason).
 
     ``request`` is "evaluate" with a scene and an evaluator, "optimize" with a scene or design and the noise of a reading,
-    "step" or "workshop" with a scene and None.
+    "png", "step" or "workshop" with a scene and None.
     """
     kind, subject, option = request
 
     def work(put: Put) -> object:
         """Do what was asked for."""
         if kind == "evaluate":
-            return evaluate(subject, option, progress=lambda text: put("progress", text))
+            return _evaluate(subject, option, put)
         if kind == "optimize":
             return _optimize(subject, option, put)
         with tempfile.TemporaryDirectory() as folder:
-            return (_build_step if kind == "step" else _build_workshop)(subject, Path(folder), put)
+            return BUILDERS[kind](subject, Path(folder), put)
 
     return stream_messages(work)
+
+
+def _evaluate(scene: Scene, evaluator: str, put: Put) -> tuple[str, dict[str, Reading], float]:
+    """Return the heading of an evaluator's values, these, and the seconds that they took."""
+    result = evaluate(scene, evaluator, progress=lambda text: put("progress", text))
+    return f"{result.evaluator}, {result.error_kind}", list_readings(result, None), result.seconds
 
 
 def _optimize(subject: Scene | Design, noise: float, put: Put) -> dict[str, Any]:
@@ -50,10 +61,27 @@ def _optimize(subject: Scene | Design, noise: float, put: Put) -> dict[str, Any]
         if isinstance(subject, Scene)
         else optimize_for_population(subject, report)
     )
+    columns = []
+    if optimum.winner is not None:
+        for name in (EVALUATOR, AUTO):
+            with suppress(ProbeError):  # the formulas need not cover what was verified by finite elements
+                heading, readings, _ = _evaluate(optimum.scene, name, put)
+                columns.append((f"optimised, {heading}", readings))
     return {
-        "improved": optimum.winner is not None, "scene": optimum.scene, "verdict": optimum.verdict, "warnings": optimum.warnings,
+        "columns": columns,
+        "improved": optimum.winner is not None,
+        "scene": optimum.scene,
+        "verdict": optimum.verdict,
+        "warnings": optimum.warnings,
         "seconds": optimum.seconds["all"],
-    }  # fmt: skip
+    }
+
+
+def _draw_section(scene: Scene, folder: Path, put: Put) -> bytes:
+    """Return the section as PNG."""
+    put("progress", "picture")
+    scene.plot().savefig(folder / "section.png")
+    return (folder / "section.png").read_bytes()
 
 
 def _build_step(scene: Scene, folder: Path, put: Put) -> bytes:
@@ -75,3 +103,6 @@ def _build_workshop(scene: Scene, folder: Path, put: Put) -> bytes:
         for file in sorted(summary.files):
             archive.write(file, file.relative_to(folder))
     return content.getvalue()
+
+
+BUILDERS = {"png": _draw_section, "step": _build_step, "workshop": _build_workshop}

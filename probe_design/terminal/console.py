@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import to_one_line
 from geometry.common.json_types import JsonObject
-from probe_design.reporting.table import Table
 from probe_design.sweeps.progress import ReportProgress, report_at_intervals
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
     from rich.text import Text
+
+    from probe_design.reporting.table import Table
 
 
 _IS_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)

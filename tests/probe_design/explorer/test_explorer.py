@@ -17,7 +17,7 @@ from geometry.scenes.scene_file import read_scene
 from probe_design import evaluate, optimize
 from probe_design.explorer.session import Session
 from probe_design.explorer.variables import get_value
-from tests.support.explorer import PATIENCE_MS, open_browser, serve_pages
+from tests.support.explorer import PATIENCE_MS, kill_worker, open_browser, serve_pages
 from tests.support.paths import ROOT
 
 sync_api = pytest.importorskip("playwright.sync_api")
@@ -135,6 +135,25 @@ def test_every_slider_changes_its_number() -> None:
     assert session.scene.probe.area_ratio == 1.5
     assert session.undo()
     assert session.scene == before
+
+
+@pytest.mark.slow
+def test_ten_pages_at_once_and_a_killed_process(browser: sync_api.Browser) -> None:
+    """Each page shows the ratio of its own gap, also after the process of the formulas was killed, which the page says."""
+    with serve_pages(str(EXAMPLE)) as (address, server):
+        pages = [open_page(browser, address) for _ in range(10)]
+        for turn in range(2):
+            gaps = [f"0.{20 + 2 * k + turn} mm" for k in range(len(pages))]
+            if turn:
+                kill_worker(server)
+            for page, gap in zip(pages, gaps, strict=True):
+                page.get_by_label("gap, value").fill(gap)
+                page.get_by_label("gap, value").press("Enter")
+            for page, gap in zip(pages, gaps, strict=True):
+                wait_for_ratio(page, evaluate(read_scene(EXAMPLE).replace({"probe.gap": gap}), evaluator="closed-form").ratio)
+        pages[0].get_by_text("the process of the formulas ended: its process was ended by SIGKILL").wait_for()
+        for page in pages:
+            page.context.close()
 
 
 @pytest.mark.slow
