@@ -11,21 +11,25 @@ from types import TracebackType
 from typing import Any, Self
 
 from geometry.common.errors import ProbeError
-from geometry.processes.child import END, Child, Died, Failure
+from geometry.processes.child import END, Child, Died, Failure, TooLong
 
 PROGRAM = Path(__file__).with_name("formulas_program.py")
+MAX_SECONDS = 30.0  # s of a response, which takes tens of milliseconds
 ORDER = ("outputs", "map", "limits", "curves")  # of all pages' requests; see ``formulas_program``
 
 
-class FormulasEnded(ProbeError):  # noqa: N818
-    """The process has ended; the next request starts another."""
-
-
 class Formulas:
-    """One process, which loads the formulas while this one goes on; a context manager that ends it."""
+    """One process, which loads the formulas while this one goes on; a context manager that ends it.
+
+    Attributes
+    ----------
+    accidents
+        How processes have ended so far; another one has gone on.
+    """
 
     def __init__(self) -> None:
         self._child: Child | None = None
+        self.accidents: list[str] = []
         self._thread = ThreadPoolExecutor(1, "formulas")  # of its own: readings and checks wait in the common ones
         self._queue: list[tuple[int, int, tuple[str, tuple[object, ...]], asyncio.Future[Any]]] = []
         self._number, self._task = count(), None
@@ -38,10 +42,8 @@ class Formulas:
 
         Raises
         ------
-        FormulasEnded
-            The process has ended.
         ProbeError
-            The design is refused.
+            The design is refused, or has ended two processes.
         """
         future = asyncio.get_running_loop().create_future()
         heappush(self._queue, (ORDER.index(name), next(self._number), (name, arguments), future))
@@ -50,10 +52,15 @@ class Formulas:
         return await future
 
     def close(self) -> None:
+        """End process and thread."""
+        self.close_process()
+        self._thread.shutdown(wait=False)
+
+    def close_process(self) -> None:
         """End the process."""
         if self._child is not None:
             self._child.close()
-        self._thread.shutdown(wait=False)
+        self._child = None
 
     def __enter__(self) -> Self:
         return self
@@ -83,23 +90,30 @@ class Formulas:
         self._is_loading = True
 
     def _ask(self, request: tuple[str, tuple[object, ...]]) -> Any:
-        """Return the response to a request. Raises ``ProbeError``."""
-        try:
-            if self._child is None:
-                self._start()
-            assert self._child is not None
+        """Return the response to a request, from another process where one ends. Raises ``ProbeError``."""
+        for attempt in range(2):
+            try:
+                return self._ask_once(request)
+            except (Died, TooLong) as fault:
+                self.close_process()
+                self.accidents = [*self.accidents, f"the process of the formulas ended: {fault}"]
+                if attempt:
+                    raise ProbeError(f"{self.accidents[-1]}; change the design") from None
+            except Failure as fault:
+                raise ProbeError(str(fault)) from None
+        raise AssertionError
+
+    def _ask_once(self, request: tuple[str, tuple[object, ...]]) -> Any:
+        """Return the response to a request. Raises ``Failure``."""
+        if self._child is None:
+            self._start()
+        assert self._child is not None
+        with self._child.limit_time(MAX_SECONDS):
             if self._is_loading:
-                self._receive(self._child)
                 self._is_loading = False
+                self._receive(self._child)
             self._child.send(request)
             return self._receive(self._child)
-        except Died as fault:
-            if self._child is not None:
-                self._child.close()
-            self._child = None
-            raise FormulasEnded(f"the process of the formulas ended: {fault}; another one goes on") from None
-        except Failure as fault:
-            raise ProbeError(str(fault)) from None
 
     @staticmethod
     def _receive(child: Child) -> Any:

@@ -20,7 +20,7 @@ from probe_design.explorer.bench_page import BenchPage
 from probe_design.explorer.bench_settings import BenchSettings
 from probe_design.explorer.edges import find_edge_changes
 from probe_design.explorer.formats import EVALUATOR, FOLDER, LABELS, UNITS, Reading, format_number
-from probe_design.explorer.formulas import Formulas, FormulasEnded
+from probe_design.explorer.formulas import Formulas
 from probe_design.explorer.long_work import LongWork
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from probe_design.explorer.limits import Limit
 
 MAX_NAME_LENGTH = 20  # characters, of what can be dragged
+RECONNECT_S = 15.0  # s that a page of a busy machine may be silent before its design is dropped
 SLIDER_STEPS = 400  # of a slider from end to end
 
 
@@ -69,9 +70,9 @@ def build_application(settings: BenchSettings, formulas: Formulas, start: Scene,
         """Build the page of one tab."""
         Page(settings, formulas, start, name, evaluators)
 
-    ui.run_with(
-        application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=3, gzip_middleware_factory=None
-    )  # fmt: skip - packing for the loopback takes longer than it saves
+    # files are not packed: for the loopback that takes longer than it saves
+    ui.run_with(application, show_welcome_message=False, tailwind=False, dark=None, reconnect_timeout=RECONNECT_S,
+                gzip_middleware_factory=None)  # fmt: skip
     return application
 
 
@@ -84,10 +85,10 @@ class Page:
         self.work = LongWork(self.session, settings.design, self._show_outputs, self.request_update)
         self.kept: dict[str, tuple[dict[str, str], dict[str, Reading]]] = {}
         self._warnings: list[str] = []
-        self._accident = ""  # to the process of the formulas, until the next change
+        self._accidents = len(formulas.accidents)  # before the last change
         self._drawn: Scene | None = None
         self.readings: dict[str, Reading] = {}
-        self._pending, self._is_updating, self._is_quiet, self._has_failed, self._drawings = False, False, False, False, 0
+        self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
         self.client: Client = context.client
         self.client.on_delete(self.work.worker.cancel)
         ui.add_css((FOLDER / "explorer.css").read_text())
@@ -189,7 +190,7 @@ class Page:
 
     def _change(self, entries: dict[str, str]) -> None:
         """Change numbers; a refusal is shown, and the last valid picture stays."""
-        self._accident = ""
+        self._accidents = len(self.formulas.accidents)
         self.session.propose(entries)
         self.request_update()
 
@@ -264,9 +265,6 @@ class Page:
         """Compute and show map, limits of the load and curves, unless there is a newer design."""
         try:
             picture = await self.formulas.compute("map", scene, self.work.noise)
-        except FormulasEnded as fault:
-            self._refuse(fault)
-            return
         except ProbeError as fault:
             picture = f"<p>No map: {html.escape(str(fault))}</p>"
         self._drawings += 1  # for those who wait for this drawing
@@ -283,15 +281,10 @@ class Page:
                 self.curves.content = await self.formulas.compute("curves", scene, varied)
         except ProbeError as fault:
             self._refuse(fault)
-        else:
-            self._has_failed = False
 
     def _refuse(self, fault: ProbeError) -> None:
-        """Show why nothing was computed; where the process of the formulas has ended, compute again once."""
-        if isinstance(fault, FormulasEnded):
-            self._accident = str(fault)
-            self._pending, self._has_failed = self._pending or not self._has_failed, True
-        self._say("" if isinstance(fault, FormulasEnded) else str(fault))
+        """Show why nothing was computed."""
+        self._say(str(fault))
         self._show_numbers()
 
     def _say(self, text: str) -> None:
@@ -299,7 +292,8 @@ class Page:
         who = f"evaluated by {EVALUATOR}, errors at 95 %" if self.readings else "computing"
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in self._warnings)
         refusal = f'<strong class="refusal">{html.escape(text)}</strong> The last valid design is shown. ' if text else ""
-        accident = f'<strong class="refusal">{html.escape(self._accident)}</strong> ' if self._accident else ""
+        accidents = [f"{accident}; another one goes on" for accident in self.formulas.accidents[self._accidents :]]
+        accident = f'<strong class="refusal">{html.escape(accidents[-1])}</strong> ' if accidents else ""
         self.status.content = f"{refusal}{accident}<span>{who}</span><ul>{notes}</ul>"
 
     def _show_numbers(self) -> None:
