@@ -56,9 +56,9 @@ def list_limits(scene: Scene, result: Result, min_wall: float | None, variables:
                 text = f"{words} {variable.format_value(float(f'{value:.3g}'))} ({limit.by})"
                 marks = {key: value} if variable.low <= value <= variable.high else {}
                 limits.append(Limit(sign, text, load is None or load <= value, marks))
-    wall, least = scene.probe.tube_radius - scene.probe.hole_radius, MIN_WALL_M if min_wall is None else min_wall
-    text = f"the outer block's wall is {format_mm(wall)}, at least {format_mm(least)}"
-    limits.append(Limit("W", text, wall >= least * (1 - 1e-9), find_wall_marks(scene.probe, least, variables)))
+    wall, minimum = scene.probe.tube_radius - scene.probe.hole_radius, MIN_WALL_M if min_wall is None else min_wall
+    text = f"the outer block's wall is {format_mm(wall)}, at least {format_mm(minimum)}"
+    limits.append(Limit("W", text, wall >= minimum * (1 - 1e-9), find_wall_marks(scene.probe, minimum, variables)))
     return limits
 
 
