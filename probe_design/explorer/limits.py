@@ -50,8 +50,8 @@ def list_limits(scene: Scene, result: Result, min_wall: float | None, variables:
     limits = []
     for sign, name, words in LOAD_LIMITS:
         limit: LargestLoad | None = getattr(result, name)
-        for key, quantity in LOADS if limit is not None else ():
-            if (variable := known.get(key)) is not None:
+        for key, quantity in LOADS:
+            if limit is not None and (variable := known.get(key)) is not None:
                 value, load = getattr(limit, quantity), get_value(scene, key)
                 text = f"{words} {variable.format_value(float(f'{value:.3g}'))} ({limit.by})"
                 marks = {key: value} if variable.low <= value <= variable.high else {}
