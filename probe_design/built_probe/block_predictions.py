@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import expit
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal, Words
+from geometry.common.errors import Refusal
 from geometry.meridian.section import TISSUES
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
@@ -24,6 +25,7 @@ from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import find_length_sd
 from probe_design.built_probe.bench import Reference, Workshop
 from probe_design.built_probe.block_derivatives import Derivatives, differentiate_block, differentiate_by_moduli, list_soft_bonds
+from probe_design.built_probe.loaded_blocks import BlockPrediction, PressedReference, find_reference_load
 from probe_design.built_probe.reference_charges import (
     FILM_KEYS,
     BondModulus,
@@ -32,84 +34,19 @@ from probe_design.built_probe.reference_charges import (
     find_bond_log_sd,
     find_film_tolerance,
     is_bond_modulus,
+    list_bond_keys,
     predict_pin,
     scale_bonds,
 )
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.evaluator import Axisymmetric
+from solver.contact.design_derivatives import LoadedDerivatives
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.load_check import LINEAR_REMEDY, explain_limit
-from solver.planning.load_limits import find_largest_load
-from solver.planning.loads import LoadRule
 from solver.results.film_charges import reads_film_states
 from solver.results.film_forces import FilmForces
 
 PREDICTION_ACCURACY = 1e-3  # relative accuracy of the solver
-LINEARITY_ACCURACY = 0.01  # largest relative change by finite strain at which a load is allowed
 BLOCK_MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
-
-
-@dataclass(frozen=True)
-class BlockPrediction:
-    """The prediction for a reference block.
-
-    Attributes
-    ----------
-    log_ratio
-        ln(F_inner / F_outer).
-    bound
-        Bound on the solver's error of ``log_ratio``.
-    derivatives
-        Derivatives of ``log_ratio`` with respect to the design's variables, per SI unit, shape (v,).
-    modulus_derivative
-        Derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
-    rule
-        Limits of loads on the block; None: the load does not matter.
-    bond_derivative
-        Derivative of ``log_ratio`` with respect to the logarithm of the modulus of the soft bonds.
-    """
-
-    log_ratio: float
-    bound: float
-    derivatives: Floats
-    modulus_derivative: float
-    rule: LoadRule | None = None
-    bond_derivative: float = 0.0
-
-    def compute_variance(self, reference: Reference) -> float:
-        """Return the variance of ``log_ratio`` due to the block's modulus and the solver's error.
-
-        The solver's error is uniformly distributed from -bound to bound, so that its variance is bound^2 / 3.
-        """
-        return (self.modulus_derivative * reference.tolerance) ** 2 + self.bound**2 / 3
-
-    def apply_force(self, force: float, name: str, linear: bool) -> BlockPrediction:
-        """Return the prediction under a force, with the effect of finite strain added to the bound.
-
-        Parameters
-        ----------
-        force
-            Load on the block, N.
-        name
-            Of the block, for messages.
-        linear
-            Whether to allow a force above the limit of linear elasticity, if its effect can be estimated.
-
-        Raises
-        ------
-        Refusal
-            The force is above the limit of linear elasticity, and is not allowed by ``linear``.
-        """
-        if self.rule is None:
-            return self
-        limit, is_known = find_largest_load(self.rule, LINEARITY_ACCURACY, promise=False), self.rule.is_known(force)
-        if force > limit.force and not (linear and is_known):
-            remedy = "; press more lightly, or on a stiffer block, whose limit is as many times higher"
-            remedy += f", {LINEAR_REMEDY}" if is_known else ""
-            allowed = f"up to {limit.force:.3g} N ({explain_limit(limit, LINEARITY_ACCURACY)}){remedy}"
-            raise Refusal("load", Words(f"{force:.3g} N on the {name}"), allowed)
-        # finite strain may reduce the ratio to (1 - change) times itself: -ln(1 - change) is added to the bound on ln ratio
-        return replace(self, bound=self.bound - math.log1p(-self.rule.bound_ratio_change(force)))
 
 
 @dataclass(frozen=True)
@@ -132,6 +69,10 @@ class BlockPredictions:
         ln sigma of every reference, where readings are charges; otherwise none.
     bonds
         The modulus of the bonds at which all this holds; None where it does not matter.
+    load_sd
+        Relative standard deviation of all loads together, where predictions depend on them.
+    growths
+        Cache: what loads add to the derivatives, by the number of the reference and the load.
     """
 
     variables: tuple[str, ...]
@@ -141,6 +82,8 @@ class BlockPredictions:
     length_sds: Mapping[str, float] = field(default_factory=dict)
     load_factors: tuple[LoadFactor, ...] = ()
     bonds: BondModulus | None = None
+    load_sd: float = 0.0
+    growths: dict[tuple[int, float], LoadedDerivatives] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def log_ratios(self) -> Floats:
@@ -152,19 +95,55 @@ class BlockPredictions:
         """Derivatives of ``log_ratios`` with respect to the variables, per SI unit, shape (blocks, v)."""
         return np.array([block.derivatives for block in self.blocks]).reshape(len(self.blocks), len(self.variables))
 
-    def list_linear_limits(self) -> list[float]:
-        """List the largest loads, N, that linear elasticity allows on the blocks."""
-        rules = (block.rule for block in self.blocks if block.rule is not None)
-        return [find_largest_load(rule, LINEARITY_ACCURACY, promise=False).force for rule in rules]
+    @property
+    def load_errors(self) -> Floats:
+        """Changes of ``log_ratios`` for one standard deviation of all loads, shape (blocks,)."""
+        return self.load_sd * np.array([block.load_derivative for block in self.blocks])
+
+    def list_reference_loads(self) -> list[float]:
+        """List the loads, N, up to which the blocks are to be pressed, see ``loaded_blocks.find_reference_load``."""
+        return [find_reference_load(block.rule) for block in self.blocks if block.rule is not None]
 
     def apply_forces(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> BlockPredictions:
-        """Return the predictions under forces (N), one for each reference; see ``BlockPrediction.apply_force``.
+        """Return the predictions under forces, N, one for each reference; see ``BlockPrediction.apply_force``.
 
-        Only references that are blocks of tissue have a prediction; the forces on pins and rings are ignored.
+        Raises
+        ------
+        Refusal
+            ``contact`` does not reach a load, or a pin or ring strains its block too much.
         """
-        loads = [(force, reference.name) for force, reference in zip(forces, references, strict=True) if reference.on == "tissue"]
-        blocks = (block.apply_force(*load, linear) for block, load in zip(self.blocks, loads, strict=True))
-        return replace(self, blocks=tuple(blocks))
+        light, blocks, factors = iter(self.blocks), [], []
+        for k, (force, reference) in enumerate(zip(forces, references, strict=True)):
+            factor = self.load_factors[k] if self.load_factors else None
+            if reference.on == "tissue":
+                press = partial(self._press, k, force)
+                block, factor = next(light).apply_force(force, reference, factor, press, linear=linear)
+                blocks.append(block)
+            elif factor is not None:
+                factor = factor.strain_block(force, reference.name)
+            factors += [] if factor is None else [factor]
+        return replace(self, blocks=tuple(blocks), load_factors=tuple(factors))
+
+    def _press(self, number: int, force: float, pressed: PressedReference) -> LoadedDerivatives:
+        """Return what a force, N, adds to the derivatives on the reference of a number; it is computed once."""
+        if (number, force) not in self.growths:
+            keys = (*self.variables[:-1], "tissue.youngs_modulus", *list_bond_keys(pressed.loaded.scene))
+            self.growths[number, force] = pressed.differentiate(force, keys)
+        return self.growths[number, force]
+
+    def carry_loads(self, pressed: BlockPredictions, changes: Mapping[str, float]) -> BlockPredictions:
+        """Return these predictions of a changed design under light loads, with what the loads add to those of the drawing.
+
+        Parameters
+        ----------
+        pressed
+            Under the loads, for the drawing.
+        changes
+            Changes of variables from the drawing, x0 ln(x / x0) of a positive number x, SI.
+        """
+        steps = np.array([changes.get(name, 0.0) for name in self.variables])
+        pairs = zip(self.blocks, pressed.blocks, strict=True)
+        return replace(self, blocks=tuple(block.carry_load(loaded, steps) for block, loaded in pairs))
 
     def compute_tolerances(self, workshop: Workshop, calibrated: bool = True) -> Floats:
         """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's.
@@ -260,6 +239,7 @@ def predict_blocks(
         length_sds,
         tuple(factors) if reads_charges else (),
         BondModulus.from_scene(scene, log_bonds) if reads_charges and find_bond_log_sd(scene) > 0 else None,
+        growths={} if previous is None else previous.growths,
     )
 
 
@@ -348,6 +328,7 @@ def _predict_block(
         modulus_derivative,
         CoarseModel(scene, solution.sample, ()).build_rule(scene) if limit_loads else None,
         bond_derivative,
+        scene=scene,
     )
     sigma = abs(read.totals.sum() / solution.films[0].totals.sum()) / unit
     error = float(read.relative_errors.max() + solution.films[0].stiffness_error)

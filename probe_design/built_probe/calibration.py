@@ -16,6 +16,7 @@ from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import BlockPredictions, predict_blocks
 from probe_design.built_probe.film_forces import build_observation
 from probe_design.built_probe.gain_checks import estimate_consistent_gains
+from probe_design.built_probe.gain_fit import compute_mean_gain_sd
 from probe_design.built_probe.gains import ForceScale, Gains, Observation
 from probe_design.built_probe.load_plausibility import check_reference_loads
 from probe_design.built_probe.timing_errors import count_rate_error_of_gains, list_lag_warnings
@@ -70,33 +71,35 @@ class ReferenceReadings:
         predictions
             Of the references, without load.
         linear
-            Whether to accept loads above the limit of linear elasticity: finite strain may change a prediction by more than the
-            fraction ``load_limits.LOAD_SHARE`` of ``LINEARITY_ACCURACY``. The change is counted in any case.
+            See ``BlockPredictions.apply_forces``.
 
         Raises
         ------
         InputError
             There is not one reading for each reference, or a load differs from the expected one by ``IMPLAUSIBLE_FACTOR``.
         Refusal
-            The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
+            The axisymmetric evaluator cannot compute the probe, or ``contact`` does not reach a load.
         """
         if not references or len(measurements) != len(references):
             kind = "references" if len(references) == len(bench.reference) else "blocks of tissue, at least one"
             raise InputError("readings", len(measurements), f"one for each of the bench's {len(references)} {kind}")
         pairs = zip(measurements, references, strict=True)
-        factors = predictions.load_factors if len(predictions.load_factors) == len(references) else (None,) * len(references)
-        observations = tuple(
+        factors = predictions.load_factors or (None,) * len(references)
+        observations = [
             replace(build_observation(measurement, reference, scene), load_factor=factor)
             for (measurement, reference), factor in zip(pairs, factors, strict=True)
-        )
+        ]
         load_warnings = check_reference_loads(observations, predictions, scene)
         try:
             predictions = predictions.apply_forces([item.load for item in observations], references, linear)
         except Refusal as error:  # a wrong unit may explain it
             raise Refusal(error.key, error.value, "; ".join([error.allowed, *load_warnings])) from None
+        predictions = replace(predictions, load_sd=_compute_load_sd(observations, predictions, bench))
+        factors = predictions.load_factors or (None,) * len(references)
+        observations = [replace(item, load_factor=factor) for item, factor in zip(observations, factors, strict=True)]
         lag_warnings = tuple(list_lag_warnings(measurements, references, bench))
         waveform_warnings = _list_waveform_warnings(measurements, references)
-        return cls(observations, predictions, lag_warnings, (*load_warnings, *waveform_warnings, *lag_warnings))
+        return cls(tuple(observations), predictions, lag_warnings, (*load_warnings, *waveform_warnings, *lag_warnings))
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,7 @@ def calibrate(
     predictions
         For the blocks of tissue, if they are known already.
     linear
-        Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
+        See ``BlockPredictions.apply_forces``.
 
     Raises
     ------
@@ -163,7 +166,7 @@ def calibrate(
         The references do not determine the gains, or the readings contradict each other: see
         ``gain_checks.estimate_consistent_gains``.
     Refusal
-        The axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
+        The axisymmetric evaluator cannot compute the probe, or ``contact`` does not reach a load.
     """
 
     def fit(predictions: BlockPredictions) -> tuple[Gains, tuple[ReferenceReadings, tuple[str, ...]]]:
@@ -225,6 +228,15 @@ def fit_bonds(
             break
         predictions = predict_blocks(scene, references, log_bonds, predictions)
     return gains, other
+
+
+def _compute_load_sd(observations: Sequence[Observation], predictions: BlockPredictions, bench: Bench) -> float:
+    """Return the relative standard deviation of all loads together: of the force channel's scale, or of both films' gains."""
+    if all(item.force is not None for item in observations) and bench.force is not None and bench.force.verified:
+        return bench.force.tolerance
+    by_bonds = [factor.bond_derivative for factor in predictions.load_factors]
+    spread = 0.0 if predictions.bonds is None or bench.force is not None else predictions.bonds.log_sd * max(map(abs, by_bonds))
+    return float(np.hypot(compute_mean_gain_sd(bench), spread))
 
 
 def _compute_mean_frequency(measurements: Sequence[Measurement]) -> float:

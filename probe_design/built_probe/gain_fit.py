@@ -347,10 +347,12 @@ class _GainProblem:
     def _prediction_root(self) -> Floats:
         """Lower Cholesky factor of the covariance of ``_predicted_logs``.
 
-        Each block has its own error; the errors of the workshop are common to all predictions.
+        Each block has its own error; the errors of the workshop, and of the loads, are common to all predictions.
         """
         blocks = zip(self.predictions.blocks, (item for item in self.references if item.on == "tissue"), strict=True)
         block_variances = [prediction.compute_variance(reference) for prediction, reference in blocks]
         variances = np.array([*block_variances, *(factor.variance for factor in self._load_factors)])
         workshop_errors = self._prediction_derivatives * self.predictions.compute_tolerances(self.bench.workshop)
-        return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(workshop_errors, variances).covariance))
+        load_derivatives = [part.load_derivative for part in (*self.predictions.blocks, *self._load_factors)]
+        shared_errors = np.column_stack([workshop_errors, self.predictions.load_sd * np.array(load_derivatives)])
+        return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(shared_errors, variances).covariance))

@@ -6,6 +6,7 @@ diagonal and the cross-talk off it. ``gain_fit`` estimates M.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -54,8 +55,10 @@ class Observation:
 
     @property
     def load(self) -> float:
-        """Amplitude of the load, N: by the force channel, else by the films' nominal gains."""
-        return float(self.films.sum()) if self.force is None else self.force
+        """Amplitude of the load, N: by the force channel, else by the films' nominal gains and the predicted sum."""
+        if self.force is not None:
+            return self.force
+        return float(self.films.sum()) / (1.0 if self.load_factor is None else math.exp(self.load_factor.log))
 
 
 class ForceScale(Frozen):

@@ -20,7 +20,6 @@ from solver.results.result import Result
 
 IMPLAUSIBLE_FACTOR = 30.0  # between read and expected load, either way: a hand is never off by so much, most wrong units are
 SUSPECT_FACTOR = 2.0  # likewise, beyond the reading's own uncertainty: from here on a warning reports it
-SAFE_FRACTION = 0.8  # of the largest load that linear elasticity allows on the softest block, which the printed protocol asks for
 MAX_DISTANCE_DECADES = 0.25  # at which a factor is taken for a power of ten
 UNIT_SLIPS = {  # by the power of ten
     3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV'.",
@@ -126,11 +125,11 @@ def check_reference_loads(observations: Sequence[Observation], predictions: Bloc
     InputError
         A load is too large or too small by ``IMPLAUSIBLE_FACTOR``.
     """
-    limits = predictions.list_linear_limits()
+    limits = predictions.list_reference_loads()
     high = compute_expected_load(scene) or max(limits, default=None)
     if high is None:
         return []
-    low = min([high, *(SAFE_FRACTION * limit for limit in limits)])
+    low = min([high, *limits])
     warnings = {item.reference.name: text for item in observations for text in _check_reference_load(item, low, high)}
     return [f"{', '.join(warnings)}: {next(iter(warnings.values()))}"] if warnings else []
 

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
 from geometry.cad.fixture import find_fixture_sizes
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.bonds import BOND_SIDES, find_bond
 from geometry.scenes.film import Bond, Film
 from geometry.scenes.probe import Material, Probe
@@ -37,6 +37,8 @@ FILM_KEYS = "probe.film."  # how the keys of films and bonds begin
 UNNAMED_BOND_LOG_SD = 0.69  # of ln of the modulus of a bond that is given by numbers: that of tapes in the catalogue
 INSET_SD = 1e-4  # m: how far an electrode's edge may be from where it is drawn
 STEP = 0.02  # relative change of a number for a derivative: errors of the solver change it by about 1 %
+MAX_PIN_STRAIN = 0.05  # mean strain of a block up to which linear elasticity predicts its film's charge under a pin or ring ...
+PIN_CHANGE_PER_STRAIN = 1.5  # ... within this times the strain, relative: by contact, -0.08 to -0.8 on stuck faces
 UNKNOWN_CONTACT: tuple[Load, Load] = ("frictionless", "stuck")
 
 
@@ -87,6 +89,10 @@ class LoadFactor:
         Of it with respect to ln of the soft bonds' modulus.
     film_bond_derivatives
         Likewise of the logarithm of each film's charge, on a block of tissue; None on a pin or ring.
+    load_derivative
+        Of ln sigma with respect to the logarithm of the load.
+    strain
+        Of a pin or ring, the mean strain of the block per force, 1/N.
     """
 
     log: float
@@ -94,6 +100,22 @@ class LoadFactor:
     derivatives: Floats
     bond_derivative: float
     film_bond_derivatives: tuple[float, float] | None = None
+    load_derivative: float = 0.0
+    strain: float = 0.0
+
+    def strain_block(self, force: float, name: str) -> LoadFactor:
+        """Return sigma on a pin or ring, ``name``, under a force, N, with the effect of finite strain counted as an error.
+
+        Raises
+        ------
+        Refusal
+            The force strains the block by more than is known.
+        """
+        strain = force * self.strain
+        if strain > MAX_PIN_STRAIN:
+            limit = f"up to {MAX_PIN_STRAIN / self.strain:.3g} N, which strains its block by {100 * MAX_PIN_STRAIN:g} %"
+            raise Refusal("load", Words(f"{force:.3g} N on the {name}"), f"{limit}; press more lightly, or on a wider end")
+        return replace(self, variance=self.variance + (PIN_CHANGE_PER_STRAIN * strain) ** 2 / 3)
 
 
 def compute_charge_unit(scene: Scene) -> float:
@@ -147,7 +169,9 @@ def predict_pin(
     if derivatives is None:
         derivatives = np.array([_differentiate(scene, k, contacts[-1], pressed, name) for name in names])
     bond_derivative = float(np.mean([charge.bond_derivative for charge in charges]))
-    return LoadFactor(float(logs.mean()), float(variance), np.append(derivatives, 0.0), bond_derivative)
+    area = math.pi * (pressed[1] ** 2 - pressed[0] ** 2)
+    strain = 1 / (area * (scene.probe.inner, scene.probe.outer)[k].youngs_modulus)
+    return LoadFactor(float(logs.mean()), float(variance), np.append(derivatives, 0.0), bond_derivative, strain=strain)
 
 
 def compute_pin_charge(scene: Scene, reference: Reference) -> float:

@@ -14,19 +14,16 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import (
-    build_block_scene,
-    compute_inner_fractions,
-    express_by_outer_radius,
-    predict_force_ratios,
-    solve_block,
-)
+from probe_design.built_probe.block_predictions import build_block_scene, express_by_outer_radius, solve_block
+from probe_design.built_probe.loaded_blocks import PressedReference, find_departure, find_linear_limit, find_reference_load
 from probe_design.built_probe.reference_charges import (
     compute_charge_unit,
     compute_pin_charge,
     find_bond_log_sd,
     scale_bonds,
 )
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.load_limits import build_load_rule
 from solver.results.film_charges import reads_film_states
 from solver.results.result import Result
 
@@ -196,42 +193,53 @@ class VirtualBench:
         return self._build_signals(forces * [phase, 1.0], load, 0, *place)
 
     def build_reference_signals(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
-        """Build the signals on each reference under a load, N, or the reference's known one; each run has other noise."""
+        """Build the signals on each reference; each run has other noise.
+
+        References are pressed by their known load, or by ``load``, N, and blocks by no more than
+        ``loaded_blocks.find_reference_load`` of the drawing.
+        """
         random = np.random.default_rng(self.seed)
         delivered = [draw_delivered(item, random) for item in self.bench.reference]
-        loads = [item.known_force or load for item in delivered]
-        films = self.compute_film_readings(delivered)
+        loads = [item.known_force or find_pressing_load(self.drawn, item, load) for item in self.bench.reference]
+        films = self.compute_film_readings(delivered, loads)
         return tuple(
             self._build_signals(force * reading, force, 1 + run * len(films) + k)
             for k, (force, reading) in enumerate(zip(loads, films, strict=True))
         )
 
-    def compute_film_readings(self, delivered: Sequence[Reference]) -> Floats:
-        """Compute the forces on both films per load on references with their true moduli, shape (references, 2).
+    def compute_film_readings(self, delivered: Sequence[Reference], loads: Sequence[float]) -> Floats:
+        """Compute the forces on both films per load, N, on references with their true moduli, shape (references, 2).
 
         Where readings are charges, these are the charges over the drawing's unit of charge per force.
         """
-        if not reads_film_states(self.scene):
-            return self.compute_film_forces(delivered)
-        unit, probe = compute_charge_unit(self.drawn), express_by_outer_radius(self.as_built)
-        return np.array([_compute_charges_per_load(probe, item) for item in delivered]) / unit
-
-    def compute_film_forces(self, delivered: Sequence[Reference]) -> Floats:
-        """Compute the forces on both films per load on references with their true moduli, shape (references, 2)."""
-        fractions = compute_inner_fractions(predict_force_ratios(self.as_built, delivered), delivered)
-        return np.stack([fractions, 1 - fractions], axis=1)
+        probe = express_by_outer_radius(self.as_built)
+        unit = compute_charge_unit(self.drawn) if reads_film_states(self.scene) else 1.0
+        return np.array([_read_films(probe, item, load) for item, load in zip(delivered, loads, strict=True)]) / unit
 
     def _build_signals(self, forces: Floats | Complexes, load: float | complex, *run: int) -> Callable[[Floats], Floats]:
         """Build the signals under both films' forces and their load, N; each tuple of numbers ``run`` has its own noise."""
         return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run], load=load)
 
 
-def _compute_charges_per_load(scene: Scene, reference: Reference) -> Floats:
-    """Return both films' charges per load, C/N, on a reference, shape (2,)."""
-    if reference.on == "tissue":
-        solved, read, _ = solve_block(build_block_scene(scene, reference))
-        return np.asarray(read.totals / solved.films[0].totals.sum())
-    return compute_pin_charge(scene, reference) * np.array([float(reference.on == side) for side in ("inner", "outer")])
+def _read_films(scene: Scene, reference: Reference, load: float) -> Floats:
+    """Return both films' forces, or charges, C, where readings are charges, per load, N, on a reference, shape (2,)."""
+    if reference.on != "tissue":
+        per_load = compute_pin_charge(scene, reference) if reads_film_states(scene) else 1.0
+        return per_load * np.array([float(reference.on == side) for side in ("inner", "outer")])
+    block = build_block_scene(scene, reference)
+    solved, read, _ = solve_block(block)
+    films = solved.films[0]
+    if find_departure(block, load) > find_linear_limit(CoarseModel(block, solved.sample, ()).build_rule(block)).force:
+        pressed = PressedReference.from_force(block, load, reference.name)
+        films, read = pressed.films, pressed.read
+    return np.asarray(read.totals / films.totals.sum())
+
+
+def find_pressing_load(scene: Scene, reference: Reference, load: float) -> float:
+    """Return the load, N, by which a reference is to be pressed: ``load``, or less where a block allows less."""
+    if reference.on != "tissue":
+        return load
+    return min(load, find_reference_load(build_load_rule(build_block_scene(express_by_outer_radius(scene), reference))))
 
 
 def compute_load(scene: Scene, stiffness: float | None) -> float:

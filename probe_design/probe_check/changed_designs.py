@@ -5,6 +5,7 @@ Positive variables are changed by factors, so that a modulus three times too sma
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,7 +118,12 @@ class Changes:
         blocks = [
             block.model_copy(update={"youngs_modulus": (block.youngs_modulus or 0.0) * factor}) for block in self.bench.blocks
         ]
-        return predict_blocks(self.drawn.replace(new), blocks)
+        light = predict_blocks(self.drawn.replace(new), blocks, limit_loads=False)
+        steps = {
+            name: value - nominal if _is_additive(name) else nominal * math.log(value / nominal)
+            for name, value, nominal in zip(self.names, values.tolist(), self.nominal.tolist(), strict=True)
+        }
+        return light.carry_loads(self.predictions, steps)
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def check(
     predictions
         For the blocks of tissue, if they are known already.
     linear
-        Whether to accept loads above the limit of linear elasticity; see ``ReferenceReadings.from_measurements``.
+        See ``BlockPredictions.apply_forces``.
     progress
         Called with a line of text at each step.
 
@@ -146,7 +146,7 @@ def check(
     InputError
         There are no blocks, or not one reading for each; a film is dead or of reversed polarity.
     Refusal
-        A load is above the limit of linear elasticity.
+        ``contact`` does not reach a load.
     """
     built = scale_bonds(scene, gains.bonds.log_factor) if gains is not None and gains.bonds is not None else scene
     predictions = predict_blocks(built, bench.blocks) if predictions is None else predictions
@@ -224,7 +224,8 @@ class Comparison:
                 self.predictions.variables, self.predictions.derivatives.T, tolerances, strict=True
             )
         }
-        gain_errors = entry_derivatives @ self.gains.errors_as_drawn
+        load_errors = self.predictions.load_errors[: len(logs)]
+        gain_errors = np.column_stack([entry_derivatives @ self.gains.errors_as_drawn, load_errors])
         return Deviation(logs, self.predictions.log_ratios, noise, gain_errors, model, bias, workshop)
 
     def find_swaps(self, films: Films) -> tuple[Swap, ...]:

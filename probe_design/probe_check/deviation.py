@@ -34,7 +34,7 @@ class Deviation:
     noise
         Variances of ``logs`` by noise, shape (k,).
     gains
-        Changes of ``logs`` by one standard deviation of each of g independent errors of the gains, shape (k, g).
+        Changes of ``logs`` by one standard deviation of each of g independent errors of gains and loads, shape (k, g).
     model
         Variances of ``drawn`` for the probe as drawn, shape (k,).
     calibration_bias

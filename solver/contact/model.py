@@ -81,6 +81,7 @@ class ContactModel:
         dense: bool = False,
         tied: bool = False,
         films: Films | None = None,
+        mesh: Topology | None = None,
     ) -> ContactModel:
         """Mesh a section and prepare it to be deformed.
 
@@ -102,13 +103,15 @@ class ContactModel:
             Whether nothing touches and faces stay tied as in linear elasticity: for loads that change little.
         films
             The inner and the outer film, if their charges are wanted.
+        mesh
+            That of a similar section, whose nodes are to move with the section; None: the section's own.
 
         Raises
         ------
         SolveError
             The mesh has a cell without area.
         """
-        mesh, functions = _mesh(find_kind(section), fineness), build_shapes(fineness.order)
+        mesh, functions = mesh or _mesh(find_kind(section), fineness), build_shapes(fineness.order)
         nodes = compute_nodes(section, mesh, functions.places)
         element_geometry, corners = compute_geometry(nodes, functions), nodes[:, functions.corners]
         elements = Elements.from_geometry(element_geometry, functions, _build_laws(materials, mesh))
