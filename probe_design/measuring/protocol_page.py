@@ -5,6 +5,7 @@ Its numbers are computed for the probe and the bench: expected signals reveal an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +20,6 @@ from geometry.scenes.scene import Scene
 from geometry.workshop.parts import build_section_outlines
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_blocks
-from probe_design.built_probe.load_plausibility import SAFE_FRACTION
 from probe_design.built_probe.reference_charges import compute_charge_unit
 
 if TYPE_CHECKING:
@@ -43,23 +43,25 @@ class ExpectedSignal:
 
 
 def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
-    """Compute the expected signals on the bench's references at the scene's force, or less where a block allows less.
+    """Compute the expected signals on the bench's references at the scene's force, or less on a soft block.
 
     Raises
     ------
     Refusal
         The axisymmetric evaluator cannot compute the probe.
     """
-    predictions = predict_blocks(scene, bench.reference)
-    safe_loads = [SAFE_FRACTION * limit for limit in predictions.list_linear_limits()]
-    load = min(safe_loads + ([] if scene.load.force is None else [scene.load.force]), default=DEFAULT_LOAD_N)
+    predictions = predict_blocks(scene, bench.reference, variables=())
+    limits = dict(zip(bench.blocks, predictions.list_reference_loads(), strict=True))
+    load = scene.load.amplitude or min(limits.values(), default=DEFAULT_LOAD_N)
+    loads = [item.known_force or min(load, limits.get(item, load)) for item in bench.reference]
+    pressed = predictions.apply_forces(loads, bench.reference, linear=False)
+    sums = [math.exp(factor.log) for factor in pressed.load_factors] or [1.0] * len(loads)
     charge = compute_charge_unit(scene)
     inner, outer = (abs(charge * amplifier.response(bench.load.frequency)) for amplifier in bench.amplifier.build_films())
-    parts = compute_inner_fractions(predictions.log_ratios, bench.reference).tolist()
-    loads = [item.known_force or load for item in bench.reference]
+    parts = compute_inner_fractions(pressed.log_ratios, bench.reference).tolist()
     return tuple(
-        ExpectedSignal(item.name, force, part, (force * inner * part, force * outer * (1 - part)))
-        for item, force, part in zip(bench.reference, loads, parts, strict=True)
+        ExpectedSignal(item.name, force, part, (force * total * inner * part, force * total * outer * (1 - part)))
+        for item, force, total, part in zip(bench.reference, loads, sums, parts, strict=True)
     )
 
 
@@ -202,7 +204,7 @@ def _list_steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> 
     # 20 % more than the minimum number of periods
     seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
     slack, play = fixture.RING_ALIGNMENT_MM, fixture.SLEEVE_PLAY_MM
-    load, count, channels = 1e3 * expected[0].load, len(expected), bench.channels
+    count, channels = len(expected), bench.channels
     known = ", ".join(f"{100 * item:g} %" for item in sorted({item.tolerance for item in bench.blocks})) or "no block"
     return [
         f"Amplitudes: a sinusoidal load of {bench.load.frequency:g} Hz; signals at nominal gain,",
@@ -214,7 +216,7 @@ def _list_steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> 
         "2. Stand the pin's carrier under the probe. Lift the sleeve over the base's rim, lower the probe until it touches,",
         "    clamp the carrier, slide the sleeve down again: it must not touch the base while the load is on.",
         f"    That centres to {slack:g} mm: twice {play:g} mm of play, 0.01 mm for each turned part. The ring likewise.",
-        f"3. On each reference: load on at {load:.3g} mN, wait until it is steady,",
+        "3. On each reference: the table's load on, wait until it is steady,",
         f"    read for {seconds:.3g} s or more ({bench.load.least_cycles:g} cycles at least).",
         "4. Blocks of tissue, homogeneous, of the scene's shape, probe in the middle:",
         f"    moduli known to {known} (tolerance, in the bench file). 5 % does for calibrating with pin, ring and force;",
