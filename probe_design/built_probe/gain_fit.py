@@ -353,6 +353,7 @@ class _GainProblem:
         block_variances = [prediction.compute_variance(reference) for prediction, reference in blocks]
         variances = np.array([*block_variances, *(factor.variance for factor in self._load_factors)])
         workshop_errors = self._prediction_derivatives * self.predictions.compute_tolerances(self.bench.workshop)
-        load_derivatives = [part.load_derivative for part in (*self.predictions.blocks, *self._load_factors)]
-        shared_errors = np.column_stack([workshop_errors, self.predictions.load_sd * np.array(load_derivatives)])
+        by_load = [factor.load_derivative for factor in self._load_factors]
+        load_errors = np.append(self.predictions.load_errors, self.predictions.load_sd * np.array(by_load))
+        shared_errors = np.column_stack([workshop_errors, load_errors])
         return np.asarray(np.linalg.cholesky(LinearGaussian.from_shared_errors(shared_errors, variances).covariance))

@@ -4,7 +4,7 @@ At an equilibrium the forces f(u, x) of the state u and the number x balance. On
 number gives the outputs y to first order in dx, with the tangent of the unchanged model; central differences over such steps give
 dy/dx at one indentation w, and at one force F, the sum of the film forces,
 
-    d ln y / dx |_F = (1/y) (dy/dx - (dy/dw) (dF/dx) / (dF/dw))                                    (CT.11)
+    d ln y / dx |_F = (1/y) (dy/dx - (dy/dw) (dF/dx) / (dF/dw))                                    (CT.12)
 
 Its difference between the loaded and a very light state is what the load adds to the exact derivatives of linear elasticity.
 Nodes move with the section's lengths, and everything is differentiated on one mesh.
@@ -64,7 +64,7 @@ class _Point:
         return cls(equilibrium.state, equations, model.compute_outputs(equations), derivatives[:, 0])
 
     def differentiate(self, sides: tuple[ContactModel, ContactModel], distance: float) -> Floats:
-        """Return eq. CT.11 from the models on both sides, whose numbers are ``distance`` apart, shape (k,)."""
+        """Return eq. CT.12 from the models on both sides, whose numbers are ``distance`` apart, shape (k,)."""
         low, high = (side.predict_outputs(side.linearise(self.state, self.equations, keep_tangent=True)) for side in sides)
         change = (high - low) / distance
         return np.asarray((change - self.tangent * (change[:2].sum() / self.tangent[:2].sum())) / self.outputs)
