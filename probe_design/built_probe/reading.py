@@ -20,6 +20,7 @@ from probe_design.built_probe.load_plausibility import check_film_sum, check_sce
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
 from probe_design.built_probe.reference_charges import compute_charge_unit
 from solver.axisymmetric.evaluator import Axisymmetric
+from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.evaluation import evaluate
 from solver.evaluators import AUTO
@@ -123,8 +124,6 @@ def predict_scene(scene: Scene, accuracy: float, linear: bool = False, frequency
         return add_ratio_phase(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
     rule = build_load_rule(scene)
     if not linear and not is_load_linear(scene, rule, accuracy, promise=False):
-        from solver.contact.evaluator import ContactEvaluator
-
         if ContactEvaluator().refusal(scene) is not None:
             check_load(scene, rule, accuracy, promise=False)
         return add_ratio_phase(evaluate(scene, ContactEvaluator.name, accuracy), scene, accuracy, frequency)
