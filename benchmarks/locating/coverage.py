@@ -29,12 +29,13 @@ from benchmarks.locating.forward_model import SCENE_TABLES, build_positions
 from benchmarks.tables import MeasuredTable
 from geometry import Scene
 from geometry.common.arrays import Bools, Floats
-from probe_design.locating.forward_model import build_model
+from probe_design.locating.common_errors import CommonErrors
+from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import Posterior
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.posterior import find_region, summarise
 from probe_design.locating.prior import TumourPrior
-from probe_design.locating.scan_data import ScanData, TumourFree
+from probe_design.locating.scan_data import ScanConditions, ScanData
 from probe_design.populations.design_file import Design, design_from_dict
 from probe_design.populations.detection import compute_log_likelihood_ratio, whiten
 from probe_design.populations.population import ScenePopulation
@@ -127,10 +128,11 @@ def run(name: str, scans: int) -> Outcome:
     scene = design.scene.model_copy(update={"inclusion": ()})
     grid, rng = build_positions(), np.random.default_rng((SEED, list(SETTINGS).index(name)))
     places, k = np.vstack([[30e-3, 0.0], grid]), len(grid) + 1
-    prior, free = TumourPrior.from_design(design, grid), TumourFree.from_design(design)
-    tissues = draw_tissues(design) if np.any(free.signal_errors) else [scene]
-    gain = np.hypot(GAIN, free.errors)
-    model = build_model(prior)
+    prior, conditions = TumourPrior.from_design(design, grid), ScanConditions.from_design(design)
+    tissues, free = draw_tissues(design) if conditions.middles else [scene], conditions.loads.main
+    known = [index for index, name in enumerate(conditions.errors.names) if not name.startswith("ln_gain")]
+    errors = CommonErrors.from_channels("ln_gain", GAIN).join(conditions.errors.select(known))
+    models = build_models(prior, conditions.loads.scenes)
     tumours = prior.transform(rng.random((2 * scans, 1, 5)))
     tumours = tumours[prior.find_allowed(tumours)][:scans]  # a skin leaves no room for some
     variance = np.tile(np.where([True, has_stiffness], WHITE**2, np.inf), (k, 1))
@@ -145,7 +147,7 @@ def run(name: str, scans: int) -> Outcome:
     drawn = prior.transform(prior.draw(TEMPLATES, 1, 2))
     drawn = drawn[prior.find_allowed(drawn)]
     signals = np.zeros((len(drawn), k, 2))
-    signals[:, 1:] = model.predict(drawn, grid)
+    signals[:, 1:] = models[0].predict(drawn, grid)
     templates = whiten(factor, stack(signals))
     outcome = Outcome([], [], [], [], [], [])
     for index in range(scans):
@@ -156,9 +158,9 @@ def run(name: str, scans: int) -> Outcome:
             values[1:] += simulate(tissue, tumours[index, 0], grid + pose * rng.standard_normal(grid.shape))
         values += GAIN * rng.standard_normal(2) + WHITE * rng.standard_normal((k, 2))
         values[:, [c for c in range(2) if c not in channels]] = 0.0
-        data = ScanData(places, values, variance, np.full((k, 2), pose), np.arange(k) == 0, gain, free.signal_errors)
+        data = ScanData(places, values, variance, np.full((k, 2), pose), np.arange(k) == 0, errors)
         start = process_time()
-        posterior = Posterior.from_likelihood(Likelihood(data, model, prior), index)
+        posterior = Posterior.from_likelihood(Likelihood(data, models, prior), index)
         outcome.seconds.append(process_time() - start)
         outcome.none.append(float(posterior.probability[0]))
         outcome.is_free.append(is_free)

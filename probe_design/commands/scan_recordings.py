@@ -78,4 +78,4 @@ def _build_reading(scene: Scene, measured: FieldReading, noise: float, place: di
             raise InputError(
                 "reading", text, "a recording that states its place, or a text with it: 'run.probe, x=-8 mm, y=0 mm'"
             )
-    return build_scan_reading("reading: ", row, scene, None, None)
+    return build_scan_reading("reading: ", row, scene)

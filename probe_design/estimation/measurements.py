@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,6 +61,7 @@ SCAN_QUANTITIES = {
     "y_sd": Quantity("length", "m", "mm", 0.0, 0.1),
 }
 FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
+NoiseAtForce = Callable[[float | None], tuple[float, float]]  # relative, of ratio and stiffness, at a force in N
 
 
 @dataclass(frozen=True)
@@ -218,9 +219,9 @@ def read_readings(
     scene
         The scene of the readings.
     noise
-        Relative standard deviation of ratios for which the file states none.
+        Relative standard deviation of ratios for which the file states none; of a scan, see ``build_scan_reading``.
     stiffness_noise
-        Relative standard deviation of stiffnesses for which the file states none.
+        Relative standard deviation of stiffnesses for which the file states none; not of a scan.
     is_scan
         Whether every reading has to state its place, and may have the further keys of scans.
 
@@ -238,12 +239,14 @@ def read_readings(
     readings = []
     for index, row in enumerate(rows):
         key_prefix = f"reading[{index}]."
-        read_row = build_scan_reading if is_scan else _check_reading
-        readings.append(read_row(key_prefix, row, scene, noise, stiffness_noise))
+        if is_scan:
+            readings.append(build_scan_reading(key_prefix, row, scene, noise))
+        else:
+            readings.append(_check_reading(key_prefix, row, scene, noise, stiffness_noise))
     return tuple(readings)
 
 
-def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
+def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: NoiseAtForce | None = None) -> Reading:
     """Return one reading of a scan from its entries by ``SCAN_KEYS``, numbers in SI units or texts with units.
 
     Parameters
@@ -254,8 +257,8 @@ def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene,
         Entries by key; x and y have to be stated.
     scene
         The scene of the readings.
-    noise, stiffness_noise
-        Relative standard deviations where the entries state none.
+    noise
+        Relative standard deviations of ratio and stiffness by the force, N, or None, where the entries state none.
 
     Raises
     ------
@@ -266,7 +269,9 @@ def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene,
         if row.get(key) is None:
             raise InputError(key_prefix + key, Words("missing"), POSITION_QUANTITY.allowed)
     extra = {key: row[key] for key in SCAN_QUANTITIES if row.get(key) is not None}
-    reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, noise, stiffness_noise)
+    force = None if row.get("force") is None else _read_force(f"{key_prefix}force", row["force"], scene)
+    defaults = (None, None) if noise is None else noise(force)
+    reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, *defaults)
     numbers: dict[str, Any] = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
     return replace(reading, **numbers)
 

@@ -248,7 +248,7 @@ class Measuring:
         """Return a reading at a place, m. Raises ``InputError`` where the probe does not stand on the tissue."""
         row: dict[str, object] = {"ratio": ratio, "noise": noise, "blank": str(is_blank).lower()}
         row |= {key: f"{length!r} m" for key, length in zip(("x", "y"), place, strict=True)}
-        return build_scan_reading("reading: ", row, self.settings.scene, None, None)
+        return build_scan_reading("reading: ", row, self.settings.scene)
 
     def _locate(self, reading: Reading) -> None:
         """Update the map."""

@@ -1,14 +1,17 @@
-"""Build the table of readings that the inference looks up."""
+"""Build the tables of readings that the inference looks up."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from geometry.scenes.scene import Scene
 from probe_design.locating.prior import ForwardModel, TumourPrior
 from solver.reading_tables.build import read_or_build_table
 from solver.reading_tables.tumour_ranges import TumourRanges
 
 
-def build_model(prior: TumourPrior) -> ForwardModel:
-    """Return the table of the probe on its tissue over the tumours of a prior, from the cache where it was built before.
+def build_models(prior: TumourPrior, scenes: Sequence[Scene]) -> tuple[ForwardModel, ...]:
+    """Return the table of each scene, a load on the tissue, over the tumours of a prior, from the cache where built before.
 
     Raises
     ------
@@ -19,4 +22,5 @@ def build_model(prior: TumourPrior) -> ForwardModel:
     # the population's cover is counted from the surface, the table's from the interface above the tumours
     ceiling = max((face for face in prior.scene.tissue.interfaces if face <= depth[1]), default=0.0)
     cover = max(prior.least_cover - ceiling, 0.0)
-    return read_or_build_table(prior.scene, TumourRanges(depth, diameter, modulus, prior.poisson_ratio, cover))
+    ranges = TumourRanges(depth, diameter, modulus, prior.poisson_ratio, cover)
+    return tuple(read_or_build_table(scene, ranges) for scene in scenes)

@@ -11,20 +11,21 @@ from scipy.special import ndtr, softmax
 from scipy.stats import chi2
 
 from geometry.common.arrays import Floats
+from probe_design.locating.common_errors import CHANNEL_NAMES, Rows, Sums
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
 from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
-from probe_design.locating.posterior import compute_quantiles, find_region, summarise
+from probe_design.locating.posterior import CommonSummary, find_region, summarise
 from probe_design.locating.samples import CONVERGED_SIZE, Sample
 from probe_design.locating.sampling import draw_posteriors
-from probe_design.locating.scan_data import TumourFree
+from probe_design.locating.scan_data import ScanConditions
 
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
 TESTED_SETS = 200  # most probable sets of each number, among which the residuals are the smallest
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
 MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
 DETECTABLE_SAMPLES = 1024  # tumours of the prior whose deflections are computed
-CHANNEL_NAMES = ("ratio", "stiffness")
+COMMON_SETS = 200  # of each number of tumours, for the posterior of gains and tissue
 WILD_PROBABILITY = 0.5  # above it a reading counts as wild and is left out of the residual test
 MAX_DEVIATION = 4.0  # standard deviations of one residual above which a warning names it
 
@@ -70,7 +71,7 @@ class Posterior:
 
 def infer(
     likelihood: Likelihood,
-    tumour_free: TumourFree,
+    conditions: ScanConditions,
     seed: int,
     *,
     advise: bool,
@@ -82,8 +83,8 @@ def infer(
     ----------
     likelihood
         Of the readings, with model and prior.
-    tumour_free
-        The probe on tumour-free tissue.
+    conditions
+        Probe, tissue and loads without tumours.
     seed
         Of the random numbers.
     advise
@@ -103,19 +104,19 @@ def infer(
         prior=tuple(likelihood.prior.numbers.tolist()),
         by_number=by_number,
         withheld=tuple(sample.points.shape[1] for sample in posterior.withheld),
-        nuisances=_describe_gains(likelihood, posterior, sets),
+        nuisances=_describe_common(likelihood, posterior, sets, conditions.middles),
         explained=p_value >= MIN_P_VALUE,
         p_value=p_value,
         residuals=residuals,
-        next=_advise(likelihood, posterior, sets) if advise else None,
+        next=_advise(likelihood, posterior, sets, conditions.loads.own) if advise else None,
         warnings=(),
-        evaluator=tumour_free.evaluator,
-        model_error=float(np.max(np.hypot(likelihood.model.error, likelihood.scale_sd))),
+        evaluator=conditions.loads.evaluator,
+        model_error=max(float(np.hypot(model.error, model.scale_error).max()) for model in likelihood.models),
         seconds=time.perf_counter() - start,
         seed=seed,
         tumour_prior=likelihood.prior,
         data=likelihood.data,
-        scene=tumour_free.scene,
+        scene=conditions.loads.main.scene,
     )
     return _with_warnings(result, likelihood, posterior.withheld)
 
@@ -123,10 +124,7 @@ def infer(
 def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_factor: float) -> NumberResult:
     """Return the posterior of one number of tumours, those first which change the readings most."""
     prior = likelihood.prior
-    positions = likelihood.data.positions[~likelihood.data.is_baseline]
-    strengths = [
-        np.abs(likelihood.model.predict(sets[:200, [index]], positions)).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])
-    ]
+    strengths = [np.abs(likelihood.predict(sets[:200, [index]])[0]).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])]
     tumours = tuple(
         Tumour(summary, find_region(prior, sample.points[:, index], sample.weights).area)
         for index, summary in enumerate(summarise(prior, sample))
@@ -164,27 +162,26 @@ def _test_residuals(likelihood: Likelihood, posterior: Posterior, sets: tuple[Fl
 
 
 def _compute_deviations(likelihood: Likelihood, tumours: Floats) -> Floats:
-    """Return the residuals of one set of tumours and the gains, in standard deviations, without wild readings, shape (k,)."""
+    """Return the residuals of one set of tumours and the common errors, in standard deviations, without wild readings, (k,)."""
     residuals, variance = likelihood.compute_residuals(tumours)
-    is_used, gain = likelihood.data.is_read, likelihood.estimate_gain(residuals, variance)[0]
+    offsets, common = likelihood.estimate_offsets(residuals, variance)
+    is_used = likelihood.data.is_read
     if likelihood.outlier_rate:
-        gain = likelihood.find_gain(residuals, variance)[0]
         is_used = is_used & (likelihood.compute_wild_probability(residuals, variance)[0] < WILD_PROBABILITY)
-    deviations = (residuals[0] - gain) / np.sqrt(variance[0])
-    gains = (gain / likelihood.data.gain_sd)[likelihood.data.is_read.any(axis=0)]
-    return np.concatenate([deviations[is_used], gains])
+    deviations = (residuals - offsets)[0] / np.sqrt(variance[0])
+    is_moved = np.any(likelihood.rows.constant[:, likelihood.data.is_read], axis=1)
+    return np.concatenate([deviations[is_used], common[0, is_moved]])
 
 
 def _list_residuals(likelihood: Likelihood, tumours: Floats) -> tuple[Residual, ...]:
     """Return each reading against the prediction of one set of tumours, shape (1, m, 5)."""
     data = likelihood.data
     residuals, variance = likelihood.compute_residuals(tumours)
+    offsets, wild = likelihood.estimate_offsets(residuals, variance)[0][0], [None] * len(data)
     if likelihood.outlier_rate:
-        gain = likelihood.find_gain(residuals, variance)[0]
         wild = likelihood.compute_wild_probability(residuals, variance)[0].max(axis=-1).tolist()
-    else:
-        gain, wild = likelihood.estimate_gain(residuals, variance)[0], [None] * len(data)
-    deviations, changes, predicted = (residuals[0] - gain) / np.sqrt(variance[0]), data.values - gain, data.values - residuals[0]
+    deviations, predicted = (residuals[0] - offsets) / np.sqrt(variance[0]), data.values - residuals[0]
+    changes = data.values - offsets
 
     def pick(values: Floats, index: int, channel: int) -> float | None:
         """Return a reading's value of a channel, None where it is not read."""
@@ -207,38 +204,35 @@ def _list_residuals(likelihood: Likelihood, tumours: Floats) -> tuple[Residual, 
     )
 
 
-def _describe_gains(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> dict[str, object]:
-    """Return the posterior of ln gain of each channel that is read, over all numbers of tumours."""
-    groups = [np.zeros((1, 0, 5)), *(part[:200] for part in sets)]
-    means, spreads, weights = [], [], []
+def _describe_common(
+    likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...], middles: dict[str, float]
+) -> dict[str, CommonSummary]:
+    """Return the posterior of the gains that are read and of the tissue's unknown numbers, over all numbers of tumours."""
+    groups = [np.zeros((1, 0, 5)), *(part[:: max(1, len(part) // COMMON_SETS)] for part in sets)]
+    parts, weights = [], []
     for tumours, probability in zip(groups, posterior.probability, strict=True):
-        residuals, variance = likelihood.compute_residuals(tumours)
-        estimate = likelihood.find_gain if likelihood.outlier_rate else likelihood.estimate_gain
-        means.append(estimate(residuals, variance))
-        spreads.append(1 / np.sqrt((1 / variance).sum(axis=1) + likelihood.data.gain_sd**-2.0))
+        parts.append(likelihood.solve_common(tumours))
         weights.append(np.full(len(tumours), probability / len(tumours)))
-    mean, spread, weight = np.concatenate(means), np.concatenate(spreads), np.concatenate(weights)
-    nodes = np.linspace(-3, 3, 61)
-    node_weights = np.exp(-(nodes**2) / 2) / np.exp(-(nodes**2) / 2).sum()
-    gains: dict[str, object] = {}
-    for channel, name in enumerate(CHANNEL_NAMES):
-        if not likelihood.data.is_read[:, channel].any():
-            continue
-        values = (mean[:, channel, None] + spread[:, channel, None] * nodes).ravel()
-        low, lower, median, upper, high = compute_quantiles(
-            values, (weight[:, None] * node_weights).ravel(), (0.05, 0.25, 0.5, 0.75, 0.95)
-        ).tolist()
-        gains[f"ln_gain_{name}"] = {"median": median, "interval_50": (lower, upper), "interval_90": (low, high)}
-    return gains
+    mean, covariance = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    spread, weight = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), np.concatenate(weights)
+    errors, is_read = likelihood.common_errors, np.any(likelihood.data.is_read, axis=0).tolist()
+    channels = {f"ln_gain_{name}" for name, read in zip(CHANNEL_NAMES, is_read, strict=True) if read}
+    return {
+        name: CommonSummary.from_mixture(
+            deviation * mean[:, index], deviation * spread[:, index], weight, deviation=deviation, middle=middles.get(name)
+        )
+        for index, (name, deviation) in enumerate(zip(errors.names, errors.deviations.tolist(), strict=True))
+        if name in channels or name in middles
+    }
 
 
-def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> NextPosition:
-    """Return the best place of the next reading."""
+def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...], load: int) -> NextPosition:
+    """Return the best place of the next reading, under one load."""
     data = likelihood.data
     x_region, y_region = ((min(part.values), max(part.values)) for part in likelihood.prior.ranges[:2])
     variance = np.median(np.where(data.is_read, data.variance, np.inf), axis=0)
     groups = [part[np.linspace(0, len(part) - 1, MAX_PARTICLES).astype(int)] for part in sets]
-    return choose_position(likelihood, groups, posterior.probability, build_candidates((x_region, y_region)), variance)
+    return choose_position(likelihood, groups, posterior.probability, build_candidates((x_region, y_region)), variance, load=load)
 
 
 def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sample, ...]) -> Location:
@@ -273,7 +267,7 @@ def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sam
             f"the probability of {numbers} is withheld: repeats of ln evidence differ by {sample.repeat_difference:.1f}, the "
             f"effective sample is {sample.size:.0f}; the other probabilities hold if there are at most {first - 1}"
         )
-    scale = likelihood.data.scale_sd[likelihood.data.is_read.any(axis=0)]
+    scale = np.sqrt((likelihood.data.errors.scale**2).sum(axis=0))[:, likelihood.data.is_read.any(axis=0)]
     if np.any(scale):
         notes.append(
             f"the tissue is not known ([population] tissue, layer): all that tumours change may be off alike by "
@@ -294,6 +288,6 @@ def compute_detectable_share(likelihood: Likelihood) -> float:
     tumours = tumours[likelihood.prior.find_allowed(tumours)]
     residuals, variance = likelihood.compute_residuals(tumours)
     signal = likelihood.data.values - residuals
-    S0, S1, S2 = (((signal**power) / variance).sum(axis=1) for power in range(3))
-    squared = (S2 - S1**2 / (S0 + likelihood.data.gain_sd**-2.0)).sum(axis=-1)
+    rows = Rows(likelihood.rows.constant, np.zeros_like(likelihood.rows.scale))
+    squared = Sums.from_readings(rows, signal, variance, signal).compute_misfit()
     return float(np.mean(squared > MIN_DEFLECTION**2)) if len(squared) else math.nan

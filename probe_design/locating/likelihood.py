@@ -1,21 +1,18 @@
 """Compute the likelihood of tumours given the readings of a scan.
 
-With r_k the residual of reading k after subtracting the signal that the tumours cause, in each channel
+With r_k the residual of reading k after subtracting the signal s_k that the tumours cause, in each channel,
 
-    r_k = b + a s_k + w_k,   b ~ N(0, g^2),   a ~ N(0, f^2),   w_k ~ N(0, v_k),
-    v_k = white^2 + sum_j (pose_j d s_k / d x_j)^2 + (e s_k)^2                                          (LO.1)
+    r_k = sum_j (a_jk + b_jk s_k) u_j + w_k,   w_k ~ N(0, v_k),
+    v_k = white^2 + sum_j (pose_j d s_k / d x_j)^2 + (e s_k)^2 + d_k^2                                  (LO.1)
 
-where b is the logarithm of the gain, common to the scan and the baseline reading, g its standard deviation, a what the model is
-off by in all signals s_k alike, as a tissue is stiffer than thought or a load changes them, pose_j the standard deviation of the
-probe's place along axis j, and e the relative error of each signal by itself. Several tumours exchange fields, which a sum of
-their effects leaves out: e contains c sum_(i<j) (R_i R_j)^(3/2) / d_ij^3 with their radii R and distances d. With a and b
-integrated out, S_i = sum_k r_k^i / v_k, Q_0 = sum_k s_k / v_k, Q_1 = sum_k s_k r_k / v_k, Q_2 = sum_k s_k^2 / v_k,
+where the u_j are what all readings have in common (``common_errors``): the gain, errors of the model, what is not known of the
+tissue. pose_j is the standard deviation of the probe's place along axis j, e the relative error of each signal by
+itself, and d_k the error by the reading's load, eq. LO.6. Several tumours exchange fields, which a sum of their effects leaves
+out: e contains c sum_(i<j) (R_i R_j)^(3/2) / d_ij^3 with their radii R and distances d. The u_j are integrated out, eq. LO.2.
 
-    ln L = -1/2 sum over channels [S_2 - N / D + ln D + sum_k ln v_k],   D = (1 + g^2 S_0) (1 + f^2 Q_2) - g^2 f^2 Q_0^2,
-    N = g^2 (1 + f^2 Q_2) S_1^2 - 2 g^2 f^2 Q_0 S_1 Q_1 + f^2 (1 + g^2 S_0) Q_1^2                       (LO.2)
-
-With a rate q of wild readings each density N(r_k - b, v_k) becomes (1 - q) N(r_k - b, v_k) + q N(r_k - b, v_k + s^2), with
-(f s_k)^2 in v_k; b is then integrated by Laplace's method about its most probable value.
+With a rate q of wild readings each density N(r_k - b, v_k) becomes (1 - q) N(r_k - b, v_k) + q N(r_k - b, v_k + s^2), with the
+common errors b of the readings without tumours as one gain of each channel, and those of the signals in v_k; b is then integrated
+by Laplace's method about its most probable value.
 """
 
 from __future__ import annotations
@@ -27,6 +24,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal
+from probe_design.locating.common_errors import CommonErrors, Rows, Sums
 from probe_design.locating.prior import ForwardModel, TumourPrior
 from probe_design.locating.scan_data import ScanData
 
@@ -34,36 +32,7 @@ TUMOUR_SETS_AT_ONCE = 4096  # sets of tumours predicted at once, which limits me
 WILD_SD = 0.5  # of ln reading: standard deviation s of a wild reading, a factor of 1.6
 EXCHANGE_FACTOR = 0.3  # c of LO.1: root mean square 0.26 in both channels over 46 narrow pairs of benchmarks.locating
 GAIN_STEPS = 8  # of Newton's method for the gain with wild readings: it converges in 4
-
-
-@dataclass(frozen=True)
-class Sums:
-    """Eq. LO.2 of n sets of tumours: all that streaming has to store.
-
-    Attributes
-    ----------
-    moments
-        S_0, S_1, S_2, Q_0, Q_1, Q_2 of each channel, shape (6, n, 2).
-    log_variance
-        Sum of ln v_k, shape (n, 2).
-    """
-
-    moments: Floats
-    log_variance: Floats
-
-    def __add__(self, other: Sums) -> Sums:
-        """Return the sums over the readings of both."""
-        return Sums(self.moments + other.moments, self.log_variance + other.log_variance)
-
-    def compute_log_likelihood(self, gain_sd: Floats, scale_sd: Floats) -> Floats:
-        """Return ln L for g and f of LO.1, shape (2,) each, up to a constant that is the same for all tumours; shape (n,)."""
-        S0, S1, S2, Q0, Q1, Q2 = self.moments
-        g2, f2 = gain_sd**2, scale_sd**2
-        for_gain, for_scale, both = 1 + g2 * S0, 1 + f2 * Q2, g2 * f2 * Q0
-        numerator = g2 * for_scale * S1**2 - 2 * both * S1 * Q1 + f2 * for_gain * Q1**2
-        determinant = for_gain * for_scale - both * Q0
-        terms = S2 - numerator / determinant + np.log(determinant) + self.log_variance
-        return np.asarray(-terms.sum(axis=-1) / 2)
+MIN_GAIN_SD_RELATIVE = 1e-6  # of a gain that is known: Newton's method divides by its variance
 
 
 def compute_exchange(tumours: Floats) -> Floats:
@@ -84,8 +53,8 @@ class Likelihood:
     ----------
     data
         The readings.
-    model
-        Predicts readings.
+    models
+        Predict signals, one at each load.
     prior
         Turns points of a cube into tumours.
     outlier_rate
@@ -93,7 +62,7 @@ class Likelihood:
     """
 
     data: ScanData
-    model: ForwardModel
+    models: tuple[ForwardModel, ...]
     prior: TumourPrior
     outlier_rate: float = 0.0
 
@@ -116,55 +85,95 @@ class Likelihood:
                 return np.full(1, -np.inf)
             return np.concatenate([self._evaluate_predictable(part) for part in np.array_split(tumours, 2)])
 
-    def predict_possible(self, tumours: Floats, positions: Floats) -> Floats:
-        """Return the model's signals, shape (n, k, 2), nan where tumours (n, m, 5) would take all of a film's load."""
+    def predict_possible(self, tumours: Floats) -> Floats:
+        """Return the readings' signals, shape (n, k, 2), nan where tumours (n, m, 5) would take all of a film's load."""
         try:
-            return self.model.predict(tumours, positions)
+            return self.predict(tumours)[0]
         except Refusal:
             if len(tumours) == 1:
-                return np.full((1, len(positions), 2), np.nan)
+                return np.full((1, len(self.data), 2), np.nan)
             parts = np.array_split(tumours, min(len(tumours), 8))
-            return np.concatenate([self.predict_possible(part, positions) for part in parts])
+            return np.concatenate([self.predict_possible(part) for part in parts])
 
     def evaluate_tumours(self, tumours: Floats) -> Floats:
         """Return ln L of sets of tumours, shape (n, m, 5); m may be 0. Shape (n,)."""
         if self.outlier_rate:
             return self._integrate_gain(*self.compute_residuals(tumours))
-        return self.sum_readings(tumours).compute_log_likelihood(self.data.gain_sd, self.scale_sd)
+        return self.sum_readings(tumours).compute_log_likelihood()
 
     def sum_readings(self, tumours: Floats) -> Sums:
-        """Return the sums of eq. LO.2 for sets of tumours, shape (n, m, 5)."""
+        """Return the sums of eq. LO.2 for sets of tumours, shape (n, m, 5); wild readings count the less, the more probable."""
         residuals, variance = self.compute_residuals(tumours, with_scale=False)
-        return self._sum(residuals, variance, self.data.values - residuals)
+        if self.outlier_rate:
+            variance = _widen(variance, self.compute_wild_probability(*self.compute_residuals(tumours)))
+        return Sums.from_readings(self.rows, residuals, variance, self.data.values - residuals)
 
-    @property
-    def scale_sd(self) -> Floats:
-        """Standard deviation of what all signals of a channel are off by alike, f of LO.1, shape (2,)."""
-        return np.hypot(self.model.scale_error, self.data.scale_sd)
+    @cached_property
+    def common_errors(self) -> CommonErrors:
+        """All that the readings have in common, the models' errors included."""
+        scale = np.stack([model.scale_error for model in self.models])
+        return self.data.errors.join(CommonErrors.from_channels("model_signal", 0 * scale, scale))
+
+    @cached_property
+    def rows(self) -> Rows:
+        """The common errors of each reading."""
+        return Rows.from_errors(self.common_errors, self.data.weights)
+
+    def predict(self, tumours: Floats) -> tuple[Floats, Floats]:
+        """Return the readings' signals by tumours (n, m, 5), and their variance by the loads, d_k^2 of LO.1, (n, k, 2) each."""
+        data, shape = self.data, (len(tumours), len(self.data), 2)
+        signal, spread = np.zeros(shape), np.zeros(shape)
+        if tumours.shape[1]:
+            for model, weights, spreads in zip(self.models, data.weights.T, data.spreads.T, strict=True):
+                rows = np.flatnonzero((weights != 0) & ~data.is_baseline)
+                if not len(rows):
+                    continue
+                part = model.predict(tumours, data.positions[rows])
+                signal[:, rows] += part * weights[rows, None]
+                if np.any(spreads[rows]):
+                    spread[:, rows] += part * spreads[rows, None]
+        return signal, spread**2
+
+    def _compute_slopes(self, tumours: Floats) -> Floats:
+        """Return the derivatives of the signals with respect to the probe's place, 1/m, shape (n, k, 2, 2)."""
+        data, slopes = self.data, np.zeros((len(tumours), len(self.data), 2, 2))
+        for model, weights in zip(self.models, data.weights.T, strict=True):
+            rows = np.flatnonzero((weights != 0) & ~data.is_baseline)
+            if len(rows):
+                slopes[:, rows] += model.slopes(tumours, data.positions[rows]) * weights[rows, None, None]
+        return slopes
 
     def compute_residuals(self, tumours: Floats, with_scale: bool = True) -> tuple[Floats, Floats]:
         """Return residuals r_k and variances v_k, inf where nothing is read, for tumours (n, m, 5); shape (n, k, 2) each.
 
-        With ``with_scale`` the variances contain (f s_k)^2, as if each signal was off by itself.
+        With ``with_scale`` the variances contain what the common errors change of the signals, as if each was off by itself.
         """
-        data, n = self.data, len(tumours)
-        signal, variance = np.zeros((n, len(data), 2)), np.repeat(data.variance[None], n, axis=0)
-        over_tissue = ~data.is_baseline
-        if tumours.shape[1] and np.any(over_tissue):
-            positions = data.positions[over_tissue]
-            signal[:, over_tissue] = self.model.predict(tumours, positions)
+        data = self.data
+        signal, variance = self.predict(tumours)
+        variance += data.variance
+        if tumours.shape[1] and not np.all(data.is_baseline):
+            error = data.weights @ np.stack([model.error for model in self.models])
+            scale = self.rows.total_scale if with_scale else 0.0
             exchange = compute_exchange(tumours)[:, None, None]
-            scale = self.scale_sd if with_scale else 0.0
-            variance += (self.model.error**2 + scale**2 + exchange**2) * signal**2
-            if np.any(data.pose_sd[over_tissue]):
-                slopes = self.model.slopes(tumours, positions)
-                variance[:, over_tissue] += ((slopes * data.pose_sd[over_tissue][:, None, :]) ** 2).sum(axis=-1)
+            variance += (error**2 + scale**2 + exchange**2) * signal**2
+            if np.any(data.pose_sd[~data.is_baseline]):
+                variance += ((self._compute_slopes(tumours) * data.pose_sd[:, None, :]) ** 2).sum(axis=-1)
         return data.values - signal, variance
 
-    def estimate_gain(self, residuals: Floats, variance: Floats) -> Floats:
-        """Return the posterior mean of ln gain for each set of tumours, shape (n, 2)."""
-        S0, S1 = (1 / variance).sum(axis=1), (residuals / variance).sum(axis=1)
-        return np.asarray(S1 / (S0 + self.data.gain_sd**-2.0))
+    def solve_common(self, tumours: Floats) -> tuple[Floats, Floats]:
+        """Return mean and covariance of the common errors given tumours (n, m, 5), in standard deviations: (n, q), (n, q, q)."""
+        return self.sum_readings(tumours).solve()
+
+    def estimate_offsets(self, residuals: Floats, variance: Floats) -> tuple[Floats, Floats]:
+        """Return what the common errors move of each reading without tumours, (n, k, 2), and these errors, (n, q).
+
+        ``variance`` contains what they change of the signals.
+        """
+        rows = Rows(self.rows.constant, np.zeros_like(self.rows.scale))
+        if self.outlier_rate and len(self.data):
+            variance = _widen(variance, self.compute_wild_probability(residuals, variance))
+        means = Sums.from_readings(rows, residuals, variance, 0 * residuals).solve()[0]
+        return np.einsum("nq,qkc->nkc", means, rows.constant), means
 
     def compute_wild_probability(self, residuals: Floats, variance: Floats) -> Floats:
         """Return the probability that each reading is wild, shape (n, k, 2), with the gain at its most probable value."""
@@ -175,17 +184,10 @@ class Likelihood:
     def _is_read(self) -> Bools:
         return self.data.is_read
 
-    def _sum(self, residuals: Floats, variance: Floats, signal: Floats) -> Sums:
-        """Return the sums over all readings."""
-        weights = 1 / variance
-        weighted = residuals * weights
-        moments = np.zeros((6, len(residuals), 2))
-        moments[:3] = weights.sum(axis=1), weighted.sum(axis=1), (residuals * weighted).sum(axis=1)
-        if np.any(self.scale_sd):
-            scaled = signal * weights
-            moments[3:] = scaled.sum(axis=1), (signal * weighted).sum(axis=1), (signal * scaled).sum(axis=1)
-        log_variance = np.log(variance, where=np.isfinite(variance), out=np.zeros_like(variance)).sum(axis=1)
-        return Sums(moments, log_variance)
+    @cached_property
+    def _gain_sd(self) -> Floats:
+        """Standard deviation of all that moves the readings without tumours, as one gain of each channel, shape (2,)."""
+        return np.asarray(np.maximum(self.rows.total_constant.max(axis=0, initial=0.0), MIN_GAIN_SD_RELATIVE))
 
     def _compare_densities(self, deviations: Floats, variance: Floats) -> tuple[Floats, Floats]:
         """Return the logarithm of the mixed density of each reading, and the probability that it is wild, shape (n, k, 2)."""
@@ -205,7 +207,7 @@ class Likelihood:
         for _ in range(GAIN_STEPS):
             wild = self._compare_densities(residuals - gain[:, None], variance)[1]
             weights = (1 - wild) / variance + wild / (variance + WILD_SD**2)
-            gain = (weights * residuals).sum(axis=1) / (weights.sum(axis=1) + self.data.gain_sd**-2.0)
+            gain = (weights * residuals).sum(axis=1) / (weights.sum(axis=1) + self._gain_sd**-2.0)
         return gain
 
     def _integrate_gain(self, residuals: Floats, variance: Floats) -> Floats:
@@ -217,5 +219,11 @@ class Likelihood:
         mean = ((1 - wild) / variance + wild / wide).sum(axis=1)
         scores = deviations / variance - deviations / wide
         curvature = np.maximum(mean - (wild * (1 - wild) * scores**2).sum(axis=1), mean / 10)
-        terms = densities.sum(axis=1) - gain**2 / self.data.gain_sd**2 / 2 - np.log1p(self.data.gain_sd**2 * curvature) / 2
+        terms = densities.sum(axis=1) - gain**2 / self._gain_sd**2 / 2 - np.log1p(self._gain_sd**2 * curvature) / 2
         return np.asarray(terms.sum(axis=-1))
+
+
+def _widen(variance: Floats, wild: Floats) -> Floats:
+    """Return variances of readings that are wild with some probability: those of the mean precision; inf stays."""
+    precision = (1 - wild) / variance + wild / (variance + WILD_SD**2)
+    return np.divide(1.0, precision, where=precision > 0, out=np.full_like(variance, np.inf))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import import_extra
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.locating.next_position import NextPosition
-from probe_design.locating.posterior import Summary
+from probe_design.locating.posterior import CommonSummary, Summary
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.scan_data import ScanData
 from solver.results.record import Record
@@ -129,7 +129,7 @@ class Location(Record):
     withheld
         Larger numbers, whose evidence repeats do not confirm: ``probability`` is conditional on fewer tumours.
     nuisances
-        Posterior of ln gain of each channel that is read.
+        Posterior of ln gain of each channel that is read, and of the numbers of the tissue that the population leaves open.
     explained
         False where no tumours of the population, and not their absence either, explain the readings.
     p_value
@@ -152,13 +152,13 @@ class Location(Record):
         What the pictures need.
     """
 
-    INTERNAL: ClassVar[tuple[str, ...]] = ("tumour_prior", "data", "scene", "by_number", "next")
+    INTERNAL: ClassVar[tuple[str, ...]] = ("tumour_prior", "data", "scene", "by_number", "next", "nuisances")
 
     probability: tuple[float, ...]
     prior: tuple[float, ...]
     by_number: tuple[NumberResult, ...]
     withheld: tuple[int, ...]
-    nuisances: dict[str, Any]
+    nuisances: dict[str, CommonSummary]
     explained: bool
     p_value: float
     residuals: tuple[Residual, ...]
@@ -240,6 +240,7 @@ class Location(Record):
             "by_number": [part.as_dict() for part in self.by_number],
             "log_bayes_factors": log_factors,
             "bayes_factors": [min(float(pow(2.718281828459045, min(value, 700.0))), 1e300) for value in log_factors],
+            "nuisances": {name: asdict(summary) for name, summary in self.nuisances.items()},
             "population": self.tumour_prior.describe(),
             "next": None if self.next is None else asdict(self.next),
         }

@@ -12,18 +12,17 @@ from scipy.special import softmax
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Words
 from probe_design.estimation.measurements import Reading, build_scan_reading, is_on_tissue
-from probe_design.locating.forward_model import build_model
+from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
 from probe_design.locating.prior import ForwardModel, TumourPrior
 from probe_design.locating.samples import Sample
-from probe_design.locating.scan_data import MIN_READINGS, ScanData, TumourFree
+from probe_design.locating.scan_data import MIN_READINGS, ScanConditions, ScanData
 from probe_design.locating.stopping import PlannedScan, Stop, find_stop
 from probe_design.locating.streaming import Stream
 from probe_design.populations.design_file import Design, DesignSource, read_design_source
-from probe_design.populations.noise import compute_reading_variances
 
 DETECTED_SETS = 1000  # of tumours, by which the probability of detectable ones is known to 0.01
 Region = tuple[tuple[float, float], tuple[float, float]]
@@ -66,12 +65,13 @@ class Locator:
         if not 0 <= outliers <= 0.3:
             raise InputError("outliers", outliers, "a fraction from 0 to 0.3")
         self.design, self.seed, self.readings = known, seed, ()
-        self._tumour_free = TumourFree.from_design(known)
+        self._conditions = ScanConditions.from_design(known)
         lines = known.protocol.places
         grid = np.stack(np.meshgrid(lines, lines), axis=-1).reshape(-1, 2)
         prior = TumourPrior.from_design(known, grid)
-        data = ScanData.from_readings((), known, self._tumour_free)
-        self._likelihood = Likelihood(data, build_model(prior) if model is None else model, prior, outliers)
+        data = ScanData.from_readings((), known, self._conditions)
+        models = build_models(prior, self._conditions.loads.scenes) if model is None else (model,)
+        self._likelihood = Likelihood(data, models, prior, outliers)
         self._streams = tuple(Stream.from_prior(self._likelihood, number, seed) for number in range(1, len(prior.numbers)))
         self._posterior = self._combine()
 
@@ -119,14 +119,13 @@ class Locator:
             An entry is not allowed.
         """
         if not isinstance(reading, Reading):
-            noise, stiffness_noise = np.sqrt(self._own_variances).tolist()
             units = dict.fromkeys(("x", "y", "x_sd", "y_sd"), "m") | {"force": "N"}
             reading = {
                 key: f"{entry!r} {units[key]}" if key in units and isinstance(entry, float | int) else entry
                 for key, entry in reading.items()
             }
-            reading = build_scan_reading(f"reading[{len(self.readings)}].", reading, self.design.scene, noise, stiffness_noise)
-        new_data = ScanData.from_readings((reading,), self.design, self._tumour_free)
+            reading = build_scan_reading(f"reading[{len(self.readings)}].", reading, self.design.scene, self._compute_noise)
+        new_data = ScanData.from_readings((reading,), self.design, self._conditions)
         self._likelihood = replace(self._likelihood, data=self._likelihood.data.join(new_data))
         self.readings = (*self.readings, reading)
         count = len(self.readings)
@@ -138,7 +137,7 @@ class Locator:
 
     def map(self) -> Location:
         """Return numbers, places, depths and sizes of the tumours given the readings so far, as `locate` does."""
-        return infer(self._likelihood, self._tumour_free, self.seed, advise=False, posterior=self._posterior)
+        return infer(self._likelihood, self._conditions, self.seed, advise=False, posterior=self._posterior)
 
     def next_position(self, candidates: Floats | None = None, *, region: Region | None = None) -> NextPosition:
         """Return the place whose reading is expected to say the most about the tumours.
@@ -159,13 +158,14 @@ class Locator:
             places = build_candidates(self.region if region is None else region)
         else:
             places = np.asarray(candidates, dtype=float).reshape(-1, 2)
-        scene = self._tumour_free.scene
+        scene = self._conditions.loads.main.scene
         places = places[[is_on_tissue(scene, *place) for place in places.tolist()]]
         if not len(places):
             raise InputError("candidates", Words("none on the tissue"), "places where the whole probe stands on the tissue")
         return choose_position(
-            self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, places, self._next_variances
-        )
+            self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, places, self._next_variances,
+            load=self._conditions.loads.own,
+        )  # fmt: skip
 
     def get_sample(self, number: int) -> Sample:
         """Return the weighted sample of the posterior of a number of tumours, 1 or more."""
@@ -179,7 +179,8 @@ class Locator:
     @cached_property
     def planned_scan(self) -> PlannedScan:
         """The scan of the design's protocol, with the tumours that it detects."""
-        return PlannedScan.from_design(self.design, self._likelihood, np.where(self._channels, self._own_variances, np.inf))
+        variance = np.where(self._channels, self._own_variances, np.inf)
+        return PlannedScan.from_design(self.design, self._likelihood, variance, self._conditions.loads.own)
 
     def compute_detectable_probability(self) -> float:
         """Return the probability that tumours lie there which the protocol's scan detects with a probability of 0.9."""
@@ -228,7 +229,11 @@ class Locator:
     @cached_property
     def _own_variances(self) -> Floats:
         """Variance of a reading of ratio and stiffness by the design's noise, shape (2,)."""
-        return compute_reading_variances(self.design.noise, self._tumour_free.scene, self._tumour_free.totals[None])[:, 0]
+        return np.square(self._compute_noise(None))
+
+    def _compute_noise(self, force: float | None) -> tuple[float, float]:
+        """Return the standard deviations of a reading of ratio and stiffness at a force, N, by the design's noise."""
+        return self._conditions.loads.compute_noise(self.design.noise, force)
 
     @property
     def _channels(self) -> Bools:

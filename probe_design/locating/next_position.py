@@ -2,8 +2,8 @@
 
 The expected information of a reading is its mutual information with the tumours: the entropy of its predictive density, a mixture
 over particles of the posterior, less the entropy of a reading when the tumours are known. Channels count by themselves and add.
-Each particle predicts a normal reading: its signal plus the gain as far as earlier readings determine it, with the variances of
-noise, gain, pose and model.
+Each particle predicts a normal reading: its signal plus the common errors as far as earlier readings determine them, with the
+variances of noise, common errors, pose and model.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def compute_information(means: Floats, variances: Floats, weights: Floats) -> Fl
 
 
 def choose_position(
-    likelihood: Likelihood, groups: Sequence[Floats], probability: Floats, candidates: Floats, variance: Floats
+    likelihood: Likelihood, groups: Sequence[Floats], probability: Floats, candidates: Floats, variance: Floats, *, load: int
 ) -> NextPosition:
     """Return the candidate with the most expected information.
 
@@ -86,12 +86,15 @@ def choose_position(
         Places of the probe, m, shape (k, 2).
     variance
         Of a reading of each channel by noise, shape (2,); inf where it is not read.
+    load
+        Index of the load under which it is read.
     """
     parts: list[tuple[Floats, Floats, Floats]] = []
     for tumours, share in zip([np.zeros((1, 0, 5)), *groups], probability.tolist(), strict=True):
         count = max(1, min(len(tumours), round(MAX_PARTICLES * share)))
         if share > MIN_SHARE:
-            mean, spread = _predict_reading(likelihood, tumours[:: len(tumours) // count][:count], candidates, variance)
+            chosen = tumours[:: len(tumours) // count][:count]
+            mean, spread = _predict_reading(likelihood, chosen, candidates, variance, load)
             parts.append((mean, spread, np.full(count, share / count)))
     mean, spread, weight = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     information = np.zeros(len(candidates))
@@ -101,16 +104,19 @@ def choose_position(
     return NextPosition(float(candidates[best, 0]), float(candidates[best, 1]), float(information[best]))
 
 
-def _predict_reading(likelihood: Likelihood, tumours: Floats, candidates: Floats, variance: Floats) -> tuple[Floats, Floats]:
+def _predict_reading(
+    likelihood: Likelihood, tumours: Floats, candidates: Floats, variance: Floats, load: int
+) -> tuple[Floats, Floats]:
     """Return mean and variance of a reading at each candidate for sets of tumours (n, m, 5), shape (n, k, 2) each."""
-    data, k = likelihood.data, len(candidates)
-    residuals, reading_variance = likelihood.compute_residuals(tumours)
-    estimate = likelihood.find_gain if likelihood.outlier_rate and len(data) else likelihood.estimate_gain
-    gain, gain_variance = estimate(residuals, reading_variance), 1 / ((1 / reading_variance).sum(axis=1) + data.gain_sd**-2.0)
+    data, k, weights = likelihood.data, len(candidates), np.eye(len(likelihood.models))[load]
+    means, covariances = likelihood.solve_common(tumours)
     pose_sd = data.pose_sd.mean(axis=0) if len(data) else np.zeros(2)
     next_data = replace(
         data, positions=candidates, values=np.zeros((k, 2)), variance=np.tile(variance, (k, 1)), pose_sd=np.tile(pose_sd, (k, 1)),
-        is_baseline=np.zeros(k, dtype=bool),
+        is_baseline=np.zeros(k, dtype=bool), weights=np.tile(weights, (k, 1)), spreads=np.zeros((k, len(weights))),
     )  # fmt: skip
-    signal, spread = replace(likelihood, data=next_data).compute_residuals(tumours)
-    return gain[:, None] - signal, spread + gain_variance[:, None]
+    following = replace(likelihood, data=next_data)
+    residuals, spread = following.compute_residuals(tumours, with_scale=False)
+    x = following.rows.constant[None] - following.rows.scale * residuals[:, None]  # a + b s of LO.5, (n, q, k, 2)
+    spread += np.einsum("nqkc,nqp,npkc->nkc", x, covariances, x, optimize=True)
+    return np.einsum("nq,nqkc->nkc", means, x) - residuals, spread

@@ -15,6 +15,7 @@ LEARNT_SD_RELATIVE = 0.9  # of the prior's standard deviation: above it a quanti
 REGION_CELL_M = 0.5e-3  # of the grid on which the region of a place is computed
 MAX_CELLS = 200  # of that grid, along x and along y
 PRIOR_SAMPLES = 2**13  # for the prior's standard deviations and quantiles
+NORMAL_90 = 1.6449  # standard deviations to either side within which 90 % of a normal number lie
 SUMMARY_NAMES = (*TUMOUR_QUANTITIES, "ln_contrast")
 
 
@@ -39,6 +40,46 @@ class Summary:
     interval_90: tuple[float, float]
     sd_relative: float | None
     is_learnt: bool
+
+
+@dataclass(frozen=True)
+class CommonSummary(Summary):
+    """What the readings say of a number that is common to them: a gain's logarithm, or a number of the tissue, SI units.
+
+    Attributes
+    ----------
+    before_90
+        Central interval before the readings.
+    """
+
+    before_90: tuple[float, float]
+
+    @classmethod
+    def from_mixture(
+        cls, means: Floats, spreads: Floats, weights: Floats, *, deviation: float, middle: float | None
+    ) -> CommonSummary:
+        """Return the summary of a mixture of normal numbers.
+
+        Parameters
+        ----------
+        means, spreads, weights
+            Of each component, shape (n,); the weights sum to 1.
+        deviation
+            Standard deviation before the readings, about 0.
+        middle
+            Number of which these are relative logarithms; None for the logarithms themselves.
+        """
+        nodes = np.linspace(-4, 4, 81)
+        node_weights = np.exp(-(nodes**2) / 2) / np.exp(-(nodes**2) / 2).sum()
+        values = (means[:, None] + spreads[:, None] * nodes).ravel()
+        quantiles = compute_quantiles(values, (weights[:, None] * node_weights).ravel(), (0.05, 0.25, 0.5, 0.75, 0.95))
+        before = deviation * np.array([-1, 1]) * NORMAL_90
+        if middle is not None:
+            quantiles, before = middle * np.exp(quantiles), middle * np.exp(before)
+        low, lower, median, upper, high = quantiles.tolist()
+        mean = weights @ means
+        sd = float(np.sqrt(weights @ (spreads**2 + (means - mean) ** 2)) / deviation)
+        return cls(median, (lower, upper), (low, high), sd, sd < LEARNT_SD_RELATIVE, (float(before[0]), float(before[1])))
 
 
 def compute_quantiles(values: Floats, weights: Floats, fractions: tuple[float, ...]) -> Floats:

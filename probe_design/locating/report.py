@@ -34,8 +34,33 @@ def format_probability(value: float) -> str:
 
 
 def build_tables(result: Location) -> list[Table]:
-    """Return the tables of a result: the number of tumours, and the tumours of the most probable number above 0."""
-    return [_build_number_table(result), _build_tumour_table(result, result.best)]
+    """Return the tables of a result: number of tumours; tumours of the most probable number above 0; gains and tissue."""
+    common = [_build_common_table(result)] if result.nuisances else []
+    return [_build_number_table(result), _build_tumour_table(result, result.best), *common]
+
+
+def _build_common_table(result: Location) -> Table:
+    """Return the table of gains, and of the numbers of the tissue that the population leaves open."""
+    rows = []
+    for name, summary in result.nuisances.items():
+        label, unit, scale = _name_common(name)
+        before = " to ".join(f"{scale * value:.3g}" for value in summary.before_90)
+        rows.append(
+            (f"{label}{', ' if unit else ''}{unit}", before, *_format_summary(summary, scale), _describe_learning(summary))
+        )
+    headings = ("quantity", "90 % before", "median", "50 %", "90 %", "readings")
+    return Table(headings, rows, "common to all readings", left=(0, 5))
+
+
+def _name_common(name: str) -> tuple[str, str, float]:
+    """Return the words for a number that is common to the readings, the unit in which it is shown, and its factor from SI."""
+    if name.startswith("ln_gain_"):
+        return f"ln gain of the {name.removeprefix('ln_gain_')}", "", 1.0
+    if name == "tissue":
+        return "tissue's Young's modulus", "kPa", 1e-3
+    _, number, quantity = name.split("_")
+    words, unit, scale = ("thickness", "mm", MM_PER_M) if quantity == "thickness" else ("Young's modulus", "kPa", 1e-3)
+    return f"layer {int(number) + 1}: {words}", unit, scale
 
 
 def _build_number_table(result: Location) -> Table:
@@ -91,11 +116,12 @@ def list_lines(result: Location) -> Iterator[str]:
 
 
 def list_unlearnt(result: Location) -> list[str]:
-    """List the quantities of the most strongly read tumour that the readings do not narrow."""
+    """List the quantities of the most strongly read tumour, and of the tissue, that the readings do not narrow."""
     quantities = result.tumours[0].quantities
-    return [
+    of_tumour = [
         QUANTITY_NAMES.get(name, name) for name, part in quantities.items() if part.sd_relative is not None and not part.is_learnt
     ]
+    return of_tumour + [_name_common(name)[0] for name, part in result.nuisances.items() if not part.is_learnt]
 
 
 def build_headline(result: Location) -> str:

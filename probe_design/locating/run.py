@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from probe_design.estimation.measurements import Reading, read_readings
-from probe_design.locating.forward_model import build_model
+from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.prior import ForwardModel, TumourPrior
-from probe_design.locating.scan_data import ScanData, TumourFree, check_readings
+from probe_design.locating.scan_data import ScanConditions, ScanData, check_readings
 from probe_design.populations.design_file import Design
-from probe_design.populations.noise import compute_reading_variances
 
 
-def read_scan(path: Path, design: Design, tumour_free: TumourFree) -> tuple[Reading, ...]:
-    """Return the readings of a scan; the design file's noise is that of readings that state none.
+def read_scan(path: Path, design: Design, conditions: ScanConditions) -> tuple[Reading, ...]:
+    """Return the readings of a scan; the design file's noise, at each reading's force, is that of readings that state none.
 
     Raises
     ------
     InputError
         The file or one of its entries is not allowed.
     """
-    variances = compute_reading_variances(design.noise, tumour_free.scene, tumour_free.totals[None])[:, 0]
-    noise, stiffness_noise = np.sqrt(variances).tolist()
-    return read_readings(path, design.scene, noise, stiffness_noise, is_scan=True)
+    return read_readings(path, design.scene, partial(conditions.loads.compute_noise, design.noise), is_scan=True)
 
 
 def run_locate(
@@ -49,13 +45,12 @@ def run_locate(
     advise
         Whether to choose the next place.
     model
-        Predicts readings; default: the table of the probe on the tissue.
+        Predicts readings under one load; default: the tables of the probe on the tissue.
     """
-    tumour_free = TumourFree.from_design(design)
-    readings = read_scan(scan, design, tumour_free) if isinstance(scan, Path) else scan
+    conditions = ScanConditions.from_design(design)
+    readings = read_scan(scan, design, conditions) if isinstance(scan, Path) else scan
     check_readings(readings)
-    data = ScanData.from_readings(readings, design, tumour_free)
+    data = ScanData.from_readings(readings, design, conditions)
     prior = TumourPrior.from_design(design, data.positions[~data.is_baseline])
-    known_model = build_model(prior) if model is None else model
-    likelihood = Likelihood(data, known_model, prior, outlier_rate)
-    return infer(likelihood, tumour_free, seed, advise=advise)
+    models = build_models(prior, conditions.loads.scenes) if model is None else (model,)
+    return infer(Likelihood(data, models, prior, outlier_rate), conditions, seed, advise=advise)

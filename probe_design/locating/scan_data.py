@@ -5,92 +5,64 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import format_mm
-from geometry.scenes.scene import Scene
 from probe_design.estimation.measurements import Reading
-from probe_design.locating.tissue_errors import estimate_tissue_errors
+from probe_design.locating.common_errors import CommonErrors
+from probe_design.locating.scan_loads import ScanLoads
+from probe_design.locating.tissue_effects import TissueEffects
 from probe_design.populations.design_file import Design
-from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.noise import compute_common_variances
 from probe_design.populations.population import ScenePopulation
-from solver.equivalent_inclusion.evaluator import EquivalentInclusion
-from solver.planning.load_limits import compute_load_limits
-from solver.reading_tables.effect_samplers import LOAD_ACCURACY, choose_sampler
 
 MIN_READINGS = 3  # over the tissue: with fewer, every tumour of a population explains them
-MAX_FORCE_CHANGE_RELATIVE = 0.05  # of a reading's force, from the one under which readings are predicted
-MIN_GAIN_SD_RELATIVE = 1e-6  # of a gain that is known: the likelihood divides by its variance
+UNLIKE_SHARE = 0.3  # of the model's error without tumours, that each load has by itself, as of signals (``reading_tables``)
+ARRAYS = ("positions", "values", "variance", "pose_sd", "is_baseline", "weights", "spreads")  # of ``ScanData``
 
 
 @dataclass(frozen=True)
-class TumourFree:
-    """The probe on the tissue without tumours, under the scene's load where that is beyond linear elasticity.
+class ScanConditions:
+    """What the readings of a scan have in common: probe, tissue and loads without tumours, and errors.
 
     Attributes
     ----------
-    scene
-        The scene without tumours.
-    totals
-        Force on each film per unit indentation, N/m, and, where charges are read, charge of each film, C/m; shape (2 or 4,).
-    logarithms
-        Ln ratio, as it is read, and ln stiffness, N/m; shape (2,).
+    loads
+        The probe on the tissue without tumours, at each load.
     errors
-        Their standard deviations by errors of the model, and by what is not known of the tissue, shape (2,).
-    signal_errors
-        Relative standard deviations of what tumours change, by what is not known of the tissue, shape (2,).
-    evaluator
-        Name of the model of the readings.
+        Gains, errors of the model without tumours, and what is not known of the tissue.
+    middles
+        Numbers of the tissue that are not known, in the middle of their ranges, SI units, by name.
     """
 
-    scene: Scene
-    totals: Floats
-    logarithms: Floats
-    errors: Floats = field(default_factory=lambda: np.zeros(2))
-    signal_errors: Floats = field(default_factory=lambda: np.zeros(2))
-    evaluator: str = EquivalentInclusion.name
+    loads: ScanLoads
+    errors: CommonErrors
+    middles: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def from_scene(cls, scene: Scene) -> TumourFree:
-        """Solve the probe on the tissue of a scene.
-
-        Raises
-        ------
-        Refusal
-            The evaluator cannot model the scene or its load.
-        """
-        scene = scene.model_copy(update={"inclusion": ()})
-        sampler = choose_sampler(scene)
-        films = sampler.films
-        totals = np.asarray(stack_totals(scene, films), dtype=float)
-        per_area = np.abs(totals[-2:]) / [scene.probe.inner_area, scene.probe.outer_area]
-        errors = np.array([films.get_observable(scene).bound.log_ratio, films.stiffness_error]) / 2  # of bounds
-        return cls(scene, totals, np.log([per_area[0] / per_area[1], totals[:2].sum()]), errors, np.zeros(2), sampler.name)
-
-    @classmethod
-    def from_design(cls, design: Design) -> TumourFree:
-        """Solve the probe on the tissue in the middle of a design's ranges; what is not known of it counts as errors.
+    def from_design(cls, design: Design) -> ScanConditions:
+        """Compute the conditions of a design file's scans.
 
         Raises
         ------
         InputError
-            No tumour of the population fits the tissue at both ends of its ranges.
+            No tumour of the population fits the tissue at both ends of its ranges, or loads contradict each other.
         Refusal
-            The evaluator cannot model the scene or its load.
+            The evaluator cannot model the scene or a load.
         """
-        population = ScenePopulation.from_scene(design.scene, design.population)
-        free = cls.from_scene(population.middle)
-        readings, signals = estimate_tissue_errors(population)
-        return replace(free, errors=np.hypot(free.errors, readings), signal_errors=signals)
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether readings are predicted by linear elasticity."""
-        return self.evaluator == EquivalentInclusion.name
+        loads = ScanLoads.from_design(design)
+        tissue = TissueEffects.from_population(ScenePopulation.from_scene(design.scene, design.population), loads)
+        gains = np.sqrt(compute_common_variances(design.noise, (0, 1), loads.main.totals))
+        errors = CommonErrors.from_channels("ln_gain", np.tile(gains, (len(loads.nodes), 1)))
+        errors = errors.join(CommonErrors.from_channels("model", loads.errors))
+        if len(loads.nodes) > 1:
+            for row in np.eye(len(loads.nodes)):
+                errors = errors.join(CommonErrors.from_channels("load", UNLIKE_SHARE * row[:, None] * loads.errors))
+        return cls(loads, errors.join(tissue.errors), tissue.middles)
 
 
 @dataclass(frozen=True)
@@ -109,10 +81,11 @@ class ScanData:
         Standard deviation of the probe's place, m, shape (k, 2).
     is_baseline
         Whether a reading is over tumour-free tissue, shape (k,).
-    gain_sd
-        Standard deviation of the logarithm of each channel's gain, common to all readings, shape (2,).
-    scale_sd
-        Standard deviation of the logarithm of all signals of tumours, as the tissue is not known, shape (2,).
+    errors
+        What all readings have in common.
+    weights, spreads
+        Weights of the l loads in the signals of each reading, and in their error, eq. LO.6, shape (k, l) each; left out: one
+        load.
     """
 
     positions: Floats
@@ -120,11 +93,18 @@ class ScanData:
     variance: Floats
     pose_sd: Floats
     is_baseline: Bools
-    gain_sd: Floats
-    scale_sd: Floats = field(default_factory=lambda: np.zeros(2))
+    errors: CommonErrors
+    weights: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    spreads: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Fill in the weights of a single load."""
+        if not self.weights.shape[1]:
+            object.__setattr__(self, "weights", np.ones((len(self.values), 1)))
+            object.__setattr__(self, "spreads", np.zeros((len(self.values), 1)))
 
     @classmethod
-    def from_readings(cls, readings: Sequence[Reading], design: Design, tumour_free: TumourFree) -> ScanData:
+    def from_readings(cls, readings: Sequence[Reading], design: Design, conditions: ScanConditions) -> ScanData:
         """Return the data of readings with the noise of a design file; no reading or any number of them.
 
         Raises
@@ -132,22 +112,23 @@ class ScanData:
         InputError
             A reading was taken at another load than those for which readings are predicted.
         """
-        _check_loads(readings, tumour_free)
-        k, noise = len(readings), design.noise
+        loads, k, noise = conditions.loads, len(readings), design.noise
+        forces = [reading.force for reading in readings]
+        loads.check_forces(forces)
+        blanks = loads.compute_logarithms(forces)
         values, variance = np.zeros((k, 2)), np.full((k, 2), math.inf)
-        for index, reading in enumerate(readings):
-            values[index, 0] = math.log(reading.ratio) - tumour_free.logarithms[0]
+        for index, (reading, blank) in enumerate(zip(readings, blanks, strict=True)):
+            values[index, 0] = math.log(reading.ratio) - blank[0]
             variance[index, 0] = reading.noise**2
             if reading.stiffness is not None:
-                values[index, 1] = math.log(reading.stiffness) - tumour_free.logarithms[1]
+                values[index, 1] = math.log(reading.stiffness) - blank[1]
                 variance[index, 1] = (reading.stiffness_noise or reading.noise) ** 2
         pose = [[noise.pose if sd is None else sd for sd in (reading.x_sd, reading.y_sd)] for reading in readings]
-        # errors of the prediction without tumours are common to all readings, as the gain is
-        gains = np.sqrt(compute_common_variances(noise, (0, 1), tumour_free.totals) + tumour_free.errors**2)
+        weights, spreads = (part.reshape(k, len(loads.nodes)) for part in loads.weigh(forces))
         return cls(
             np.array([(reading.x, reading.y) for reading in readings]).reshape(k, 2), values, variance,
             np.array(pose, dtype=float).reshape(k, 2), np.array([reading.blank for reading in readings], dtype=bool),
-            np.maximum(gains, MIN_GAIN_SD_RELATIVE), tumour_free.signal_errors,
+            conditions.errors, weights, spreads,
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -156,13 +137,12 @@ class ScanData:
 
     def select(self, rows: Bools | slice) -> ScanData:
         """Return some of the readings."""
-        keys = ("positions", "values", "variance", "pose_sd", "is_baseline")
-        return replace(self, **{key: getattr(self, key)[rows] for key in keys})
+        return replace(self, **{key: getattr(self, key)[rows] for key in ARRAYS})
 
     def join(self, new_data: ScanData) -> ScanData:
         """Return these readings followed by new ones."""
-        keys = ("positions", "values", "variance", "pose_sd", "is_baseline")
-        return replace(self, **{key: np.concatenate([getattr(self, key), getattr(new_data, key)]) for key in keys})
+        joined: dict[str, Any] = {key: np.concatenate([getattr(self, key), getattr(new_data, key)]) for key in ARRAYS}
+        return replace(self, **joined)
 
     @property
     def is_read(self) -> Bools:
@@ -187,21 +167,3 @@ def check_readings(readings: Sequence[Reading]) -> None:
         x, y = places.pop()
         place = Words(f"all at x = {format_mm(x)}, y = {format_mm(y)}")
         raise InputError("readings", place, "readings at several places, stated by the columns x and y with their units")
-
-
-def _check_loads(readings: Sequence[Reading], tumour_free: TumourFree) -> None:
-    """Refuse readings at other loads than those for which they are predicted."""
-    forces = [(index, reading.force) for index, reading in enumerate(readings) if reading.force is not None]
-    if not forces:
-        return
-    if tumour_free.is_linear:
-        largest = compute_load_limits(tumour_free.scene, LOAD_ACCURACY).linear
-        high, low = math.inf if largest is None else largest.force, 0.0
-        allowed = f"up to {1e3 * high:.3g} mN: above it linear elasticity, by which the design's load is predicted, is off by 1 %"
-    else:
-        force = tumour_free.scene.load.force or 0.0
-        low, high = (force * (1 + sign * MAX_FORCE_CHANGE_RELATIVE) for sign in (-1, 1))
-        allowed = f"{1e3 * low:.4g} to {1e3 * high:.4g} mN, near the design's load.force, under which readings are predicted"
-    for index, force in forces:
-        if not low <= force <= high:
-            raise InputError(f"reading[{index}].force", Words(f"{1e3 * force:.4g} mN"), allowed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import expit, logit
@@ -60,23 +61,25 @@ class LinearReadings:
     variance: Floats
 
     def whiten(self, values: Floats) -> Floats:
-        """Return values (n, k, 2) with unit variance, what the gain may explain reduced, shape (n, 2 k)."""
-        weights = 1 / np.sqrt(self.variance)
-        scaled, total = values * weights, (weights**2).sum(axis=0)
-        kept = 1 / np.sqrt(1 + total * self.likelihood.data.gain_sd**2)
-        common = (scaled * weights).sum(axis=1) / np.maximum(total, 1e-300)
-        return np.asarray((scaled - ((1 - kept) * common)[:, None] * weights).reshape(len(values), -1))
+        """Return values (n, k, 2) with unit variance, what the common errors may explain reduced, shape (n, 2 k)."""
+        scaled = (values / np.sqrt(self.variance)).reshape(len(values), -1)
+        directions, lost = self._common
+        return np.asarray(scaled - (scaled @ directions) * lost @ directions.T)
+
+    @cached_property
+    def _common(self) -> tuple[Floats, Floats]:
+        """Directions of the common errors among the whitened readings, (2 k, q), and what they lose of their size, (q,)."""
+        columns = (self.likelihood.rows.constant / np.sqrt(self.variance)).reshape(len(self.likelihood.common_errors), -1)
+        directions, sizes, _ = np.linalg.svd(columns.T, full_matrices=False)
+        return directions, 1 - 1 / np.sqrt(1 + sizes**2)
 
     def predict(self, z: Floats) -> Floats:
         """Return whitened signals of single tumours at logits (n, d), shape (n, 2 k); nan where they do not fit."""
         likelihood = self.likelihood
         tumours = likelihood.prior.transform(expit(z)[:, None])
-        over_tissue = ~likelihood.data.is_baseline
-        signals = np.zeros((len(z), len(over_tissue), 2))
+        signals = np.full((len(z), len(likelihood.data), 2), np.nan)
         allowed = likelihood.prior.find_allowed(tumours)
-        predicted = likelihood.predict_possible(tumours[allowed], likelihood.data.positions[over_tissue])
-        signals[np.ix_(allowed, over_tissue)] = predicted
-        signals[~allowed] = np.nan
+        signals[allowed] = likelihood.predict_possible(tumours[allowed])
         return self.whiten(signals)
 
 

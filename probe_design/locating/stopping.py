@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
+from probe_design.locating.prior import ForwardModel
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, whiten
 
@@ -80,8 +80,8 @@ class PlannedScan:
 
     Attributes
     ----------
-    likelihood
-        For its model.
+    model
+        Predicts signals.
     positions
         Of the readings, m, shape (k, 2).
     channels
@@ -92,30 +92,44 @@ class PlannedScan:
         Deflection of the readings, above which tumours are detected with a probability of 0.9; inf if none are.
     """
 
-    likelihood: Likelihood
+    model: ForwardModel
     positions: Floats
     channels: tuple[int, ...]
     detector: Detector
     deflection: float
 
     @classmethod
-    def from_design(cls, design: Design, likelihood: Likelihood, variance: Floats) -> PlannedScan:
-        """Train the detector on single tumours of the population; ``variance`` is that of a reading, shape (2,)."""
+    def from_design(cls, design: Design, likelihood: Likelihood, variance: Floats, load: int) -> PlannedScan:
+        """Train the detector on single tumours of the population, under one load.
+
+        Parameters
+        ----------
+        design
+            For its protocol.
+        likelihood
+            For its models and common errors.
+        variance
+            Of a reading by noise, shape (2,).
+        load
+            Index of the load of all readings.
+        """
         lines = design.protocol.places
         chosen = lines[np.unique(np.linspace(0, len(lines) - 1, min(len(lines), MAX_LINE_POSITIONS)).round().astype(int))]
         positions = np.stack(np.meshgrid(chosen, chosen), axis=-1).reshape(-1, 2)
         channels, k = tuple(np.flatnonzero(np.isfinite(variance)).tolist()), len(positions) + design.protocol.blank
-        gains = likelihood.data.gain_sd**2
-        covariance = block_diag(*(variance[channel] * np.eye(k) + gains[channel] for channel in channels))
+        # common errors of the readings without tumours: one row for each reading, channel by channel
+        common = np.repeat(likelihood.common_errors.constant[:, load, channels], k, axis=1)
+        covariance = np.diag(np.repeat(variance[list(channels)], k)) + common.T @ common
         prior = likelihood.prior
         tumours = prior.transform(prior.draw(REFERENCE_TUMOURS, 1, 2))
         tumours = tumours[prior.find_allowed(tumours)]
-        draft = cls(likelihood, positions, channels, Detector(np.eye(1), np.zeros((1, 1)), 0.5, 0.0, 0.5, 0.0), np.inf)
+        untrained = Detector(np.eye(1), np.zeros((1, 1)), 0.5, 0.0, 0.5, 0.0)
+        draft = cls(likelihood.models[load], positions, channels, untrained, np.inf)
         signals = draft._predict(tumours, design.protocol.blank)
         detector = Detector.train(signals, covariance, design.protocol.false_alarm, blanks=FREE_SCANS)
         probabilities = detector.compute_probabilities(signals, scans=SCANS_PER_TUMOUR)
         deflections = np.linalg.norm(whiten(detector.factor, signals), axis=1)
-        return cls(likelihood, positions, channels, detector, _find_crossing(deflections, probabilities))
+        return cls(draft.model, positions, channels, detector, _find_crossing(deflections, probabilities))
 
     def compute_detected_fraction(self, tumours: Floats) -> float:
         """Return the fraction of sets of tumours (n, m, 5) that the scan detects with a probability of 0.9 or more."""
@@ -125,7 +139,7 @@ class PlannedScan:
 
     def _predict(self, tumours: Floats, has_baseline: bool) -> Floats:
         """Return the signals channel by channel, each with that of the baseline reading, 0; shape (n, m)."""
-        signal = self.likelihood.model.predict(tumours, self.positions)
+        signal = self.model.predict(tumours, self.positions)
         blank = np.zeros((len(tumours), int(has_baseline)))
         return np.hstack([part for channel in self.channels for part in (signal[:, :, channel], blank)])
 

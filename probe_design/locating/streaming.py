@@ -17,7 +17,8 @@ from scipy.special import expit, logit, logsumexp
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal
-from probe_design.locating.likelihood import Likelihood, Sums
+from probe_design.locating.common_errors import Sums
+from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.mixtures import StudentMixture
 from probe_design.locating.samples import (
     CONVERGED_SIZE,
@@ -118,7 +119,7 @@ class Stream:
         is_possible = np.isfinite(self.log_likelihood)
         tumours = likelihood.prior.transform(self.sample.points)
         sums = self.sums + _sum_predictable(latest, tumours, is_possible)
-        return _compute_log_likelihood(likelihood, sums), sums
+        return sums.compute_log_likelihood(), sums
 
     def _renew(self, likelihood: Likelihood, rng: np.random.Generator) -> Stream:
         """Return one tumour drawn anew, eq. LO.3, about the particles."""
@@ -203,20 +204,12 @@ def _measure(likelihood: Likelihood, points: Floats) -> tuple[Floats, Sums | Non
         return likelihood.evaluate(points), None
     tumours = likelihood.prior.transform(points)
     sums = _sum_predictable(likelihood, tumours, likelihood.prior.find_allowed(tumours))
-    return _compute_log_likelihood(likelihood, sums), sums
-
-
-def _compute_log_likelihood(likelihood: Likelihood, sums: Sums) -> Floats:
-    """Return ln L of sums, -inf where the squares are infinite."""
-    values = sums.compute_log_likelihood(likelihood.data.gain_sd, likelihood.scale_sd)
-    return np.where(np.isfinite(sums.moments[2]).all(axis=-1), values, -np.inf)
+    return sums.compute_log_likelihood(), sums
 
 
 def _sum_predictable(likelihood: Likelihood, tumours: Floats, is_possible: Bools) -> Sums:
     """Return the sums of eq. LO.2; of sets that are not possible, and of those that the model refuses, with infinite squares."""
-    n = len(tumours)
-    moments, log_variance = np.zeros((6, n, 2)), np.zeros((n, 2))
-    moments[2] = np.inf
+    total = Sums.build_impossible(len(likelihood.common_errors), len(tumours))
     chosen = np.flatnonzero(is_possible)
     parts = list(np.array_split(chosen, max(1, len(chosen) // 4096)))
     while parts:
@@ -229,8 +222,8 @@ def _sum_predictable(likelihood: Likelihood, tumours: Floats, is_possible: Bools
             if len(part) > 1:
                 parts += np.array_split(part, 2)
             continue
-        moments[:, part], log_variance[part] = sums.moments, sums.log_variance
-    return Sums(moments, log_variance)
+        total.replace(part, sums)
+    return total
 
 
 def _choose_step(log_weights: Floats, change: Floats, largest: float) -> float:

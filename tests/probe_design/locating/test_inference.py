@@ -15,6 +15,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from probe_design.estimation.measurements import Reading
 from probe_design.locating import forward_model, inference
+from probe_design.locating.common_errors import CommonErrors
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
@@ -24,8 +25,9 @@ from probe_design.locating.posterior import compute_quantiles
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.report import build_tables
 from probe_design.locating.sampling import draw_posterior
-from probe_design.locating.scan_data import ScanData, TumourFree
-from probe_design.populations.design_file import Design, design_from_dict
+from probe_design.locating.scan_data import ScanConditions, ScanData
+from probe_design.locating.scan_loads import ScanLoads, TumourFree
+from probe_design.populations.design_file import Design, design_from_dict, read_design
 from solver.reading_tables.tumour_ranges import TumourCube, TumourRanges
 from tests.support.paths import ROOT
 from tests.support.stand_in_model import StandInModel
@@ -36,6 +38,7 @@ PLACES = np.array([(30e-3, 0.0), *((x, y) for y in LINE for x in LINE)])  # the 
 CLEAR = np.array([[[3.1e-3, -5.4e-3, 9.0e-3, 10e-3, 26e3]]])
 APART = np.array([[[-9.2e-3, -6.1e-3, 8.5e-3, 9e-3, 30e3], [8.3e-3, 7.2e-3, 10e-3, 11e-3, 30e3]]])
 NONE = np.zeros((1, 0, 5))
+GAINS = CommonErrors.from_channels("ln_gain", GAIN)
 
 
 def design(**population: object) -> Design:
@@ -57,16 +60,22 @@ def scan(tumours: Floats, stiffness: bool = False, seed: int = 1, pose: float = 
     values += GAIN * rng.standard_normal(2) + WHITE * rng.standard_normal((n, 2))
     if not stiffness:
         values[:, 1], variance[:, 1] = 0.0, np.inf
-    return ScanData(PLACES, values, variance, np.full((n, 2), pose), np.arange(n) == 0, GAIN)
+    return ScanData(PLACES, values, variance, np.full((n, 2), pose), np.arange(n) == 0, GAINS)
 
 
 def likelihood(data: ScanData, rate: float = 0.0, **population: object) -> Likelihood:
-    return Likelihood(data, StandInModel(), TumourPrior.from_design(design(**population), PLACES[1:]), rate)
+    return Likelihood(data, (StandInModel(),), TumourPrior.from_design(design(**population), PLACES[1:]), rate)
 
 
 def result(data: ScanData, rate: float = 0.0, **population: object) -> Location:
-    scene = design().scene
-    return infer(likelihood(data, rate, **population), TumourFree(scene, np.ones(2), np.zeros(2)), 0, advise=True)
+    return infer(likelihood(data, rate, **population), CONDITIONS, 0, advise=True)
+
+
+CONDITIONS = ScanConditions(ScanLoads((TumourFree(design().scene, np.ones(2), np.zeros(2)),)), GAINS, {"tissue": 5.3e3})
+
+
+def unknown_scale(data: ScanData, scale: float) -> ScanData:
+    return replace(data, errors=GAINS.join(CommonErrors.from_channels("tissue_signal", np.zeros(2), np.full(2, scale))))
 
 
 @cache
@@ -77,7 +86,7 @@ def clear() -> Location:
 @pytest.mark.parametrize(("pose", "scale"), [(0.0, 0.0), (0.5e-3, 0.0), (0.0, 0.2)])
 def test_likelihood_is_that_of_the_whole_covariance(pose: float, scale: float) -> None:
     """Against scipy's multivariate normal density: one gain for scan and baseline reading, one scale of all signals."""
-    data = replace(scan(CLEAR, stiffness=True, pose=pose), scale_sd=scale * np.ones(2))
+    data = unknown_scale(scan(CLEAR, stiffness=True, pose=pose), scale)
     tumours = CLEAR + np.array([[[0.0] * 5], [[1e-3, 0, 1e-3, 0, 0]]])
     values, expected = likelihood(data).evaluate_tumours(tumours), []
     for bodies in tumours:
@@ -90,6 +99,74 @@ def test_likelihood_is_that_of_the_whole_covariance(pose: float, scale: float) -
             parts.append(multivariate_normal.logpdf(data.values[:, channel] - signal[:, channel], cov=covariance))
         expected.append(sum(parts))
     assert values[1] - values[0] == pytest.approx(expected[1] - expected[0], abs=1e-6)
+
+
+class StrongerModel(StandInModel):
+    """Signals under a load, a third larger."""
+
+    def predict(self, tumours: Floats, positions: Floats) -> Floats:
+        return np.asarray(1.3 * super().predict(tumours, positions))
+
+
+def two_loads() -> tuple[Likelihood, Floats, Floats]:
+    """Return a likelihood of readings at two loads and between, the tissue not known, and a and b of LO.5, (q, k, 2)."""
+    share = np.tile([0.0, 1.0, 0.4], 9)[: len(PLACES)]
+    gains, tissue = CommonErrors.from_channels("ln_gain", np.tile(GAIN, (2, 1))), [[[0.02, 0.15], [-0.03, 0.1]]]
+    errors = gains.join(CommonErrors(("tissue",), np.array([0.2]), np.array(tissue), np.array([[[-0.1, -0.12], [-0.2, -0.15]]])))
+    weights = np.stack([1 - share, share], axis=1)
+    spreads = np.where(share == 0.4, 0.05, 0.0)[:, None] * [-1, 1]
+    data = replace(scan(CLEAR, stiffness=True), errors=errors, weights=weights, spreads=spreads)
+    subject = replace(likelihood(data, tumours=1), models=(StandInModel(), StrongerModel()))
+    return subject, *(np.einsum("kl,qlc->qkc", weights, part) for part in (errors.constant, errors.scale))
+
+
+def compute_covariance(subject: Likelihood, bodies: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return signals (52,), a + b s (q, 52) and the whole covariance of all readings, one channel after the other."""
+    weights, spreads = subject.data.weights, subject.data.spreads
+    signals = np.stack([model.predict(bodies[None], PLACES)[0] for model in subject.models]) * (np.arange(26) > 0)[:, None]
+    signal, doubt = (np.einsum("kl,lkc->kc", part, signals) for part in (weights, spreads))
+    rows = (a + b * signal).transpose(0, 2, 1).reshape(len(a), -1)
+    return signal.T.ravel(), rows, np.diag(np.repeat(WHITE**2, 26) + doubt.T.ravel() ** 2) + rows.T @ rows
+
+
+def test_readings_at_several_loads_have_the_whole_covariance() -> None:
+    """Against scipy's multivariate normal density over both channels; between loads the signals are interpolated."""
+    subject, a, b = two_loads()
+    tumours = CLEAR + np.array([[[0.0] * 5], [[1e-3, 0, 1e-3, 0, 0]]])
+    values, expected = subject.evaluate_tumours(tumours), []
+    for bodies in tumours:
+        signal, _, covariance = compute_covariance(subject, bodies, a, b)
+        expected.append(multivariate_normal.logpdf(subject.data.values.T.ravel() - signal, cov=covariance))
+    assert values[1] - values[0] == pytest.approx(expected[1] - expected[0], abs=1e-6)
+
+
+def test_gains_and_tissue_are_those_of_the_linear_gaussian_posterior() -> None:
+    """Given the tumour, mean and covariance are C_u R C^-1 r and the rest, from the whole covariance C of the readings."""
+    subject, a, b = two_loads()
+    mean, covariance = (part[0] for part in subject.solve_common(CLEAR))
+    signal, rows, whole = compute_covariance(subject, CLEAR[0], a, b)
+    gain = rows @ np.linalg.inv(whole)
+    assert mean == pytest.approx(gain @ (subject.data.values.T.ravel() - signal), abs=1e-9)
+    assert covariance == pytest.approx(np.eye(3) - gain @ rows.T, abs=1e-9)
+    common = infer(subject, CONDITIONS, 0, advise=False).nuisances
+    assert list(common) == ["ln_gain_ratio", "ln_gain_stiffness", "tissue"]
+    assert common["tissue"].before_90 == pytest.approx(5.3e3 * np.exp(0.2 * np.array([-1.645, 1.645])), rel=1e-3)
+    # over tumours as well; the tumour is so clear that they add little
+    assert np.log(common["tissue"].median / 5.3e3) == pytest.approx(0.2 * mean[2], abs=0.2 * np.sqrt(covariance[2, 2]))
+    assert common["tissue"].sd_relative == pytest.approx(np.sqrt(covariance[2, 2]), rel=0.3)
+    assert common["ln_gain_stiffness"].is_learnt
+    rows_shown = build_tables(infer(subject, CONDITIONS, 0, advise=False))[2].rows
+    assert [row[0] for row in rows_shown] == ["ln gain of the ratio", "ln gain of the stiffness", "tissue's Young's modulus, kPa"]
+
+
+def test_charge_noise_falls_with_the_force() -> None:
+    """Of a linear probe the charges are proportional to the force; the white noise is not."""
+    known = read_design(ROOT / "examples" / "films.toml")
+    noise = known.noise.model_copy(update={"charge": 1e-14, "white": 0.01})
+    loads = ScanLoads.from_design(known)
+    variances = [loads.compute_noise(noise, force)[0] ** 2 - 0.01**2 for force in (2e-3, 4e-3, None)]
+    assert variances[0] == pytest.approx(4 * variances[1])
+    assert variances[0] == pytest.approx(25 * variances[2])  # 10 mN, the scene's own
 
 
 def test_wild_readings_are_integrated_over_the_gain() -> None:
@@ -276,7 +353,7 @@ def test_readings_too_noisy_for_any_tumour_say_so() -> None:
 
 
 def test_a_tissue_that_is_not_known_widens_size_and_says_so() -> None:
-    unknown = result(replace(scan(CLEAR), scale_sd=np.full(2, 0.4)), tumours=1)
+    unknown = result(unknown_scale(scan(CLEAR), 0.4), tumours=1)
     assert any("tissue is not known" in line for line in unknown.warnings)
     known, wider = (np.ptp(part.tumours[0].quantities["diameter"].interval_90) for part in (clear(), unknown))
     assert wider > 1.15 * known
@@ -290,12 +367,14 @@ def test_errors_by_the_tissue_are_those_of_its_modulus() -> None:
         "scene": soft,
         "population": {"depth": [15e-3, 20e-3], "diameter": [4e-3, 5e-3], "object": 24e3, "tissue": [low, high]},
     }
-    free = TumourFree.from_design(design_from_dict(tables))
+    errors = ScanConditions.from_design(design_from_dict(tables)).errors
+    number = errors.names.index("tissue")
     sd = np.log(high / low) / np.sqrt(12)
+    assert errors.deviations[number] == pytest.approx(sd)
     excess, beta = 24e3 / np.sqrt(low * high) - 1, 2 * (4 - 5 * nu) / (15 * (1 - nu))
-    assert free.errors[1] == pytest.approx(sd, rel=0.05)
+    assert errors.constant[number, 0, 1] == pytest.approx(sd, rel=0.05)
     by_host = -(1 + excess) / excess / (1 + beta * excess)  # d ln of (c - 1) / (1 + beta (c - 1)) by ln E_host
-    assert free.signal_errors[1] == pytest.approx(sd * abs(by_host), rel=0.1)
+    assert errors.scale[number, 0, 1] == pytest.approx(sd * by_host, rel=0.1)
 
 
 def test_touching_tumours_are_excluded_and_the_evidence_counts_it() -> None:
@@ -327,7 +406,7 @@ def test_tumours_that_fit_below_a_skin_are_those_of_the_table() -> None:
     ranges: list[TumourRanges] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forward_model, "read_or_build_table", lambda scene, given: ranges.append(given))
-        forward_model.build_model(prior)
+        forward_model.build_models(prior, (layered,))
     cube = TumourCube.from_tissue(ranges[0], layered.tissue)
     tumours = prior.transform(prior.draw(1024, 1, 0))
     depth, diameter = tumours[prior.find_allowed(tumours)][:, 0, 2:4].T
@@ -345,7 +424,7 @@ def test_margin_and_weights_of_the_population() -> None:
 
 def test_readings_at_a_load_beyond_linear_elasticity_are_refused() -> None:
     known = design()
-    free = TumourFree.from_scene(known.scene)
+    free = ScanConditions.from_design(known)
     scanned = tuple(Reading(x, 0.0, 0.4, 0.01, force=force) for x, force in ((-8e-3, 5e-3), (0.0, 5e-3), (8e-3, 0.5)))
     assert len(ScanData.from_readings(scanned[:2], known, free)) == 2
     with pytest.raises(InputError, match=r"reading\[2\].force = 500 mN: allowed: up to"):

@@ -13,7 +13,7 @@ from probe_design import Locator
 from probe_design.estimation.measurements import Reading
 from probe_design.locating.inference import Posterior
 from probe_design.locating.locator import NoRecommendation
-from probe_design.locating.scan_data import TumourFree
+from probe_design.locating.scan_loads import TumourFree
 from probe_design.locating.stopping import find_stop
 from probe_design.populations.design_file import Design, design_from_dict
 from tests.support.paths import ROOT
