@@ -108,7 +108,7 @@ def infer(
         explained=p_value >= MIN_P_VALUE,
         p_value=p_value,
         residuals=residuals,
-        next=_advise(likelihood, posterior, sets, conditions.loads.own) if advise else None,
+        next=_advise(likelihood, posterior, sets, conditions.loads.main_index) if advise else None,
         warnings=(),
         evaluator=conditions.loads.evaluator,
         model_error=max(float(np.hypot(model.error, model.scale_error).max()) for model in likelihood.models),

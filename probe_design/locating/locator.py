@@ -164,7 +164,7 @@ class Locator:
             raise InputError("candidates", Words("none on the tissue"), "places where the whole probe stands on the tissue")
         return choose_position(
             self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, places, self._next_variances,
-            load=self._conditions.loads.own,
+            load=self._conditions.loads.main_index,
         )  # fmt: skip
 
     def get_sample(self, number: int) -> Sample:
@@ -180,7 +180,7 @@ class Locator:
     def planned_scan(self) -> PlannedScan:
         """The scan of the design's protocol, with the tumours that it detects."""
         variance = np.where(self._channels, self._own_variances, np.inf)
-        return PlannedScan.from_design(self.design, self._likelihood, variance, self._conditions.loads.own)
+        return PlannedScan.from_design(self.design, self._likelihood, variance, self._conditions.loads.main_index)
 
     def compute_detectable_probability(self) -> float:
         """Return the probability that tumours lie there which the protocol's scan detects with a probability of 0.9."""

@@ -90,12 +90,12 @@ class ScanLoads:
     ----------
     nodes
         Tissue without tumours at each, by increasing force; one at most is linear, the first.
-    own
+    main_index
         Index of the scene's own load among them.
     """
 
     nodes: tuple[TumourFree, ...]
-    own: int = 0
+    main_index: int = 0
 
     @classmethod
     def from_design(cls, design: Design) -> ScanLoads:
@@ -114,24 +114,24 @@ class ScanLoads:
     @classmethod
     def from_scene(cls, scene: Scene, loads: Sequence[float] = ()) -> ScanLoads:
         """Solve the probe on the tissue of a scene under its load and others, N; see ``from_design``."""
-        own = TumourFree.from_scene(scene)
+        main = TumourFree.from_scene(scene)
         if not loads:
-            return cls((own,))
+            return cls((main,))
         force = scene.load.force
         if force is None:
             allowed = "nothing where the scene's load is an indentation; state a force as the scene's load"
             raise InputError("protocol.loads", Words(f"{len(loads)} forces"), allowed)
         others = [load for load in sorted(set(loads)) if abs(load - force) > SAME_FORCE_RELATIVE * force]
         scenes = [scene.model_copy(update={"load": Load(force=load)}) for load in others]
-        nodes = sorted((own, *map(TumourFree.from_scene, scenes)), key=lambda node: node.scene.load.force or 0.0)
+        nodes = sorted((main, *map(TumourFree.from_scene, scenes)), key=lambda node: node.scene.load.force or 0.0)
         linear = [node for node in nodes if node.is_linear]  # alike but for their load: the scene's own or the largest stays
-        kept = [own if own.is_linear else linear[-1], *nodes[len(linear) :]] if linear else nodes
-        return cls(tuple(kept), next(index for index, node in enumerate(kept) if node is own))
+        kept = [main if main.is_linear else linear[-1], *nodes[len(linear) :]] if linear else nodes
+        return cls(tuple(kept), next(index for index, node in enumerate(kept) if node is main))
 
     @property
     def main(self) -> TumourFree:
         """The probe on the tissue without tumours under the scene's own load."""
-        return self.nodes[self.own]
+        return self.nodes[self.main_index]
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
@@ -241,7 +241,7 @@ class ScanLoads:
     def _find_node(self, force: float | None) -> int | None:
         """Return the index of the node at a force, N, or None between nodes."""
         if force is None:
-            return self.own
+            return self.main_index
         if force <= self.linear_limit:
             return 0
         distances = np.abs(self.forces / force - 1)

@@ -81,9 +81,9 @@ class TissueEffects:
                 constant[number, index], change = (high_blank - low_blank) / 2, (high - low) / 2
                 scale[number, index] = (change * middle).sum(axis=0) / size
                 remainder[index] += ((change - scale[number, index] * middle) ** 2).sum(axis=0) / size
-        own = CommonErrors(tuple(names), deviations, constant, scale)
-        joined = own.join(CommonErrors.from_channels("tissue_signal", 0 * remainder, np.sqrt(remainder)))
-        return cls({name: population.ranges[name].middle for name in names}, joined)
+        numbers = CommonErrors(tuple(names), deviations, constant, scale)
+        errors = numbers.join(CommonErrors.from_channels("tissue_signal", 0 * remainder, np.sqrt(remainder)))
+        return cls({name: population.ranges[name].middle for name in names}, errors)
 
 
 def _shift(population: ScenePopulation, name: str, change: float) -> Scene:
