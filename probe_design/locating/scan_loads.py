@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
@@ -216,8 +217,6 @@ class ScanLoads:
         nodes = [self._find_node(force) for force in forces]
         distinct = sorted({force for force, node in zip(forces, nodes, strict=True) if node is None and force is not None})
         if len(distinct) > MAX_COMPUTED_FORCES:
-            from scipy.interpolate import CubicSpline
-
             angles = np.pi * (np.arange(MAX_COMPUTED_FORCES) + 0.5) / MAX_COMPUTED_FORCES
             points = (distinct[0] + distinct[-1]) / 2 - (distinct[-1] - distinct[0]) / 2 * np.cos(angles) / np.cos(angles[0])
             curve = CubicSpline(points, [self._solve(float(force)).logarithms for force in points])
