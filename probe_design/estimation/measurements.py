@@ -236,14 +236,9 @@ def read_readings(
     rows = parsers[path.suffix.lower()](read_text(path, "readings", "a file", MAX_FILE_BYTES), str(path))
     if not 0 < len(rows) <= MAX_READINGS:
         raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MAX_READINGS} readings")
-    readings = []
-    for index, row in enumerate(rows):
-        key_prefix = f"reading[{index}]."
-        if is_scan:
-            readings.append(build_scan_reading(key_prefix, row, scene, noise))
-        else:
-            readings.append(_check_reading(key_prefix, row, scene, noise, stiffness_noise))
-    return tuple(readings)
+    if is_scan:
+        return tuple(build_scan_reading(f"reading[{index}].", row, scene, noise) for index, row in enumerate(rows))
+    return tuple(_check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
 
 
 def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: NoiseAtForce | None = None) -> Reading:
