@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry.processes.child import END, Child, Died, Failure
-from probe_design.explorer.bench_settings import BenchSettings, PressRequest
+from probe_design.explorer.bench_settings import BenchSettings, DiscardRequest, PressRequest
 
 WORKER_PROGRAM = Path(__file__).with_name("bench_program.py")
 STOP_PATIENCE_S = 5.0  # s after which a reading that does not stop is ended with its process
@@ -62,13 +62,15 @@ class Bench:
         if self._child is None and not self.is_busy:
             self._task = asyncio.get_running_loop().create_task(self._work(None))
 
-    def press(self, request: PressRequest) -> bool:
-        """Start a reading; False while the worker works."""
+    def request(self, request: PressRequest | DiscardRequest) -> bool:
+        """Start a reading, or discard the last one; False while the worker works."""
         if self.is_busy:
             return False
         self._stop_file.unlink(missing_ok=True)
         self._publish("numbers", None)  # those of the last reading say nothing about this one
-        self._task = asyncio.get_running_loop().create_task(self._work(replace(request, stop_file=self._stop_file)))
+        if isinstance(request, PressRequest):
+            request = replace(request, stop_file=self._stop_file)
+        self._task = asyncio.get_running_loop().create_task(self._work(request))
         return True
 
     async def stop(self) -> None:
@@ -87,7 +89,7 @@ class Bench:
             self._child.close()
         self._temporary.cleanup()
 
-    async def _work(self, request: PressRequest | None) -> None:
+    async def _work(self, request: PressRequest | DiscardRequest | None) -> None:
         """Start the worker where none runs, and carry out a request."""
         try:
             if self._child is not None and not self._child.is_alive:  # it ended between two readings: the folder holds them

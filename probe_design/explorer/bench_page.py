@@ -14,7 +14,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.units import MM_PER_M, read_number
 from probe_design.estimation.measurements import POSITION_QUANTITY
 from probe_design.explorer.bench import Bench
-from probe_design.explorer.bench_settings import VIRTUAL, PressRequest
+from probe_design.explorer.bench_settings import VIRTUAL, DiscardRequest, PressRequest
 from probe_design.explorer.formats import FOLDER, convert_decimal_comma, format_number
 
 DEFAULT_SECONDS = 5.0  # of a reading: 25 periods of the built-in bench's load
@@ -71,6 +71,8 @@ class BenchPage:
                 self.map = ui.html("", sanitize=False)
                 ui.html("<h2>Readings</h2>", sanitize=False)
                 self.presses = ui.html("", sanitize=False)
+                self.discard = ui.button("Discard the last reading", on_click=lambda: self._request(DiscardRequest()))
+                self.discard.props("dense flat no-caps").visible = False
 
     @staticmethod
     def _build_entry(label: str, value: str) -> ui.input:
@@ -93,8 +95,11 @@ class BenchPage:
             return
         if source.startswith("replay:") or (not keep and source != VIRTUAL):
             seconds = None  # a recording to its end, a device until it is stopped
-        request = PressRequest(source, seconds if keep else None, keep, (x, y), bool(self.blank.value), Path())
-        if not self.bench.press(request):
+        self._request(PressRequest(source, seconds if keep else None, keep, (x, y), bool(self.blank.value), Path()))
+
+    def _request(self, request: PressRequest | DiscardRequest) -> None:
+        """Pass on a request, unless the bench is busy."""
+        if not self.bench.request(request):
             self._say("A reading is going on, or the map is computed: wait, or press Stop.")
 
     def _hear(self, kind: str, content: Any) -> None:
@@ -158,6 +163,7 @@ class BenchPage:
             self._show_map(state)
         rows = "".join(_write_press(press) for press in state["presses"])
         head = "<tr><th></th><th>place</th><th>ratio</th><th>recording</th></tr>"
+        self.discard.visible = bool(state["presses"])
         self.presses.content = f'<table class="outputs"><thead>{head}</thead><tbody>{rows}</tbody></table>'
         self._show_ready()
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from probe_design.explorer.bench_readings import Measuring
-from probe_design.explorer.bench_settings import BenchSettings, PressRequest
+from probe_design.explorer.bench_settings import BenchSettings, DiscardRequest, PressRequest
 from probe_design.explorer.messages import Message, Put, stream_messages
 
 MEASURING: list[Measuring] = []  # the one of this process, after the first request
 
 
-def run(request: BenchSettings | PressRequest) -> Iterator[Message]:
-    """Yield the messages of a request: first the settings, then presses."""
+def run(request: BenchSettings | DiscardRequest | PressRequest) -> Iterator[Message]:
+    """Yield the messages of a request: first the settings, then presses and what discards them."""
 
     def work(put: Put) -> dict[str, Any] | None:
         """Carry out the request."""
@@ -21,6 +21,9 @@ def run(request: BenchSettings | PressRequest) -> Iterator[Message]:
             put("progress", "preparing the map" if request.design is not None else "preparing")
             MEASURING[:] = [Measuring(request)]
             return MEASURING[0].describe()
+        if isinstance(request, DiscardRequest):
+            put("progress", "updating the map")
+            return MEASURING[0].discard()
         return MEASURING[0].press(request, put)
 
     return stream_messages(work)

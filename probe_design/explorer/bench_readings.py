@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import InputError, ProbeError
+from geometry.common.errors import InputError, ProbeError, Words
 from geometry.common.json_types import JsonObject
 from hw.common.samples import Samples
 from hw.reader import Reader
@@ -85,9 +85,7 @@ class Measuring:
         self.record = SurveyRecord.open(
             settings.folder, design or settings.scene, {"outliers": 0.0, "seed": settings.seed, "source": "explore"}
         )
-        self.locator = None if design is None else Locator(design, seed=settings.seed)
-        for press in self.record.presses:
-            self._locate(press.reading)
+        self._locate_all()
 
     _tissue: VirtualTissue | None
 
@@ -115,6 +113,14 @@ class Measuring:
                 "map": picture.getvalue(),
             }
         return state
+
+    def discard(self) -> dict[str, Any]:
+        """Leave out the last reading, and return ``describe``. Raises ``InputError`` where there is none."""
+        if not self.record.presses:
+            raise InputError("reading", Words("none"), "a reading before one can be discarded: press Record")
+        self.record = self.record.discard()
+        self._locate_all()
+        return self.describe()
 
     def press(self, request: PressRequest, put: Put) -> dict[str, Any] | None:
         """Read, put waveforms and live numbers meanwhile, and return ``describe`` with the reading; None without one.
@@ -189,7 +195,8 @@ class Measuring:
             return Reader.open(request.source, settings.rate, settings.columns)
         if self._tissue is None:
             self._tissue = self._build_tissue()
-        signals = self._tissue.build_press(len(self.record.presses), request.place, blank=request.blank)
+        number = len(self.record.presses) + len(self.record.extra.get("discarded", []))  # each press has its own noise
+        signals = self._tissue.build_press(number, request.place, blank=request.blank)
         return Reader.open(make_virtual_probe(signals, SAMPLE_RATE_HZ, channels=CHANNELS, scale=VOLTS_PER_COUNT, pace=True))
 
     def _build_tissue(self) -> VirtualTissue:
@@ -249,6 +256,13 @@ class Measuring:
         row: dict[str, object] = {"ratio": ratio, "noise": noise, "blank": str(is_blank).lower()}
         row |= {key: f"{length!r} m" for key, length in zip(("x", "y"), place, strict=True)}
         return build_scan_reading("reading: ", row, self.settings.scene)
+
+    def _locate_all(self) -> None:
+        """Build the map of all readings."""
+        design = self.settings.design
+        self.locator = None if design is None else Locator(design, seed=self.settings.seed)
+        for press in self.record.presses:
+            self._locate(press.reading)
 
     def _locate(self, reading: Reading) -> None:
         """Update the map."""

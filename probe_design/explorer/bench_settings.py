@@ -64,6 +64,11 @@ class BenchSettings:
 
 
 @dataclass(frozen=True)
+class DiscardRequest:
+    """The last reading no longer counts; its recording stays."""
+
+
+@dataclass(frozen=True)
 class PressRequest:
     """What to read.
 

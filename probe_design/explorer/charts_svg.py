@@ -15,6 +15,7 @@ from probe_design.explorer.quick import Curve, DetectionMap
 WIDTH, HEIGHT, MARGIN = 118, 54, 4  # px of a small curve
 NAME_WIDTH = 104  # px of the column of names
 MAP_SIZE = 300  # px of the map's sides
+UNFIT = ("unfit", "does not fit, or is refused")
 VERDICTS = {1.0: ("detected", "detected"), 0.5: ("open", "left open by the error"), 0.0: ("missed", "not detected")}
 
 
@@ -45,10 +46,10 @@ def draw_map(result: DetectionMap, scene: Scene) -> str:
     """Return the map of detected tumours over diameter and depth, with a cross for the present one."""
     rows, columns = result.verdicts.shape
     size, left, top = MAP_SIZE / max(rows, columns), 40, 6
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" class="map" role="img" viewBox="0 0 {MAP_SIZE + 52} {MAP_SIZE + 62}" '
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" class="map" role="img" viewBox="0 0 {MAP_SIZE + 52} {MAP_SIZE + 78}" '
              f'aria-label="tumours detected over depth and diameter">']  # fmt: skip
     for (row, column), verdict in np.ndenumerate(result.verdicts):
-        kind, words = VERDICTS.get(float(verdict), ("unfit", "does not fit, or is refused"))
+        kind, words = VERDICTS.get(float(verdict), UNFIT)
         title = f"{MM_PER_M * result.diameters[column]:.3g} mm at {MM_PER_M * result.depths[row]:.3g} mm: {words}"
         x, y = left + column * size, top + row * size
         parts.append(
@@ -68,9 +69,10 @@ def draw_map(result: DetectionMap, scene: Scene) -> str:
         parts.append(f'<text x="{left - 4}" y="{top + max(place, 10)}" text-anchor="end">{depth:.3g}</text>')
     parts.append(f'<text x="{left + MAP_SIZE / 2}" y="{bottom}" text-anchor="middle">diameter, mm</text>')
     parts.append(f'<text transform="translate(12,{top + MAP_SIZE / 2}) rotate(-90)" text-anchor="middle">depth, mm</text>')
-    for x, (kind, words) in zip((left, left + 74, left + 216), VERDICTS.values(), strict=True):
-        parts.append(f'<rect class="{kind}" x="{x}" y="{bottom + 12}" width="11" height="11"/>')
-        parts.append(f'<text x="{x + 15}" y="{bottom + 22}">{words}</text>')
+    places = ((left, 0), (left + 74, 0), (left + 216, 0), (left, 16))
+    for (x, y), (kind, words) in zip(places, (*VERDICTS.values(), UNFIT), strict=True):
+        parts.append(f'<rect class="{kind}" x="{x}" y="{bottom + y + 12}" width="11" height="11"/>')
+        parts.append(f'<text x="{x + 15}" y="{bottom + y + 22}">{words}</text>')
     return "".join(parts) + "</svg>"
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from scipy.optimize import brentq
 
-from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import MM_PER_M
 from probe_design.explorer.variables import Variable, get_value
 from probe_design.workshop.rounding import MIN_WALL_M
 from solver.results.load_limits import LargestLoad
@@ -57,7 +58,7 @@ def list_limits(scene: Scene, result: Result, min_wall: float | None, variables:
                 marks = {key: value} if variable.low <= value <= variable.high else {}
                 limits.append(Limit(sign, text, load is None or load <= value, marks))
     wall, minimum = scene.probe.tube_radius - scene.probe.hole_radius, MIN_WALL_M if min_wall is None else min_wall
-    text = f"the outer block's wall is {format_mm(wall)}, at least {format_mm(minimum)}"
+    text = f"the outer block's wall is {_format_mm(wall)}, at least {_format_mm(minimum)}"
     limits.append(Limit("W", text, wall >= minimum * (1 - 1e-9), find_wall_marks(scene.probe, minimum, variables)))
     return limits
 
@@ -77,3 +78,8 @@ def find_wall_marks(probe: Probe, wall: float, variables: Sequence[Variable]) ->
             if measure(variable.low) * measure(variable.high) < 0:  # the wall is monotonic in each size
                 marks[variable.key] = float(brentq(measure, variable.low, variable.high, rtol=1e-9, xtol=1e-12))
     return marks
+
+
+def _format_mm(length: float) -> str:
+    """Write a length, m, in mm with three digits."""
+    return f"{MM_PER_M * length:.3g} mm"

@@ -47,7 +47,7 @@ class LongWork:
 
     def build(self, evaluators: Sequence[str]) -> None:
         """Build evaluator, buttons and progress."""
-        with ui.row():
+        with ui.row().classes("work"):
             self.evaluator = ui.select(list(evaluators), value=evaluators[0], label="evaluator").props("dense")
             self.evaluator.classes("evaluator")
             ui.button("Check", on_click=self._check).props("no-caps")

@@ -13,18 +13,19 @@ from typing import TYPE_CHECKING, Any
 from fastapi import FastAPI
 from nicegui import Client, context, events, ui
 
-from geometry.common.errors import ProbeError
+from geometry.common.errors import InputError, ProbeError
 from geometry.scenes.scene import Scene
+from probe_design.data.noise import read_noise
 from probe_design.explorer.bench import Bench
 from probe_design.explorer.bench_page import BenchPage
 from probe_design.explorer.bench_settings import BenchSettings
 from probe_design.explorer.edges import find_edge_changes
-from probe_design.explorer.formats import EVALUATOR, FOLDER, LABELS, UNITS, Reading, format_number
+from probe_design.explorer.formats import EVALUATOR, FOLDER, LABELS, UNITS, Reading, convert_decimal_comma, format_number
 from probe_design.explorer.formulas import Formulas
 from probe_design.explorer.long_work import LongWork
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session
-from probe_design.explorer.variables import Variable, get_value
+from probe_design.explorer.variables import MAX_TEXT_LENGTH, Variable, get_value
 
 if TYPE_CHECKING:
     from probe_design.explorer.limits import Limit
@@ -121,18 +122,20 @@ class Page:
                 self.inputs: dict[str, ui.input] = {}
                 for variable in self.session.variables.values():
                     self._build_variable(variable)
-                noise = ui.number("noise of a reading, %", value=100 * self.work.noise, min=0.001, max=1000)
-                noise.on_value_change(self._set_noise).props("dense")
+                self.noise = ui.input("noise of a reading, %", value=f"{100 * self.work.noise:.6g}").props("dense")
+                self.noise.on("change", self._set_noise)
             with ui.element("section").classes("picture"):
                 self.section = ui.html("", sanitize=False)
                 self.outputs = ui.html("", sanitize=False)
                 self.limits = ui.html("", sanitize=False).classes("progress")
                 self.work.build(self.evaluators)
             with ui.element("section").classes("charts"):
-                ui.html("<h2>Tumours detected</h2>", sanitize=False)
-                self.map = ui.html("", sanitize=False)
-                ui.html("<h2>Each output against each number</h2>", sanitize=False)
-                self.curves = ui.html("", sanitize=False)
+                with ui.element("div"):
+                    ui.html("<h2>Tumours detected</h2>", sanitize=False)
+                    self.map = ui.html("", sanitize=False)
+                with ui.element("div"):
+                    ui.html("<h2>Each output against each number</h2>", sanitize=False)
+                    self.curves = ui.html("", sanitize=False)
 
     def _build_variable(self, variable: Variable) -> None:
         """Build slider and typed value of one number."""
@@ -210,10 +213,14 @@ class Page:
             self.kept[key] = dict(self.session.changes), self.readings
             self._show_outputs()
 
-    def _set_noise(self, event: events.ValueChangeEventArguments[Any]) -> None:
+    def _set_noise(self) -> None:
         """Change the noise on which the map depends."""
-        if isinstance(event.value, int | float) and event.value > 0:
-            self.work.noise = event.value / 100
+        try:
+            text = convert_decimal_comma(str(self.noise.value)).strip().removesuffix("%")[:MAX_TEXT_LENGTH]
+            self.work.noise = read_noise("noise", f"{text} %")
+        except InputError as refusal:
+            self._say(str(refusal))
+        else:
             self.request_update()
 
     # Updates

@@ -10,7 +10,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.units import convert_to_unit
 from probe_design.explorer.formats import convert_decimal_comma
 
-LENGTH_FACTOR, MODULUS_FACTOR, FORCE_FACTOR = 4.0, 20.0, 10.0  # relative: a slider reaches this factor to both sides of the start
+LENGTH_FACTOR, MODULUS_FACTOR, FORCE_FACTOR = 5.0, 20.0, 10.0  # relative: a slider reaches this factor to both sides of the start
 MAX_TEXT_LENGTH = 80  # characters of a typed value, as units allow
 _KINDS = {"mm": ("m", LENGTH_FACTOR), "kPa": ("Pa", MODULUS_FACTOR), "mN": ("N", FORCE_FACTOR), "": ("", LENGTH_FACTOR)}
 _PATH_PART = re.compile(r"(\w+)(?:\[(\d+)\])?")

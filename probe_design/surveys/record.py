@@ -110,6 +110,13 @@ class SurveyRecord:
         record.write(extra)
         return record
 
+    def discard(self) -> SurveyRecord:
+        """Return the record without its last press, whose recording stays and is named under ``discarded``, written whole."""
+        discarded = [*self.extra.get("discarded", []), self.presses[-1].file]
+        record = SurveyRecord(self.folder, self.settings, self.presses[:-1], self.extra | {"discarded": discarded})
+        record.write(record.extra)
+        return record
+
     def write(self, extra: JsonObject) -> None:
         """Write the record, with further entries, and the scan's file for `locate`."""
         contents: dict[str, Any] = {"settings": self.settings, "presses": [press.as_dict() for press in self.presses]} | extra
