@@ -69,6 +69,7 @@ class Bench:
         self._stop_file.unlink(missing_ok=True)
         self._publish("numbers", None)  # those of the last reading say nothing about this one
         if isinstance(request, PressRequest):
+            self._publish("progress", "reading")
             request = replace(request, stop_file=self._stop_file)
         self._task = asyncio.get_running_loop().create_task(self._work(request))
         return True

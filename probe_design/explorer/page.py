@@ -126,7 +126,7 @@ class Page:
                 self.noise.on("change", self._set_noise)
             with ui.element("section").classes("picture"):
                 self.section = ui.html("", sanitize=False)
-                self.outputs = ui.html("", sanitize=False)
+                self.outputs = ui.html("", sanitize=False).classes("table")
                 self.limits = ui.html("", sanitize=False).classes("progress")
                 self.work.build(self.evaluators)
             with ui.element("section").classes("charts"):

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,15 +24,16 @@ LEFT_OUT = "probe-design: a message of a page is left out"  # of malformed messa
 
 
 @contextmanager
-def serve_pages(*words: str) -> Iterator[tuple[str, int]]:
+def serve_pages(*words: str, prefix: Sequence[str] = ()) -> Iterator[tuple[str, int]]:
     """Yield the address that the command prints first, and its process; afterwards Ctrl-C ends it cleanly."""
-    command = [sys.executable, "-m", "probe_design", "explore", *words, "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as server:
+    command = [*prefix, sys.executable, "-m", "probe_design", "explore", *words, "--no-browser"]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    with subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, **pipes) as server:
         assert server.stdout is not None
         try:
             yield server.stdout.readline().strip(), server.pid
         finally:
-            server.send_signal(signal.SIGINT)
+            os.killpg(server.pid, signal.SIGINT)
             _, errors = server.communicate(timeout=60)
     assert server.returncode == 0
     assert [line for line in errors.splitlines() if not line.startswith(LEFT_OUT)] == []

@@ -6,41 +6,22 @@ tests/support/hw/usb_emulator.py is the kernel and the boards, tests/support/hw/
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.support.hw.emulated_usb import ENVIRONMENT, build_prefix, require_umockdev
 from tests.support.paths import ROOT
 from tests.support.slow import slow_unless
 
-PYTHON = "/usr/bin/python3"  # Debian's, which has the bindings of umockdev
-NEEDS = "umockdev gir1.2-umockdev-1.0 python3-gi"
 ROWS = {64: 10, 511: 121, 512: 122, 513: 122, 1024: 250}  # of two channels in a frame: (size - 24) // 4
-
-
-def missing() -> str:
-    """What keeps these tests from running; empty if nothing does."""
-    if not sys.platform.startswith("linux"):
-        return "umockdev emulates Linux only"
-    bindings = [PYTHON, "-c", "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"]
-    if (
-        shutil.which("umockdev-wrapper")
-        and Path(PYTHON).exists()
-        and subprocess.run(bindings, capture_output=True).returncode == 0
-    ):
-        return ""
-    return f"no umockdev: apt-get install {NEEDS}"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def umockdev() -> None:
-    if reason := missing():
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(reason)
+    require_umockdev()
 
 
 RESOURCE = "USB0::0x1AB1::0x04CE::DS1::INSTR"
@@ -48,17 +29,9 @@ RESOURCE = "USB0::0x1AB1::0x04CE::DS1::INSTR"
 
 def reading(*devices: dict[str, Any], serial: str = "", seconds: float = 0.1) -> dict[str, Any]:
     """What the program reports that reads for a while among the devices."""
-    command = [
-        PYTHON,
-        str(ROOT / "tests" / "support" / "hw" / "usb_emulator.py"),
-        json.dumps(devices),
-        sys.executable,
-        "-W",
-        "error",
-    ]
+    command = [*build_prefix(devices), sys.executable, "-W", "error"]
     command += [str(ROOT / "tests" / "support" / "hw" / "usb_reading.py"), serial, str(seconds)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ended = subprocess.run(["umockdev-wrapper", *command], capture_output=True, text=True, timeout=120, env=environment)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, env=ENVIRONMENT)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
     output: dict[str, Any] = json.loads(ended.stdout)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from probe_design.commands.hardware_sources import HardwareSetup
 from probe_design.commands.scan_recordings import read_scan_recordings
 from probe_design.populations.design_file import read_design
 from tests.support.explorer import PATIENCE_MS, kill_worker, open_browser, serve_pages
+from tests.support.hw.emulated_usb import build_prefix, require_umockdev
 from tests.support.hw.firmware_board import posix_board
 from tests.support.paths import EXAMPLES, ROOT
 
@@ -78,11 +80,16 @@ def test_scan_of_a_hidden_tumour(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-def test_a_board_on_a_serial_port(tmp_path: Path) -> None:
-    """The firmware of the examples gives 27/40 of the outer film's code to the inner film."""
-    with posix_board("-c", "3") as port:
-        words = (str(EXAMPLES / "scene.toml"), "--device", f"serial:{port}", "-o", str(tmp_path / "out"))
-        with serve_pages(*words) as (address, _), open_browser() as browser:
+@pytest.mark.parametrize("kind", ["serial", "usb"])
+def test_a_board(kind: str, tmp_path: Path) -> None:
+    """A firmware on a serial port, and an emulated one on USB, give 27/40 of the outer film's code to the inner film."""
+    if kind == "usb":
+        require_umockdev()
+    with posix_board("-c", "3") if kind == "serial" else nullcontext() as port:
+        device = "usb:A1" if port is None else f"serial:{port}"
+        prefix = [] if kind == "serial" else build_prefix([{"serial": "A1", "load": True, "pace": True}])
+        words = (str(EXAMPLES / "scene.toml"), "--device", device, "-o", str(tmp_path / "out"))
+        with serve_pages(*words, prefix=prefix) as (address, _), open_browser() as browser:
             page = open_bench(browser, address)
             page.get_by_label("seconds").fill("2")
             page.get_by_role("button", name="Record").click()

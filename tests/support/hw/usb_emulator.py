@@ -9,7 +9,9 @@ from __future__ import annotations
 import ctypes
 import errno
 import json
+import math
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -30,6 +32,12 @@ URB = struct.Struct("<BBxxiIxxxxQiiiiiIQ")  # type, endpoint, status, flags, buf
 BUFFER, CONTROL, IN = 16, 2, 0x80
 PERIOD = 65536
 TABLE = b"".join(struct.pack("<HH", 7919 * k % PERIOD, (104729 * k + 12345) % PERIOD) for k in range(PERIOD)) * 2
+LOAD_PERIOD, LOAD_COUNTS = 20_000, (2700, 4000)  # samples of a load of 5 Hz, and its amplitude in both channels
+LOAD = b"".join(
+    struct.pack("<hh", *(round(counts * math.sin(2 * math.pi * k / LOAD_PERIOD)) for counts in LOAD_COUNTS))
+    for k in range(2 * LOAD_PERIOD)
+)
+LOAD_SCALE = 2.0**-24  # V a count: both films show 20 mN
 SCALE, RATE = 2.0**-12, 100_000.0
 
 
@@ -56,7 +64,8 @@ class Probe:
             text = self.settings["serial"].encode("utf-16-le")
             return bytes([2 + len(text), 3]) + text
         if (kind, request) == (0xC0, 1):
-            return struct.pack("<BBHII4f16s", 1, 2, 0, 100_000_000, 100_000_000, SCALE, SCALE, 0, 0, b"emulated 1")
+            scale = LOAD_SCALE if self.settings.get("load") else SCALE
+            return struct.pack("<BBHII4f16s", 1, 2, 0, 100_000_000, 100_000_000, scale, scale, 0, 0, b"emulated 1")
         if (kind, request) == (0xC0, 5):
             return struct.pack("<HHIQ", self.stream, 0, self.sequence % 2**32, self.index)
         if (kind, request) == (0x40, 3):
@@ -69,9 +78,10 @@ class Probe:
         return None
 
     def frame(self) -> bytes:
-        offset = 4 * (self.index % PERIOD)
+        table, period = (LOAD, LOAD_PERIOD) if self.settings.get("load") else (TABLE, PERIOD)
+        offset = 4 * (self.index % period)
         head = struct.pack("<2sBBIQHBB", b"PD", 1, 2, self.sequence % 2**32, self.index, self.stream, self.rows, 0)
-        body = (head + TABLE[offset : offset + 4 * self.rows]).ljust(self.packet - 4, b"\0")
+        body = (head + table[offset : offset + 4 * self.rows]).ljust(self.packet - 4, b"\0")
         self.lose(1)
         return body + struct.pack("<I", zlib.crc32(body))
 
@@ -221,7 +231,8 @@ PORTS: list[Port] = []
 
 
 def without_root() -> None:
-    """Let file permissions hold for root too: drop CAP_DAC_OVERRIDE and CAP_DAC_READ_SEARCH."""
+    """Let file permissions hold for root too: drop CAP_DAC_OVERRIDE and CAP_DAC_READ_SEARCH; let Ctrl-C end the program alone."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     for capability in (1, 2):
         ctypes.CDLL(None).prctl(24, capability, 0, 0, 0)
 
@@ -230,6 +241,7 @@ def main() -> int:
     bed = UMockdev.Testbed.new()
     for number, settings in enumerate(json.loads(sys.argv[1]), 1):
         PORTS.append(Port(bed, Oscilloscope(settings) if "acquisitions" in settings else Probe(settings), number))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     return subprocess.run(sys.argv[2:], preexec_fn=without_root, check=False).returncode
 
 
