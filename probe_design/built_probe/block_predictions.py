@@ -128,7 +128,7 @@ class BlockPredictions:
         """Return what a force, N, adds to the derivatives on the reference of a number; it is computed once."""
         if (number, force) not in self.growths:
             keys = (*self.variables[:-1], "tissue.youngs_modulus", *list_bond_keys(pressed.loaded.scene))
-            self.growths[number, force] = pressed.differentiate(force, keys)
+            self.growths[number, force] = pressed.differentiate(keys)
         return self.growths[number, force]
 
     def carry_loads(self, pressed: BlockPredictions, changes: Mapping[str, float]) -> BlockPredictions:

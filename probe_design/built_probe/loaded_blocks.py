@@ -93,12 +93,12 @@ class PressedReference:
         light = choose_read(self.light, self.loaded.scene)
         return math.log(self.read.totals.sum() / light.totals.sum() * self.light.totals.sum() / self.films.totals.sum())
 
-    def differentiate(self, force: float, names: Sequence[str]) -> LoadedDerivatives:
-        """Return what a force, N, adds to the derivatives by numbers of the scene, of what is read; k = 2."""
+    def differentiate(self, names: Sequence[str]) -> LoadedDerivatives:
+        """Return what the load adds to the derivatives by numbers of the scene, of what is read; k = 2."""
         with threadpool_limits(1, user_api="blas"):
-            derivatives = compute_loaded_derivatives(self.loaded, force, names)
+            derivatives = compute_loaded_derivatives(self.loaded, names)
         columns = slice(2, 4) if reads_film_states(self.loaded.scene) else slice(0, 2)
-        return LoadedDerivatives(derivatives.growths[:, columns], derivatives.by_force[columns])
+        return replace(derivatives, growths=derivatives.growths[:, columns], by_force=derivatives.by_force[columns])
 
 
 def choose_read(films: FilmForces, scene: Scene) -> FilmForces:

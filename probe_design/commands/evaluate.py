@@ -150,7 +150,7 @@ class TolerancesRequest(LimitedRequest):
     """Compute how manufacturing tolerances of SCENE's probe change its ratio, and which tolerances --ratio requires.
 
     Radii and heights have the tolerances of casting or machining, moduli those of the catalogue for a named material, gains 5 %;
-    or those of --bench, --tolerance and --material. To first order by exact derivatives, and by samples of the closed form.
+    or those of --bench, --tolerance and --material. To first order by derivatives at SCENE's load, and by samples.
     """
 
     scene: SceneSource
@@ -182,7 +182,7 @@ def tolerances(
 ) -> ToleranceBudget:  # fmt: skip
     """Compute how manufacturing tolerances of a scene's probe change its ratio, and which tolerances a given scatter requires.
 
-    Linear elasticity is assumed; a load beyond its range gives a warning.
+    Beyond linear elasticity results and derivatives are those of ``contact``.
 
     Parameters
     ----------
@@ -201,7 +201,8 @@ def tolerances(
     InputError
         A name is unknown or a number not allowed.
     Refusal
-        Neither ``axisymmetric`` nor ``equivalent-inclusion`` models the scene, or a film is not pressed.
+        Neither ``axisymmetric`` nor ``equivalent-inclusion`` models the scene, ``contact`` does not reach its load, or a film is
+        not pressed.
 
     Examples
     --------

@@ -30,11 +30,14 @@ from geometry.scenes.scene_tables import Observable
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.tolerancing.derivatives import choose_evaluator, compute_derivatives
+from probe_design.tolerancing.loaded_check import compute_load_errors
 from probe_design.tolerancing.sample_statistics import OUTPUT_NAMES, SampleStatistics, sample_probes
 from probe_design.tolerancing.uncertain_numbers import UncertainNumber, list_uncertain_numbers
 from solver import evaluator
 from solver.closed_form.evaluator import ClosedForm
-from solver.planning.load_check import add_load_warning
+from solver.contact.evaluator import ContactEvaluator
+from solver.planning.load_check import add_load_warning, is_load_linear
+from solver.planning.load_limits import build_load_rule
 from solver.results.record import Record
 from solver.results.result import Result
 from solver.results.warnings import select_notes
@@ -185,7 +188,7 @@ def compute_budget(
 ) -> ToleranceBudget:  # fmt: skip
     """Compute the uncertainty budget of a scene's probe as built.
 
-    Linear elasticity is assumed; a load beyond its range gives a warning, as in ``evaluate``.
+    Beyond linear elasticity results and derivatives are those of ``contact``.
 
     Parameters
     ----------
@@ -209,33 +212,42 @@ def compute_budget(
     InputError
         A number is out of range, or see ``list_uncertain_numbers``.
     Refusal
-        No such evaluator takes the scene, or a film is not under pressure.
+        No such evaluator takes the scene, ``contact`` does not reach its load, or a film is not under pressure.
     """
     start = perf_counter()
     _check_request(ratio, samples)
     scene = split_heights(express_by_outer_radius(scene))
     variables, evaluator_name = list_uncertain_numbers(scene, bench, materials, given), choose_evaluator(scene)
-    result = add_load_warning(evaluator(evaluator_name).evaluate(scene, NOMINAL_ACCURACY), scene, LOAD_ACCURACY)
+    rule, is_loaded = build_load_rule(scene), False
+    if is_load_linear(scene, rule, LOAD_ACCURACY, promise=scene.target is not None):
+        result = add_load_warning(evaluator(evaluator_name).evaluate(scene, NOMINAL_ACCURACY), scene, LOAD_ACCURACY, rule)
+    else:
+        evaluator_name, is_loaded = ContactEvaluator.name, True
+        result = ContactEvaluator().evaluate(scene, LOAD_ACCURACY)
     read = result.reading
     if result.ratio is None or result.ratio <= 0 or read.ratio is None or read.ratio <= 0 or read.error is None:
         raise InputError("load", "ratio", "a scene whose films are both pressed")
-    derivatives = compute_derivatives(scene, variables, NOMINAL_ACCURACY)
+    derivatives = compute_derivatives(scene, variables, NOMINAL_ACCURACY, result if is_loaded else None)
     contributions = derivatives * [item.sd for item in variables]
     refusal = ClosedForm().refusal(scene)
     statistics = sample_probes(scene, variables, samples, seed) if refusal is None else None
     notes = tuple(str(item) for item in result.warnings)
-    if any(item.kind == "linear" for item in result.warnings):
-        notes = (*notes, "tolerances are linear: probe-design sweep varies the same numbers under this load, by contact")
     if statistics is None:
         reason = f"closed-form takes {refusal}" if refusal else "the closed form has no result for some built probes"
         notes = (*notes, f"no samples: {reason}")
+    load_errors: Floats | None = np.zeros(len(OUTPUT_NAMES))
+    if is_loaded and statistics is not None:
+        load_errors = compute_load_errors(scene, variables, contributions, result, LOAD_ACCURACY)
+        if load_errors is None:
+            text = "the error of the scatter is null: contact does not reach this load with a probe one sd of ln ratio off"
+            notes = (*notes, text)
     return ToleranceBudget(
         evaluator=evaluator_name,
         seconds=perf_counter() - start,
         ratio=ratio,
         observable=scene.observable,
         nominal={"ratio": read.ratio, "stiffness": result.stiffness, "log_sensitivity": read.log_sensitivity},
-        outputs=_build_scatter(contributions, statistics, result),
+        outputs=_build_scatter(contributions, statistics, result, load_errors),
         lines=_build_lines(variables, derivatives, statistics, ratio),
         samples=0 if statistics is None else statistics.designs,
         warnings=notes,
@@ -278,7 +290,9 @@ def _check_request(ratio: float, samples: int) -> None:
         raise InputError("samples", samples, f"a power of 2 from {SAMPLE_LIMITS[0]} to {SAMPLE_LIMITS[1]}")
 
 
-def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, result: Result) -> dict[str, OutputScatter]:
+def _build_scatter(
+    contributions: Floats, statistics: SampleStatistics | None, result: Result, load_errors: Floats | None
+) -> dict[str, OutputScatter]:
     """Build the scatter of the outputs that the scene has, by name.
 
     Parameters
@@ -289,6 +303,8 @@ def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, r
         Of the samples, or None.
     result
         Of the probe as drawn.
+    load_errors
+        What the load may change of ``statistics``, relative, shape (4,); None where it is unknown.
     """
     scatters, model_error = {}, DERIVATIVE_ERROR_FACTOR * (result.reading.error or 0.0)
     is_vague = bool(select_notes(result.warnings, "sensitivity"))
@@ -301,8 +317,10 @@ def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, r
             continue
         factor = float(statistics.curvature_factor[k])
         error = factor * float(statistics.sd_error[k] / statistics.sd[k])
-        is_unknown = is_vague and name == "log_sensitivity"  # beyond the requested accuracy, and so are its derivatives
-        scatters[name] = OutputScatter(sd, sd * factor, sd * error, None if is_unknown else abs(factor - 1) + error + model_error)
+        # beyond the requested accuracy, and so are its derivatives
+        is_unknown = load_errors is None or (is_vague and name == "log_sensitivity")
+        bound = None if is_unknown else abs(factor - 1) + error + model_error + float(load_errors[k])
+        scatters[name] = OutputScatter(sd, sd * factor, sd * error, bound)
     return scatters
 
 

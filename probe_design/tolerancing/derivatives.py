@@ -1,4 +1,4 @@
-"""Derivatives of the outputs with respect to all uncertain numbers, from the finite elements.
+"""Derivatives of the outputs with respect to all uncertain numbers, from the finite elements, under the scene's load.
 
 With F_i the force on film i (1 inner, 2 outer), or in the ratio its charge where the scene reads charges, g_i its gain and A_i
 its area, built or drawn,
@@ -28,9 +28,15 @@ from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADI
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.sections import Sections, add_details, build_sections
+from solver.contact.design_derivatives import compute_loaded_derivatives
+from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.results.film_charges import reads_film_states
+from solver.results.refusals import is_round
+from solver.results.result import Result
+
+LOADED_ACCURACY = 0.1  # of contact, of whose results the changes by load alone are used here
 
 
 def choose_evaluator(scene: Scene) -> str:
@@ -47,12 +53,17 @@ def choose_evaluator(scene: Scene) -> str:
     return "equivalent-inclusion"
 
 
-def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accuracy: float) -> Floats:
+def compute_derivatives(
+    scene: Scene, variables: Sequence[UncertainNumber], accuracy: float, loaded: Result | None = None
+) -> Floats:
     """Return the derivatives of the four outputs with respect to v uncertain numbers, per SI unit, shape (4, v).
 
     Those of the inner radius and the gap follow eq. TO.6. Off the axis, reflections of a tumour's field at the surface and the
     blocks are neglected: the derivatives of the log-sensitivity then have errors of some 10 % where the overburden is half a
     diameter.
+
+    With ``loaded``, the result of ``contact`` under the scene's load, what the load adds counts, too. Tumours off the axis are
+    left out of that, and the derivatives of the log-sensitivity then rise as that itself does; so they do about a preload.
 
     Raises
     ------
@@ -74,6 +85,12 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
     ln_drawn_ratio = ln_ratio + [differentiate_area_ratio(scene.probe, name) for name in names]
     ln_stiffness = derivatives["stiffness"] / values["stiffness"]
     outputs = np.array([ln_ratio, ln_drawn_ratio, ln_stiffness, derivatives[f"{charge}log_sensitivity"]])
+    forces = np.array([values["stress_inner"] * scene.probe.inner_area, values["stress_outer"] * scene.probe.outer_area])
+    if loaded is not None:
+        outputs += _compute_growths(scene, names, outputs[3], values[f"{charge}log_sensitivity"], loaded)
+        assert loaded.stress_inner is not None
+        assert loaded.stress_outer is not None
+        forces = np.array([loaded.stress_inner * scene.probe.inner_area, loaded.stress_outer * scene.probe.outer_area])
     columns = dict(zip(names, outputs.T, strict=True))
     if RADIUS_KEY in columns:  # as the workshop makes it, eq. TO.6
         columns[RADIUS_KEY] = columns[RADIUS_KEY] - columns[GAP_KEY]
@@ -82,11 +99,33 @@ def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accu
     columns[TEMPERATURE_NAME] = sum(
         (-TAPE_COEFFICIENT_PER_K * modulus * columns[name] for name, modulus in tapes.items()), start=np.zeros(len(outputs))
     )
-    forces = np.array([values["stress_inner"] * scene.probe.inner_area, values["stress_outer"] * scene.probe.outer_area])
     # gains have value 1; the stiffness changes by the film's fraction of the force, the log-sensitivity not at all
     for name, sign, fraction in zip(GAIN_NAMES, (1.0, -1.0), forces / forces.sum(), strict=True):  # eq. TO.3
         columns[name] = np.array([sign, sign, fraction, 0.0])
     return np.array([columns[variable.name] for variable in variables]).T
+
+
+def _compute_growths(
+    scene: Scene, names: tuple[str, ...], sensitivity_derivatives: Floats, sensitivity: float, loaded: Result
+) -> Floats:
+    """Return what the load adds to the derivatives of the four outputs with respect to ``names``, shape (4, v).
+
+    ``sensitivity_derivatives``, shape (v,), and ``sensitivity`` are those of a light load.
+    """
+    has_mesh = is_round(scene) and scene.load.preload == 0 and scene.target is not None
+    pressed = scene if is_round(scene) else scene.model_copy(update={"inclusion": ()})
+    paths = ContactEvaluator().load_scene(pressed, LOADED_ACCURACY)
+    with threadpool_limits(1, user_api="blas"):
+        added = compute_loaded_derivatives(paths, names, sensitive=has_mesh)
+    reads_charges = reads_film_states(scene)
+    read = added.growths[:, 2:4] if reads_charges else added.growths[:, :2]
+    ln_ratio = read[:, 0] - read[:, 1]
+    if added.sensitivities is not None:
+        by_sensitivity = added.sensitivities[:, 1 if reads_charges else 0]
+    else:
+        grown = (loaded.reading.log_sensitivity or 0.0) / sensitivity if sensitivity else 1.0
+        by_sensitivity = (grown - 1) * sensitivity_derivatives
+    return np.array([ln_ratio, ln_ratio, added.stiffness, by_sensitivity])
 
 
 def _build_sections(scene: Scene) -> Sections:

@@ -105,7 +105,7 @@ def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: i
     seed
         Of the scrambled Sobol sequences.
     """
-    compute_outputs, d = _build_output_function(scene, variables), len(variables)
+    compute_outputs, d = build_output_function(scene, variables), len(variables)
     derivatives = compute_outputs(1j * COMPLEX_STEP * np.eye(d)).imag / COMPLEX_STEP
     sequence_length = max(samples // SOBOL_SEQUENCES, MIN_SEQUENCE_LENGTH)
     draws = [norm.ppf(qmc.Sobol(d, rng=[seed, k]).random(sequence_length)).T for k in range(SOBOL_SEQUENCES)]
@@ -191,7 +191,7 @@ def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, F
     return first.T, total.T
 
 
-def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:
+def build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:
     """Return the function that computes the four outputs, shape (4, n), at eta of shape (v, n), real or complex."""
     shape, nominal = build_parameters(scene)
     parameters = {variable.name: list_parameters(scene, variable.name, len(nominal)) for variable in variables}

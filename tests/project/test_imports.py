@@ -240,6 +240,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.reporting",
         "solver.axisymmetric",
         "solver.closed_form",
+        "solver.contact",
         "solver.equivalent_inclusion",
         "solver.planning",
         *ANSWERS,

@@ -19,6 +19,7 @@ from probe_design.built_probe.bench import Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius, predict_blocks
 from probe_design.tolerancing.budget import ToleranceBudget, allocate_tolerances, compute_budget, split_heights
 from probe_design.tolerancing.derivatives import compute_derivatives
+from probe_design.tolerancing.loaded_check import compute_built_outputs
 from probe_design.tolerancing.sample_statistics import OUTPUT_NAMES, keep_gap_open, sample_probes
 from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, list_uncertain_numbers
 from solver import evaluate
@@ -282,3 +283,40 @@ def test_a_check_takes_an_unmeasured_modulus_as_uncertain_as_the_budget_does() -
         budgeted = {variable.name: variable.sd for variable in list_uncertain_numbers(express_by_outer_radius(scene))}
         assert sds[-1] == pytest.approx(budgeted[name])
     assert sds == pytest.approx([math.log(97.3 / 48) / 2 * 68.34e3, 0.02 * 72e3], rel=2e-3)
+
+
+def press(x: float = 0.0) -> Scene:
+    """The examples' scene under the load of a hand, the tumour at an offset."""
+    body = SCENE.inclusion[0].model_copy(update={"x": x})
+    return split_heights(express_by_outer_radius(SCENE.model_copy(update={"inclusion": (body,)}))).replace({"load.force": 0.05})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("x", [0.0, 4e-3])
+def test_derivatives_under_load_are_those_of_contact(x: float) -> None:
+    """Central differences of ``evaluate``, of built probes by ``build_probe``; a light load's differ by up to a fifth of S."""
+    scene = press(x)
+    names = ("probe.inner_radius", "probe.outer_radius", "probe.outer.youngs_modulus", "film.inner.gain")
+    variables = [item for item in list_uncertain_numbers(scene) if item.name in names]
+    result = evaluate(scene, "contact", 0.01)
+    computed = compute_derivatives(scene, variables, 1e-3, result) * [item.sd for item in variables]
+    light = compute_derivatives(scene, variables, 1e-3) * [item.sd for item in variables]
+    for k, variable in enumerate(variables):  # steps of one sd: contact's points touch one after the other
+        step = 0.5 * np.eye(len(variables))[k]
+        wanted = np.subtract(*(compute_built_outputs(scene, variables, side * step, 0.01) for side in (1.0, -1.0)))
+        assert computed[:3, k] == pytest.approx(wanted[:3], rel=0.06, abs=1e-3), variable.name
+        assert computed[3, k] == pytest.approx(wanted[3], rel=0.15 if x else 0.1, abs=5e-5), variable.name
+    assert np.abs(computed - light).max() > 5e-4
+
+
+def test_a_budget_under_load_is_by_contact_and_counts_what_the_closed_form_leaves_out() -> None:
+    """Gains alone: ln ratio is linear in their logarithms under any load, so that eq. TO.8 adds nothing."""
+    scene = press()
+    given: dict[str, object] = {variable.name: 0.0 for variable in list_uncertain_numbers(scene)}
+    budget = compute_budget(scene, samples=64, given=given | {GAIN_NAMES[0]: "40 %", GAIN_NAMES[1]: 0.3})
+    assert budget.evaluator == "contact"
+    assert not any("linear" in text for text in budget.warnings)
+    ratio = budget.outputs["ln_ratio"]
+    assert ratio.sd == pytest.approx(0.5)
+    assert ratio.error_estimate is not None
+    assert ratio.error_estimate < 0.15

@@ -33,7 +33,7 @@ def build_bare() -> Scene:
 @lru_cache
 def press() -> tuple[LoadedScene, LoadedDerivatives]:
     loaded = LoadedScene.from_scene(build_bare(), ACCURACY)
-    return loaded, compute_loaded_derivatives(loaded, FORCE, NUMBERS)
+    return loaded, compute_loaded_derivatives(loaded, NUMBERS)
 
 
 def compute_logs(scene: Scene) -> Floats:
@@ -65,7 +65,7 @@ def test_charges_are_proportional_to_d() -> None:
     """The sum of x d ln Q / dx over all d is 1 under any load and about any preload: the load adds nothing to it."""
     loaded = LoadedScene.from_scene(build_bare().replace({"load.force": 0.1, "load.preload": 0.03}), ACCURACY)
     names = ("probe.film.d31", "probe.film.d32", "probe.film.d33")
-    added = [list_values(loaded.scene)[name] for name in names] * compute_loaded_derivatives(loaded, 0.1, names).growths.T
+    added = [list_values(loaded.scene)[name] for name in names] * compute_loaded_derivatives(loaded, names).growths.T
     assert added.sum(axis=1) == pytest.approx(np.zeros(4), abs=1e-6)
     assert np.abs(added[2:]).max() > 1e-3
     assert added[:2] == pytest.approx(np.zeros((2, 3)), abs=1e-6)  # forces do not depend on d
@@ -76,7 +76,7 @@ def test_moduli_and_force_scale_together() -> None:
     loaded, derivatives = press()
     names = [name for name in list_values(loaded.scene) if name.endswith("youngs_modulus")]
     values = np.array([list_values(loaded.scene)[name] for name in names])
-    growths = compute_loaded_derivatives(loaded, FORCE, names).growths
+    growths = compute_loaded_derivatives(loaded, names).growths
     assert values @ growths + derivatives.by_force == pytest.approx(np.zeros(4), abs=1e-4)
     assert abs(derivatives.by_force[2] - derivatives.by_force[3]) > 0.02
     heavier = compute_logs(build_bare().replace({"load.force": 1.02 * FORCE}))
@@ -86,8 +86,8 @@ def test_moduli_and_force_scale_together() -> None:
 
 
 def test_light_loads_add_nothing() -> None:
-    loaded = LoadedScene.from_scene(build_bare(), ACCURACY)
-    derivatives = compute_loaded_derivatives(loaded, 1e-4, NUMBERS)
+    loaded = LoadedScene.from_scene(build_bare().replace({"load.force": 1e-4}), ACCURACY)
+    derivatives = compute_loaded_derivatives(loaded, NUMBERS)
     values = np.array([list_values(build_bare())[name] for name in NUMBERS])
     assert values[:, None] * derivatives.growths == pytest.approx(np.zeros((len(NUMBERS), 4)), abs=2e-2)
     assert derivatives.by_force == pytest.approx(np.zeros(4), abs=1e-3)
