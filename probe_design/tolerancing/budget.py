@@ -317,9 +317,10 @@ def _build_scatter(
             continue
         factor = float(statistics.curvature_factor[k])
         error = factor * float(statistics.sd_error[k] / statistics.sd[k])
-        # beyond the requested accuracy, and so are its derivatives
-        is_unknown = load_errors is None or (is_vague and name == "log_sensitivity")
-        bound = None if is_unknown else abs(factor - 1) + error + model_error + float(load_errors[k])
+        bound = None
+        # a log-sensitivity beyond the requested accuracy has such derivatives, too
+        if load_errors is not None and not (is_vague and name == "log_sensitivity"):
+            bound = abs(factor - 1) + error + model_error + float(load_errors[k])
         scatters[name] = OutputScatter(sd, sd * factor, sd * error, bound)
     return scatters
 

@@ -114,4 +114,4 @@ def _compute_quotients(contributions: Floats, direction: Floats, values: Sequenc
     upper, lower, middle = values
     variances = (contributions**2).sum(axis=1)
     along = (upper - lower) ** 2 / 4 + (upper + lower - 2 * middle) ** 2 / 2 - (contributions @ direction) ** 2
-    return np.sqrt(1 + np.divide(along, variances, out=np.zeros_like(along), where=variances > 0))
+    return np.asarray(np.sqrt(1 + np.divide(along, variances, out=np.zeros_like(along), where=variances > 0)))
