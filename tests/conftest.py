@@ -1,5 +1,6 @@
 """What all tests share: seeded examples, threads and a cache of their own, one sweep to compare others with."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -21,6 +22,13 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.update(dict.fromkeys(THREADS, "1"))
 
 
+def pytest_collection_finish() -> None:
+    """Leave modules and tests, which stay to the end, out of the searches for garbage, and search less often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 20, 20)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """One for all workers and nobody else's; pytest removes it with its other folders, however a session ended."""
@@ -29,13 +37,19 @@ def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["PROBE_DESIGN_CACHE"] = str(shared / "meshes")
 
 
+@pytest.fixture(scope="session")
+def working_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of the worker: making one for each test among those of all others takes longer than many a test."""
+    return tmp_path_factory.mktemp("working-directory")
+
+
 @pytest.fixture(autouse=True)
-def empty_working_directory(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def empty_working_directory(working_directory: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Run each test in an empty folder, and fail one that leaves a file there: results must not depend on where tests start."""
-    folder = tmp_path_factory.mktemp("working-directory")
-    monkeypatch.chdir(folder)
+    monkeypatch.chdir(working_directory)
     yield
-    assert not list(folder.iterdir()), "a test left files in the working directory"
+    left = [path.rename(path.parent.parent / f"left-by-a-test-{path.stat().st_ino}") for path in working_directory.iterdir()]
+    assert not left, "a test left files in the working directory"
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import sys
 import threading
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +34,7 @@ class Board(threading.Thread):
     def __init__(self, spoil=None, deaf: bool = False, size: int = SIZE, most: int = 2000) -> None:  # type: ignore[no-untyped-def]
         super().__init__(daemon=True)
         self.master, slave = os.openpty()
+        os.set_blocking(self.master, False)  # a port that nobody reads is full at some time, and the board goes on waiting
         self.port = os.ttyname(slave)
         self.slave, self.spoil, self.deaf, self.size, self.max_rows = slave, spoil or (lambda k, data: data), deaf, size, most
         self.stream, self.sent, self.rate, self.requests = 0, 0, 100_000, list[int]()
@@ -59,6 +60,12 @@ class Board(threading.Thread):
         body = body.ljust(SIZE - 4, b"\0")
         return body + struct.pack("<I", zlib.crc32(body))
 
+    def send(self, data: bytes) -> None:
+        while data and not self.unplugged:
+            with suppress(BlockingIOError):
+                data = data[os.write(self.master, data) :]
+            select.select([], [self.master], [], 0.01 if data else 0.0)
+
     def run(self) -> None:
         waiting = b""
         try:
@@ -74,9 +81,9 @@ class Board(threading.Thread):
                     if not self.deaf:
                         data = self.encode_response(number, value, data)
                         body = struct.pack("<2sBBH", b"PA", 1, number, len(data)) + data
-                        os.write(self.master, body + struct.pack("<I", zlib.crc32(body)))
+                        self.send(body + struct.pack("<I", zlib.crc32(body)))
                 if self.stream and self.sent < self.max_rows:
-                    os.write(self.master, self.spoil(self.sent, self.frame()))
+                    self.send(self.spoil(self.sent, self.frame()))
                     self.sent += 1
         except OSError:  # nobody listens any more
             return

@@ -44,11 +44,11 @@ class TestSurvival:
         assert "ended by SIGKILL" in row["reason"]
 
     @pytest.mark.slow
-    def test_twenty_kills_leave_what_no_kill_leaves(self, tmp_path: Path) -> None:
-        chance, folder, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=12000)  # so many that no kill comes too late
+    def test_kills_leave_what_no_kill_leaves(self, tmp_path: Path) -> None:
+        chance, folder, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=6000)  # so many that no kill comes too late
         kills, counts = 0, [0]
         begin = "from probe_design.sweeps import batches, run\nbatches.BATCH_TIME_S = 0.02\n"
-        for kill in range(20):
+        for kill in range(10):  # benchmarks.robustness has more
             with (tmp_path / "stderr").open("wb") as errors:
                 process = subprocess.Popen(
                     [sys.executable, "-c", f"{begin}run.sweep({str(path)!r}, {str(folder)!r}, workers=1)"],
@@ -64,10 +64,10 @@ class TestSurvival:
             kills += process.wait() == -signal.SIGKILL
             counts.append(count(folder))
             assert counts == sorted(counts)  # a row that was there is there
-        assert kills == 20
-        assert counts[-1] > 30  # they came in the middle of the work
+        assert kills == 10
+        assert counts[-1] > 15  # they came in the middle of the work
         results = sweep(path, folder, workers=2)
-        assert results.answered < 12000
+        assert results.answered < 6000
         sweep(path, tmp_path / "whole", workers=2)
         assert stored(folder) == stored(tmp_path / "whole")
 
@@ -136,11 +136,11 @@ class TestSurvival:
         order = [*range(40, 0, -1)]  # the second row is held up: before it come readiness, the first row and its end
         monkeypatch.setattr(Child, "receive", endless)
         monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 1e9)
-        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 8.0}
+        job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 4.0}
         results = sweep(job, tmp_path, workers=1)
         assert (results.ok, results.failed) == (5, 1)
         (late,) = [row for row in iterate_rows(tmp_path) if row["status"] == "failed"]
-        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 8 s")
+        assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 4 s")
         repeated = sweep(job, tmp_path, workers=1)
         assert (repeated.failed, repeated.answered) == (1, 0)
         repeated = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
@@ -160,7 +160,7 @@ class TestSurvival:
 
         monkeypatch.setattr(Child, "send", endless)
         monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 1e9)
-        results = sweep(grid(4, 4) | {"time_limit": 8.0}, tmp_path, workers=1)  # which a busy machine keeps
+        results = sweep(grid(4, 4) | {"time_limit": 4.0}, tmp_path, workers=1)  # which a busy machine keeps
         assert (results.ok, results.failed) == (15, 1)
         assert sizes == [3, 1]  # the third batch, then alone
         assert [row["number"] for row in iterate_rows(tmp_path) if row["type"] == "TimeLimit"] == [4]
