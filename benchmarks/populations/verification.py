@@ -79,9 +79,7 @@ def main() -> None:
         )
         if given.pictures is not None:
             slug = name.replace(" ", "-")
-            draw_improvements(
-                compute_improvements(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png"
-            )
+            draw_improvements(compute_improvements(design.scene, design), design.objective, given.pictures / f"{slug}-levers.png")
 
 
 if __name__ == "__main__":

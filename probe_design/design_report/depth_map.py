@@ -12,7 +12,7 @@ from probe_design.design_search.population_objective import Resolved
 from probe_design.design_search.variables import ProbeSizes, read_vector
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import Range
-from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation, TumourDraw
+from probe_design.populations.population import MIN_COVER_PER_DIAMETER, PLACE_AXES, ScenePopulation, TumourDraw
 
 GRID_LINES = 20  # depths, and diameters
 DETECTION_THRESHOLD = 0.9  # probability at which a tumour counts as detected on the map
@@ -83,5 +83,5 @@ def _build_draw(population: ScenePopulation, depth: Floats, diameter: Floats) ->
     """Return tumours of these depths and diameters, with the population's means for all else."""
     n, ranges, scene = len(depth), population.ranges, population.middle
     poisson_ratio = population.scene.inclusion[0].poisson_ratio if population.scene.inclusion else scene.tissue.poisson_ratio
-    modulus, x = (np.full(n, ranges[key].middle) for key in ("object", "x"))
-    return TumourDraw(population.scene, depth, diameter, modulus, x, poisson_ratio, np.zeros(n, dtype=int), (scene,))
+    modulus, x, y = (np.full(n, ranges[key].middle) for key in ("object", *PLACE_AXES))
+    return TumourDraw(population.scene, depth, diameter, modulus, x, y, poisson_ratio, np.zeros(n, dtype=int), (scene,))

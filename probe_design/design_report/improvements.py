@@ -13,7 +13,7 @@ from geometry.scenes.scene_tables import Load
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import examine
 from probe_design.populations.performance import Performance
-from probe_design.populations.tables import MAX_POSITIONS
+from probe_design.populations.tables import MAX_POSITIONS, MAX_RASTER_LINES
 
 NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
 
@@ -60,7 +60,8 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
 
     def evaluate(changed: Design, force_factor: float = 1.0) -> Performance:
         """Return the performance with a changed design, from the readings at those of the scan's positions that it uses."""
-        distances = np.abs(changed.protocol.places[:, None] - widest.protocol.places)
+        y = scene.placement.y
+        distances = np.linalg.norm(changed.protocol.list_places(y)[:, None] - widest.protocol.list_places(y), axis=-1)
         load = Load(force=force_factor * (scene.load.force or 0.0)) if scene.load.force else scene.load
         changed = _replace_table(changed, "protocol", loads=tuple(force_factor * force for force in changed.protocol.loads))
         pressed = replace(scan, draw=replace(scan.draw, scene=scan.draw.scene.model_copy(update={"load": load})))
@@ -91,10 +92,11 @@ def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
     if not protocol.blank:
         yield "blank read", _replace_table(design, "protocol", blank=True)
     places, count = protocol.places, 2 * len(protocol.positions) - 1
-    if len(places) > 1 and count <= MAX_POSITIONS:
+    if len(places) > 1 and count <= (MAX_RASTER_LINES if protocol.raster else MAX_POSITIONS):
         # one position added in the middle between each two
         positions = np.interp(np.arange(count) / 2, np.arange(len(places)), places)
-        yield f"{count} positions", _replace_table(design, "protocol", positions=tuple(positions.tolist()))
+        changed = _replace_table(design, "protocol", positions=tuple(positions.tolist()))
+        yield f"{changed.protocol.count} positions", changed
 
 
 def _replace_table(design: Design, table: str, **new: Any) -> Design:

@@ -18,6 +18,7 @@ from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
 from probe_design.design_report.improvements import Improvement
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.verification import PopulationVerification
+from probe_design.populations.objective import Objective
 from probe_design.reporting.picture_files import check_format, save_figure
 
 VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"
@@ -52,30 +53,31 @@ def draw_maps(maps: dict[str, DepthMap], verified: dict[str, PopulationVerificat
     return save_figure(figure, path)
 
 
-def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
-    """Draw Pareto fronts side by side, ``name`` being that of the objective; return ``path``."""
+def draw_front(fronts: tuple[Front, ...], aim: Objective, path: Path) -> Path:
+    """Draw Pareto fronts of an objective side by side; return ``path``."""
     figure, axes = _create_figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
     for plot, front in zip(axes[0], fronts, strict=True):
-        values = [point.value for point in front.points]
+        values = [aim.scale * point.value for point in front.points]
         plot.plot(front.costs, values, "-", color=CLOSED_FORM_COLOUR, label="by the closed form")
-        verified = [(cost, *point.verified) for cost, point in zip(front.costs, front.points, strict=True) if point.verified]
+        pairs = zip(front.costs, front.points, strict=True)
+        verified = [(cost, *(aim.scale * number for number in point.verified)) for cost, point in pairs if point.verified]
         if verified:
             plot.errorbar(*zip(*verified, strict=True), fmt="o", color=VERIFIED_COLOUR, capsize=3, label="verified, one error")
         plot.set_xlabel(front.label)
-        plot.set_ylabel(name)
+        plot.set_ylabel(aim.label)
         plot.legend(fontsize=8)
     return save_figure(figure, path)
 
 
-def draw_improvements(improvements: Sequence[Improvement], label: str, path: Path) -> Path:
+def draw_improvements(improvements: Sequence[Improvement], aim: Objective, path: Path) -> Path:
     """Draw the gain of each improvement as a bar with two standard errors; return ``path``.
 
     Parameters
     ----------
     improvements
         Improvements from ``compute_improvements``, the first of which changes nothing.
-    label
-        Label of the objective.
+    aim
+        The objective.
     path
         Path of the picture.
 
@@ -86,14 +88,14 @@ def draw_improvements(improvements: Sequence[Improvement], label: str, path: Pat
     """
     check_format(path)
     figure, ((axes,),) = _create_figure((6.5, 1.2 + 0.42 * len(improvements)), (1, 1))
-    places, values = np.arange(len(improvements)), [item.value for item in improvements]
+    places, values = np.arange(len(improvements)), [aim.scale * item.value for item in improvements]
     axes.barh(places, values, color=["0.6", *["tab:blue"] * (len(improvements) - 1)])
-    errors = [2 * item.error for item in improvements]
+    errors = [2 * aim.scale * item.error for item in improvements]
     axes.errorbar(values, places, xerr=errors, fmt="none", ecolor="black", capsize=3)
-    axes.axvline(improvements[0].value, color="0.3", linewidth=0.8, linestyle=":")
+    axes.axvline(values[0], color="0.3", linewidth=0.8, linestyle=":")
     axes.set_yticks(places, [item.name for item in improvements])
     axes.invert_yaxis()
-    axes.set_xlabel(f"{label} (bars: two standard errors of the gain)")
+    axes.set_xlabel(f"{aim.label} (bars: two standard errors of the gain)")
     return save_figure(figure, path)
 
 

@@ -12,16 +12,18 @@ from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.scene_file import scene_to_dict
+from probe_design.design_report.choice_tables import build_film_table, build_scan_table
 from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, M_PER_MM, PA_PER_KPA, Report, Writer, format_heights
-from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
+from probe_design.design_search.scan_choices import compute_pitch
 from probe_design.design_search.verification import PopulationVerification
-from probe_design.populations.design_file import QUESTION_FILE, Design
-from probe_design.populations.population import ScenePopulation
+from probe_design.populations.design_file import PROTOCOL_FILE, QUESTION_FILE, Design
+from probe_design.populations.objective import Objective
+from probe_design.populations.population import PLACE_AXES, ScenePopulation
 from probe_design.populations.tables import ChannelSet
 from probe_design.reporting.page import Chapter, Code, Text
 from probe_design.reporting.table import Table
@@ -50,10 +52,16 @@ FILM_NOTE = (
 )
 
 
+SCAN_NOTE = (
+    "Every number of presses was tried with every pitch, each with a probe of its own. More presses say more: the rows show what "
+    "fewer cost. protocol.toml has the places of the recommended scan, which locate and survey take from this folder."
+)
+
+
 def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> Report:
     """Return the report of an optimisation for a design file's population, with its Pareto fronts."""
     design, designs, error_note = optimum.design, optimum.list_columns(), optimum.best.performance.error_note
-    maximise, search, design_file = design.objective.maximise, optimum.search.how, write_design_file(design)
+    search, design_file = optimum.search.how, write_design_file(design)
     maps = {name: compute_depth_map(design, item.scene, item.pressed.force) for name, item in designs.items()}
     improvements = compute_improvements(optimum.scene, design)
     provenance = build_provenance(design.scene, evaluator=optimum.best.evaluator, seed=design.population.seed)
@@ -64,13 +72,15 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
         ),
         IMPROVEMENTS_FILE: (
             "the objective after each change of the readings",
-            partial(draw_improvements, improvements, maximise),
+            partial(draw_improvements, improvements, design.objective),
         ),
     }
     if fronts:
-        pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, maximise)
+        pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, design.objective)
     choices = optimum.search_space.film_choices
     films = {"Which film and bond": (Text(FILM_NOTE), build_film_table(optimum))} if choices else {}
+    scans = {"Which scan": (Text(SCAN_NOTE), build_scan_table(optimum))} if optimum.search_space.scan_choices else {}
+    protocol = tomli_w.dumps({"protocol": optimum.best.protocol.model_dump(mode="json", exclude_none=True)})
     notes = [
         f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of "
         "noise; the model error is a bound on what the evaluator's own errors change. Of the recommended design "
@@ -87,12 +97,14 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
         cautions=optimum.warnings,
         shown_scene=optimum.scene,
         pictures=pictures,
-        texts={QUESTION_FILE: format_toml_comment(provenance) + design_file},
+        texts={QUESTION_FILE: format_toml_comment(provenance) + design_file}
+        | ({PROTOCOL_FILE: format_toml_comment(provenance) + protocol} if scans else {}),
         chapters={
             "Which tumours are detected and resolved": (MAPS_FILE,),
             "What would help most": (IMPROVEMENTS_FILE,),
             "What more would cost": (FRONT_FILE,),
             **films,
+            **scans,
             "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
         },
         limit_notes=(LIMITS_NOTE,),
@@ -121,13 +133,13 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
         "* resolved of 100",
         lambda verified: _format_percent(verified.performance.means["resolved"], verified.performance.errors["resolved"].total),
     )
-    add_row(
-        "* information, nats",
-        lambda verified: (
-            f"{verified.performance.means['information']:.3f} ± {verified.performance.errors['information'].total:.1g}"
-        ),
-    )
     ranges = ScenePopulation.from_scene(optimum.design.scene, optimum.design.population).ranges
+    add_row("* information, nats", partial(_format_located, aim=Objective(maximise="information")))
+    if not all(ranges[name].is_single for name in PLACE_AXES):
+        add_row("* place error, mm", partial(_format_located, aim=Objective(maximise="place_error")))
+    if optimum.search_space.scan_choices:
+        add_row("presses over tissue", lambda verified: str(verified.protocol.count))
+        add_row("pitch, mm", lambda verified: f"{compute_pitch(verified.protocol) / M_PER_MM:.4g}")
     diameter = max(ranges["diameter"].values)
     depths = [maps[name].find_deepest(diameter) for name in designs]
     texts = ("nowhere" if depth is None else f"{depth / M_PER_MM:.3g}" for depth in depths)
@@ -154,13 +166,15 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     protocol, performance = optimum.design.protocol, optimum.start.performance
     active = [limit.name for limit in optimum.limits if limit.active]
     read = "the ratio is that of the films' charges; " if optimum.design.scene.observable == "charge" else ""
+    located = "of simulated scans that locate explains" if optimum.start.trials else "as if readings were linear in the unknowns"
     against = "a baseline reading" if protocol.blank else "a prediction"
     loads = f", each under {' and '.join(f'{load:g} N' for load in sorted(protocol.loads))}," if protocol.loads else ""
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
-        f"{len(protocol.positions)} positions{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
+        f"{protocol.count} positions{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
         f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); {read}± "
-        "sampling and model error together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to "
+        f"sampling and model error together; information and place error {located}; detected (90 %): 9 times in 10 if the tumour "
+        f"were known; resolved: ln contrast to "
         f"0.5; active limits: {', '.join(active) or 'none'}"
     )
 
@@ -179,22 +193,6 @@ def build_tolerance_table(optimum: PopulationOptimum) -> Table:
     return Table(("design", "as drawn", "expected", "5 % below", "95 % below"), rows)
 
 
-def build_film_table(optimum: PopulationOptimum) -> Table:
-    """Return the table of all films and bonds tried, best first: the best searched objective, and verified where it was."""
-    kind, rows = optimum.design.objective.maximise, list[tuple[str, ...]]()
-    tried: dict[str, tuple[FilmChoice, float]] = {}
-    for choice in optimum.search.choices:  # best first
-        if (film := choice.combination.film) is not None:
-            tried.setdefault(film.description, (film, choice.value))
-    for film, best in tried.values():
-        verified = [item for item in optimum.finalists if item.scene.probe.film == film.film]
-        text = "{:.3f} ± {:.2g}".format(*max(item.objective for item in verified)) if verified else "-"
-        recommended = "yes" if any(item is optimum.winner for item in verified) else ""
-        rows.append((*film.values.values(), f"{best:.4g}", text, recommended))
-    names = [name.replace("_", " ") for name in optimum.search_space.film_choices[0].values]
-    return Table((*names, f"{kind}, closed form", f"{kind}, verified", "recommended"), rows)
-
-
 def write_design_file(design: Design) -> str:
     """Return the design file with all defaults written out; reading it yields the same design."""
     tables = design.model_dump(mode="json", exclude_none=True, exclude={"scene"})
@@ -205,6 +203,16 @@ def _format_detected(verified: PopulationVerification, channel_set: ChannelSet) 
     """Return how many of 100 tumours are detected by a set of channels, with the error; a dash without a result."""
     performance = verified.performance.by_channels[channel_set]
     return "-" if performance is None else _format_percent(performance.means["detection"], performance.errors["detection"].total)
+
+
+def _format_located(verified: PopulationVerification, aim: Objective) -> str:
+    """Return the information or the place error with its error, of simulated scans where there are any."""
+    aim = aim.model_copy(update={"statistic": verified.aim.statistic})
+    if verified.trials is not None:
+        value, error = verified.trials.compute_objective(aim)
+    else:
+        value, error = verified.performance.means[aim.maximise], verified.performance.errors[aim.maximise].total
+    return f"{aim.scale * value:.3g} ± {aim.scale * error:.1g}"
 
 
 def _format_error_split(verified: PopulationVerification) -> str:

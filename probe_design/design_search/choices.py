@@ -111,9 +111,7 @@ def search_combination(
 ) -> list[Choice]:
     """Return the designs of one combination, best first; with little effort (``QUICK_EFFORT``) unless ``thorough``."""
     space = search_space.pin(combination.pinned)
-    if combination.film is not None:
-        objective = objective.set_film(combination.film)
-    designs, values = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
+    designs, values = search(objective.set_choices(combination), space, combination.poisson, None if thorough else QUICK_EFFORT)
     pairs = zip(designs.T, values.tolist(), strict=True)
     return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:MAX_CHOICES]
 
@@ -185,6 +183,7 @@ def _list_neighbours(search_space: SearchSpace, best: Choice) -> Iterator[Combin
             if neighbour != pinned[name]:
                 yield replace(best.combination, pinned={**best.combination.pinned, name: neighbour})
     yield from (replace(best.combination, film=film) for film in search_space.film_choices)
+    yield from (replace(best.combination, scan=scan) for scan in search_space.scan_choices)
     if search_space.shelf:
         for combination in search_space.iterate_materials(pinned):
             pairs = zip(combination.materials, best.combination.materials, strict=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from probe_design.design_search.film_choices import FilmChoice
+from probe_design.design_search.scan_choices import ScanChoice
 from probe_design.design_search.variables import MODULUS_NAMES, format_variable
 
 
@@ -23,12 +24,15 @@ class Combination:
         Names of both blocks' materials, empty if none were requested.
     film
         The films and bonds; None where the scene's stay.
+    scan
+        The places that are read; None where those of the design file stay.
     """
 
     pinned: Mapping[str, float]
     poisson: tuple[float, float]
     materials: tuple[str, ...] = ()
     film: FilmChoice | None = None
+    scan: ScanChoice | None = None
 
     @property
     def description(self) -> str:
@@ -39,4 +43,4 @@ class Combination:
             if not (self.materials and name in MODULUS_NAMES)
         ]
         values += ["materials " + " / ".join(self.materials)] if self.materials else []
-        return ", ".join([*values, *([self.film.description] if self.film else [])])
+        return ", ".join([*values, *(item.description for item in (self.film, self.scan) if item)])

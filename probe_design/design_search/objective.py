@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from geometry.common.arrays import Floats
+from probe_design.design_search.combination import Combination
 from probe_design.design_search.film_choices import FilmChoice
+from probe_design.design_search.scan_choices import ScanChoice
 from solver.closed_form.bessel import Array
 
 COMPLEX_STEP_RELATIVE = 1e-30
@@ -75,8 +77,17 @@ class SearchObjective(ABC):
         """
 
     @abstractmethod
-    def set_film(self, choice: FilmChoice) -> SearchObjective:
+    def set_film(self, choice: FilmChoice) -> Self:
         """Return the same objective of probes with other films and bonds."""
+
+    @abstractmethod
+    def set_scan(self, choice: ScanChoice) -> Self:
+        """Return the same objective of another scan."""
+
+    def set_choices(self, combination: Combination) -> Self:
+        """Return the same objective with the scan and the films of a combination."""
+        objective = self if combination.scan is None else self.set_scan(combination.scan)
+        return objective if combination.film is None else objective.set_film(combination.film)
 
     def evaluate_designs(self, x: Floats, poisson: Any) -> Floats:
         """Return the objective of designs, ``-inf`` where it is not finite or a channel's charge is too small."""

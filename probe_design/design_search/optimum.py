@@ -13,6 +13,7 @@ from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.optimum_tables import OptimumTables
 from probe_design.design_search.robustness import Robustness
+from probe_design.design_search.scan_choices import compute_pitch
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE, Limit
@@ -108,6 +109,11 @@ class Optimum(OptimumTables, Generic[Verified]):
         )
 
     @property
+    def combination_values(self) -> dict[str, float]:
+        """The best value by the closed form of each combination tried, by its description."""
+        return self.search.best
+
+    @property
     def title(self) -> str:
         """A title that states the gain, if any, and the recommended design."""
         return f"optimize: {'improved' if self.winner is not None else 'no gain, the start is exported'}"
@@ -157,7 +163,7 @@ class Optimum(OptimumTables, Generic[Verified]):
             "limits": [vars(limit) for limit in self.limits],
             "force": force,
             "force_limited_by": force_limit,
-            "search": {"how": self.search.how, "exhaustive": self.search.exhaustive, "combinations": self.search.best},
+            "search": {"how": self.search.how, "exhaustive": self.search.exhaustive, "combinations": self.combination_values},
             "seconds": self.seconds,
             "files": files,
         }
@@ -260,6 +266,11 @@ class PopulationOptimum(Optimum[PopulationVerification]):
     why_no_single: str = ""
 
     @property
+    def combination_values(self) -> dict[str, float]:
+        """See ``Optimum``; in the objective's own unit."""
+        return {name: self.design.objective.convert_searched(value) for name, value in self.search.best.items()}
+
+    @property
     def others(self) -> dict[str, PopulationVerification]:
         """See ``Optimum``."""
         return {} if self.single is None else {"one tumour": self.single}
@@ -312,9 +323,12 @@ class PopulationOptimum(Optimum[PopulationVerification]):
     @property
     def verdict(self) -> str:
         """See ``Optimum``."""
-        kind, (gain, error) = self.design.objective.maximise, self.gain
-        start, best = ("{:.3f} ± {:.2g}".format(*verified.objective) for verified in (self.start, self.best_tried))
-        change = f"a gain of {gain:.3g}; twice its error is {GAIN_SIGNIFICANCE * error:.2g}"
+        gain, error = self.gain
+        aim = self.design.objective
+        kind = aim.maximise.replace("_", " ")
+        start, best = (aim.format_value(*verified.objective) for verified in (self.start, self.best_tried))
+        by_trials = f", of {len(trials.distances)} simulated scans" if (trials := self.best_tried.trials) else ""
+        change = f"a gain of {aim.scale * gain:.3g}; twice its error is {GAIN_SIGNIFICANCE * aim.scale * error:.2g}{by_trials}"
         if self.winner is not None:
             return f"improved: {kind} {best} of the recommended design, {start} of the start, {change}"
         if not self.finalists:
@@ -328,6 +342,8 @@ class PopulationOptimum(Optimum[PopulationVerification]):
             "maximise": self.design.objective.maximise,
             "statistic": self.design.objective.statistic,
             "population": {name: None if item is None else item.performance.as_dict() for name, item in named.items()},
+            "scan_trials": {name: item and item.trials and item.trials.as_dict() for name, item in named.items()},
+            "scan": {"presses": self.best.protocol.count, "pitch": compute_pitch(self.best.protocol)},
             "single_reason": self.why_no_single or None,
             "pressing": {name: None if item is None else item.summarize_pressing() for name, item in named.items()},
             "designs": {name: None if item is None else scene_to_dict(item.scene) for name, item in named.items()},

@@ -37,7 +37,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Front:
-    """The best objective at each cost, which never decreases with the cost."""
+    """The best objective at each cost, which is never worse at a larger one."""
 
     against: str
     points: tuple[Point, ...]
@@ -80,12 +80,15 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
         except InputError:  # no probe fits
             continue
         # a design for a smaller limit is allowed within a larger one; scans at other positions are not comparable so
-        value = max([best.value, *(point.value for point in points)]) if against != "positions" else best.value
+        value, sign = design.objective.convert_searched(best.value), design.objective.sign
+        if against != "positions":
+            value = sign * max([sign * value, *(sign * point.value for point in points)])
         points.append(Point(cost, value))
         if k in (0, len(designs) - 1):
             scene = study.search_space.build_scene(best.design, best.combination)
             with suppress(Refusal):
-                points[-1] = points[-1] if scene is None else replace(points[-1], verified=study.verify(scene, _ignore).objective)
+                verified = None if scene is None else study.verify(scene, _ignore, best).objective
+                points[-1] = replace(points[-1], verified=verified)
     progress(len(designs), len(designs))
     return Front(against, tuple(points))
 
@@ -108,7 +111,7 @@ def _list_designs(design: Design, against: str) -> Iterator[tuple[float, Design]
         for count in sorted({1 + 2 * int(half) for half in np.linspace(0, (max_cost - 1) // 2, POINTS_PER_FRONT).round()}):
             positions = np.linspace(places.min(), places.max(), count) if count > 1 else np.array([places.mean()])
             protocol = design.protocol.model_copy(update={"positions": tuple(positions.tolist())})
-            yield float(count), design.model_copy(update={"protocol": protocol})
+            yield float(protocol.count), design.model_copy(update={"protocol": protocol})
 
 
 def _ignore(done: int, total: int) -> None:

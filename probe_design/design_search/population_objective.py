@@ -8,14 +8,15 @@ with respect to them, and e white errors with the diagonal covariance V: eq. LG.
 
 is the deflection of a *known* tumour against the same tissue without it. P = Phi(d' - z) is its probability of detection at a
 false alarm rate Phi(-z), with Phi the normal distribution function. It bounds that of a detector that knows only the population,
-which the verification computes. The posterior standard deviation of ln contrast is that of c_1 under the covariance
+which the verification computes. The posterior standard deviations of ln contrast, c_1, and of the place are those under the
+covariance
 
     (J^T W J + Pi_c^-1)^-1                                                                          (DS.2)
 
-c_1 itself has a prior only for the information, which is the gain over this prior. A tumour counts as resolved by the fraction
-Phi((ln 0.5 - ln sd) / 0.25), a smooth step with a gradient. A baseline reading, which is subtracted from all others, is a
-nuisance whose prior is its own white error. Without it the offset of each channel has the prior of the gain, and the tissue's
-modulus that of the population.
+and the information about all parameters is half of ln det(Pi_c) less ln det of it. For resolving, ln contrast has no prior, and
+a tumour counts by the fraction Phi((ln 0.5 - ln sd) / 0.25), a smooth step with a gradient. A baseline reading, which is
+subtracted from all others, is a nuisance whose prior is its own white error. Without it the offset of each channel has the prior
+of the gain, and the tissue's modulus that of the population.
 """
 
 from __future__ import annotations
@@ -23,30 +24,28 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.special import ndtr
 
-from geometry.scenes.scene import Scene
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.loads import PressingRule, minimum_by_real_part
 from probe_design.design_search.objective import SearchEffort, SearchObjective
+from probe_design.design_search.scan_choices import ScanChoice
+from probe_design.design_search.search_tumours import PLACE_UNIT_M, build_draws, build_stacks, prepare_tumours, step_parameter
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import compute_known_probabilities
 from probe_design.populations.film_totals import find_charge_signs
-from probe_design.populations.population import ScenePopulation, TumourDraw
+from probe_design.populations.population import PLACE_AXES, ScenePopulation, TumourDraw, is_of_tumour
 from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from probe_design.populations.several_loads import combine_variances
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import Films as FilmStacks
-from solver.closed_form.designs import build_parameters, split_parameters
-from solver.closed_form.film_membrane import FilmArray
-from solver.tumour_waves.moments import TumourDraws
 from solver.tumour_waves.population_films import Films, ManyTumours
 
 MAX_SEARCH_TUMOURS = 64  # tumours in the objective
@@ -72,27 +71,34 @@ class PopulationObjective(SearchObjective):
         The tumours.
     tumours
         The same, prepared for any probe.
+    widest
+        Outer radius of the widest such probe, m.
     moved
         Pairs of the same tumours, for each parameter in ``VARIED_PARAMETERS`` with it multiplied by e^-step and e^step, the step
-        being ``LOG_DIFFERENCE_STEP``; without a baseline reading also for the modulus of the tissue, "tissue".
+        being ``LOG_DIFFERENCE_STEP``, or moved by that many ``PLACE_UNIT_M``; without a baseline reading also for the modulus of
+        the tissue, "tissue".
     priors
-        Standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
+        Standard deviations of ln contrast (above 0), ln diameter, ln depth, ln tissue modulus, x and y in ``PLACE_UNIT_M``.
     stacks
         Films and bonds of both blocks, where the scene reads their charges and eq. (12) does not stand for them; else None.
     effort
         Effort of a search.
+    scans
+        The same objective of other scans, as far as a search has tried them.
     """
 
     design: Design
     rule: PressingRule
     draw: TumourDraw
     tumours: ManyTumours
+    widest: float
     moved: dict[str, tuple[ManyTumours, ManyTumours]]
     priors: dict[str, float]
     stacks: FilmStacks | None = None
     effort: SearchEffort = SEARCH_EFFORT
+    scans: dict[ScanChoice, Self] = field(default_factory=dict, repr=False)
 
-    VARIED_PARAMETERS: ClassVar[tuple[str, ...]] = ("diameter", "depth")
+    VARIED_PARAMETERS: ClassVar[tuple[str, ...]] = ("diameter", "depth", *PLACE_AXES)
 
     @staticmethod
     def from_design(design: Design, widest: float, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationObjective:
@@ -114,16 +120,27 @@ class PopulationObjective(SearchObjective):
     @classmethod
     def from_draw(cls, design: Design, population: ScenePopulation, draw: TumourDraw, widest: float) -> PopulationObjective:
         """Precompute the objective for tumours that are already drawn."""
-        draws, steps = _build_draws(draw), (-LOG_DIFFERENCE_STEP, LOG_DIFFERENCE_STEP)
+        tumours, moved = cls._prepare(design, draw, widest)
+        priors = {name: population.ranges[name].deviation for name in ("diameter", "depth", "tissue")}
+        priors |= {name: population.ranges[name].deviation / PLACE_UNIT_M for name in PLACE_AXES}
+        priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
+        rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
+        return cls(design, rule, draw, tumours, widest, moved, priors, build_stacks(design.scene))
+
+    @classmethod
+    def _prepare(
+        cls, design: Design, draw: TumourDraw, widest: float
+    ) -> tuple[ManyTumours, dict[str, tuple[ManyTumours, ManyTumours]]]:
+        """Return ``tumours`` and ``moved`` for the places of a design's protocol."""
+        draws, steps = build_draws(draw), (-LOG_DIFFERENCE_STEP, LOG_DIFFERENCE_STEP)
         names = cls.VARIED_PARAMETERS if design.protocol.blank else (*cls.VARIED_PARAMETERS, "tissue")
         moved = {}
         for name in names:
-            smaller, larger = (_prepare_tumours(design, draw, _step_parameter(draws, name, step), widest) for step in steps)
+            if name in PLACE_AXES and not np.ptp(getattr(draw, name)):
+                continue  # a place that all tumours have is known
+            smaller, larger = (prepare_tumours(design, draw, step_parameter(draws, name, step), widest) for step in steps)
             moved[name] = smaller, larger
-        priors = {name: population.ranges[name].deviation for name in ("diameter", "depth", "tissue")}
-        priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
-        rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
-        return cls(design, rule, draw, _prepare_tumours(design, draw, draws, widest), moved, priors, _build_stacks(design.scene))
+        return prepare_tumours(design, draw, draws, widest), moved
 
     @abstractmethod
     def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
@@ -134,11 +151,20 @@ class PopulationObjective(SearchObjective):
         tumour_values, statistic = self.compute_tumour_values(probes, compute_force), self.design.objective.statistic
         return tumour_values.mean(axis=1) if statistic == "mean" else _compute_quantile(tumour_values, float(statistic))
 
-    def set_film(self, choice: FilmChoice) -> PopulationObjective:
+    def set_film(self, choice: FilmChoice) -> Self:
         """See ``SearchObjective.set_film``."""
         rule = self.rule.set_film(choice)
         draw = replace(self.draw, scene=choice.set_film(self.draw.scene), tissues=tuple(map(choice.set_film, self.draw.tissues)))
-        return replace(self, design=rule.design, rule=rule, draw=draw, stacks=_build_stacks(rule.design.scene))
+        return replace(self, design=rule.design, rule=rule, draw=draw, stacks=build_stacks(rule.design.scene), scans={})
+
+    def set_scan(self, choice: ScanChoice) -> Self:
+        """See ``SearchObjective.set_scan``; prepared once for each scan."""
+        if choice not in self.scans:
+            design = self.design.model_copy(update={"protocol": choice.protocol})
+            tumours, moved = self._prepare(design, self.draw, self.widest)
+            rule = replace(self.rule, design=design)
+            self.scans[choice] = replace(self, design=design, rule=rule, tumours=tumours, moved=moved, scans={})
+        return self.scans[choice]
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
         """See ``SearchObjective.values``."""
@@ -167,10 +193,20 @@ class PopulationObjective(SearchObjective):
 
     def compute_log_sd(self, probes: Array, compute_force: ForceRule, contrast_prior_sd: float = FLAT_PRIOR_SD) -> Array:
         """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
+        return np.log(self.compute_posterior(probes, compute_force, contrast_prior_sd)[0].compute_posterior_sd(np.array([1.0])))
+
+    def compute_posterior(
+        self, probes: Array, compute_force: ForceRule, contrast_prior_sd: float
+    ) -> tuple[LinearGaussian, LinearGaussian]:
+        """Return the readings with the tumours' parameters as unknowns, ln contrast first, and without them, eq. DS.2."""
         films, noise = self._compute_noise(probes, compute_force)
-        prior_sd = np.array([contrast_prior_sd, self.priors["diameter"], self.priors["depth"]])
-        posterior = noise.add_unknowns(self._compute_derivatives(probes, films), prior_sd)
-        return np.log(posterior.compute_posterior_sd(np.array([1.0])))
+        prior_sd = np.array([contrast_prior_sd, *(self.priors[name] for name in self._parameters)])
+        return noise.add_unknowns(self._compute_derivatives(probes, films), prior_sd), noise
+
+    @property
+    def _parameters(self) -> tuple[str, ...]:
+        """Names of the tumours' parameters that are unknown beside ln contrast, in the order of the derivatives."""
+        return tuple(name for name in self.moved if is_of_tumour(name))
 
     def _compute_noise(self, probes: Array, compute_force: ForceRule) -> tuple[Films, LinearGaussian]:
         """Return the film forces and the noise of the readings; NaN where a film is in tension and has no logarithm."""
@@ -239,12 +275,12 @@ class PopulationObjective(SearchObjective):
         return np.concatenate([common, self.priors["tissue"] * tissue[..., None]], axis=3)
 
     def _compute_derivatives(self, probes: Array, films: Films) -> Array:
-        """Return the signature's derivatives by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
+        """Return the signature's derivatives by ln contrast and ``_parameters``, shape (n, m, readings, parameters)."""
         totals = films.without[:, :, None] + films.change
         inner, outer = np.moveaxis((films.by_log / totals)[..., -2:], 3, 0)
         stiffness = films.by_log[..., :2].sum(axis=3) / totals[..., :2].sum(axis=3)
         derivatives = [self._stack_channels(inner - outer, stiffness)]
-        derivatives += [self._difference(name, probes, self._compute_signature) for name in ("diameter", "depth")]
+        derivatives += [self._difference(name, probes, self._compute_signature) for name in self._parameters]
         return np.stack(derivatives, axis=3)
 
     def _difference(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
@@ -266,91 +302,44 @@ class Detection(PopulationObjective):
 class Resolved(PopulationObjective):
     """Whether the stiffness of each tumour is resolved: a smooth step of the standard deviation of ln contrast."""
 
+    VARIED_PARAMETERS = ("diameter", "depth")
+
     def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
         """Return the step, from 0 to 1."""
         return ndtr((math.log(MAX_RESOLVED_LOG_SD) - self.compute_log_sd(probes, compute_force)) / RESOLVED_STEP_LOG_SD)
 
 
 class Information(PopulationObjective):
-    """The information gained about ln contrast of each tumour, in nats."""
+    """The information about all that is unknown of each tumour, in nats."""
 
     def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
-        """Return the logarithm of the prior's standard deviation over the posterior's."""
-        prior_sd = self.priors["object"]
-        return math.log(prior_sd) - self.compute_log_sd(probes, compute_force, prior_sd)
+        """Return the information of the readings with the tumour's parameters unknown, less that with the tumour known."""
+        posterior, noise = self.compute_posterior(probes, compute_force, self.priors["object"])
+        return posterior.compute_half_log_determinant() - noise.compute_half_log_determinant()
+
+
+class PlaceError(PopulationObjective):
+    """The posterior standard deviation of each tumour's place, which the search makes small."""
+
+    def compute_tumour_values(self, probes: Array, compute_force: ForceRule) -> Array:
+        """Return the standard deviation, m."""
+        posterior = self.compute_posterior(probes, compute_force, self.priors["object"])[0]
+        names = ("object", *self._parameters)
+        axes = [np.eye(len(names))[number] for number, name in enumerate(names) if name in PLACE_AXES]
+        return PLACE_UNIT_M * np.sqrt(sum(posterior.compute_posterior_sd(axis) ** 2 for axis in axes))
+
+    def compute_statistic(self, probes: Array, compute_force: ForceRule) -> Array:
+        """Return minus ln of the statistic, so that the search makes it small, see ``Objective.convert_searched``."""
+        return -np.log(super().compute_statistic(probes, compute_force))
 
 
 OBJECTIVES: dict[str, type[PopulationObjective]] = {
     "detection": Detection,
     "resolved": Resolved,
     "information": Information,
+    "place_error": PlaceError,
 }
 """The objectives by their names in design files."""
-
-
-def _build_stacks(scene: Scene) -> FilmStacks | None:
-    """Return the films and bonds of a scene's blocks, for one probe, where the scene reads charges that need them."""
-    shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}))
-    if scene.observable == "stress" or not shape.films:
-        return None
-    inner, outer = (FilmArray(*row[:, None]) for row in split_parameters(shape, values)[2])
-    return FilmStacks(inner, outer, shape.insets)
-
-
-def _build_draws(draw: TumourDraw) -> TumourDraws:
-    """Convert a draw of tumours to the arrays of ``TumourDraws``, in the scene's coordinates."""
-    y_position = draw.scene.inclusion[0].y if draw.scene.inclusion else draw.scene.placement.y
-    tissues = np.array([_list_layers(scene.tissue) for scene in draw.tissues])  # (t, layers + 1, 3)
-    tissue, ones = np.moveaxis(tissues[draw.tissue], 0, 2), np.ones(len(draw))
-    bounded = draw.scene.tissue.shape != "half-space"
-    return TumourDraws(
-        draw.diameter / 2, draw.depth, draw.x, y_position * ones, draw.youngs_modulus, draw.poisson_ratio * ones, tissue, bounded
-    )
-
-
-def _list_layers(tissue: Any) -> list[list[float]]:
-    """Return thickness, Young's modulus and Poisson's ratio of each layer and of the tissue below."""
-    depth = getattr(tissue, "depth", 1.0)  # a half-space has none: its number is not used
-    layers = [[layer.thickness, layer.youngs_modulus, layer.poisson_ratio] for layer in tissue.layer]
-    return [*layers, [depth, tissue.youngs_modulus, tissue.poisson_ratio]]
-
-
-def _prepare_tumours(design: Design, draw: TumourDraw, draws: TumourDraws, widest: float) -> ManyTumours:
-    """Prepare tumours at all positions of the protocol.
-
-    Parameters
-    ----------
-    design
-        The design file.
-    draw
-        The draw with its tissues.
-    draws
-        Its tumours as arrays, perhaps with one parameter moved.
-    widest
-        Outer radius of the widest probe for which they are used, m.
-    """
-    scene, places = draw.tissues[0], design.protocol.places
-    shape, values = build_parameters(scene, merged=False)
-    return ManyTumours.from_draws(
-        draws,
-        np.stack([places, np.full(len(places), scene.placement.y)], axis=1),
-        widest,
-        bonded=scene.contact.interface in ("bonded", "unilateral"),
-        side=(float(values[10]), shape.side_nodes) if shape.bounded else (1.0, 0),
-        layer_nodes=shape.layer_nodes,
-    )
-
-
-def _step_parameter(draws: TumourDraws, name: str, step: float) -> TumourDraws:
-    """Return tumours with ``step`` added to the logarithm of their diameter or depth, or of the tissue's modulus."""
-    factor = math.exp(step)
-    if name == "diameter":
-        return replace(draws, radius=draws.radius * factor)
-    if name == "depth":
-        return replace(draws, depth=draws.depth * factor)
-    tissue = draws.tissue.copy()
-    tissue[-1, 1] *= factor  # Young's modulus of the tissue below the layers, see ``_list_layers``
-    return replace(draws, tissue=tissue)
 
 
 def _mask_non_positive(values: Array) -> Array:

@@ -20,6 +20,8 @@ from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.population_objective import MAX_SEARCH_TUMOURS, PopulationObjective
 from probe_design.design_search.refinement import refine_design
 from probe_design.design_search.robustness import Robustness, compute_robustness
+from probe_design.design_search.scan_choices import ScanChoice
+from probe_design.design_search.scan_trials import ScanTrials
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.tumour_objective import Noise, TumourObjective
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE
@@ -104,11 +106,14 @@ class PopulationStudy:
             The evaluators cannot model the scene.
         """
         population = ScenePopulation.from_scene(scene, self.design.population)
+        scan = None if choice is None else choice.combination.scan
+        design = self.design if scan is None else self.design.model_copy(update={"protocol": scan.protocol})
         loaded, pressed, pressed_tissues = press_design(self.objective.rule, scene, population.draw_tumours(unseen=True).tissues)
-        examined = examine(loaded, self.design, unseen=True, pressed=pressed_tissues, progress=advance)
-        performance = examined.evaluate_all_channels(self.design)
+        examined = examine(loaded, design, unseen=True, pressed=pressed_tissues, progress=advance)
+        performance = examined.evaluate_all_channels(design)
+        trials = ScanTrials.from_design(design, loaded, performance.draw) if design.objective.is_located else None
         materials = () if choice is None else choice.combination.materials
-        return PopulationVerification(loaded, pressed, performance, self.design.objective, materials)
+        return PopulationVerification(loaded, pressed, performance, design.objective, design.protocol, trials, materials)
 
     def verify_start(self, progress: Progress) -> PopulationVerification:
         """Verify the start."""
@@ -117,14 +122,15 @@ class PopulationStudy:
     def verify_choices(self, start: PopulationVerification, search: ChoiceSearch, progress: Progress) -> PopulationOptimum:
         """Refine the best design of a search, and verify the best that differ and one for a single tumour."""
         finalists, verified = self._select_finalists(search, progress), list[tuple[PopulationVerification, Robustness]]()
-        single, reason = self._design_for_one_tumour(progress)
+        single, reason = self._design_for_one_tumour(search.choices[0].combination.scan, progress)
         for k, (choice, scene) in enumerate(finalists):
             with suppress(Refusal):  # a design that cannot be verified is left out
                 stage = f"verifying candidate {k + 1} of {len(finalists)}"
                 verified.append(self._verify_choice(choice, scene, partial(progress, stage)))
         verified += [] if single is None else [single]
+        sign = self.design.objective.sign
         # the best objective first, after the loss that workshop tolerances cause
-        verified.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less the tolerances' cost
+        verified.sort(key=lambda pair: -sign * (pair[0].objective[0] + pair[1].expected - pair[1].nominal))
         return PopulationOptimum(
             self.design,
             self.search_space,
@@ -159,12 +165,13 @@ class PopulationStudy:
         self, choice: Choice, scene: Scene, advance: Callable[[int, int], None]
     ) -> tuple[PopulationVerification, Robustness]:
         """Return the verification of a design, and the effect of workshop tolerances on it."""
-        film = choice.combination.film
-        objective = self.objective if film is None else self.objective.set_film(film)
+        objective = self.objective.set_choices(choice.combination)
         return self.verify(scene, advance, choice), compute_robustness(objective, scene, choice.combination.materials)
 
-    def _design_for_one_tumour(self, progress: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
-        """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.
+    def _design_for_one_tumour(
+        self, scan: ScanChoice | None, progress: Progress
+    ) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
+        """Design a probe for one tumour in the middle of the population, verify it by a scan; return it, or None and the reason.
 
         It is a candidate like those of the search: if it is verified to be the best, it is recommended.
         """
@@ -176,15 +183,17 @@ class PopulationStudy:
             rule = replace(rule, loaded=self.objective.rule.loaded)
             noise = Noise.from_scene(scene, max(self.design.noise.white, MIN_SINGLE_NOISE))
             objective = TumourObjective.from_scene(rule, noise, SINGLE_STARTS)
-            search = search_combinations(objective, self.search_space, partial(progress, "designing for one tumour"))
+            space = replace(self.search_space, scan_choices=())  # one reading has none
+            search = search_combinations(objective, space, partial(progress, "designing for one tumour"))
             distinct = iterate_distinct(search.choices, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE)
             verified = list[tuple[PopulationVerification, Robustness]]()
-            for choice, best in islice(distinct, MAX_SINGLE_VERIFIED):
+            for alone, best in islice(distinct, MAX_SINGLE_VERIFIED):
+                choice = replace(alone, combination=replace(alone.combination, scan=scan))
                 verified.append(self._verify_choice(choice, best, partial(progress, "verifying the design for one tumour")))
                 if verified[-1][0].pressed.loaded or not rule.loaded:
                     break  # otherwise contact does not press this design to the load that the search estimated
             if verified:
-                return max(verified, key=lambda pair: pair[0].objective[0]), ""
+                return max(verified, key=lambda pair: self.design.objective.sign * pair[0].objective[0]), ""
         except (Refusal, InputError) as fault:
             return None, str(fault)
         return None, "no design for one tumour within the limits"

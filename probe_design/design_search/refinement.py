@@ -84,16 +84,13 @@ class InclusionTumours:
     tissue
         Number of each tumour's tissue, shape (m,).
     places
-        x of the probe's axis, m, shape (P,).
-    y
-        y of the probe's axis, m.
+        Of the probe's axis, m, shape (P, 2).
     """
 
     bases: tuple[Undisturbed, ...]
     draws: TumourDraws
     tissue: Ints
     places: Floats
-    y: float
 
     def compute_films(self, probes: Any, stacks: Any = None) -> Films:
         """Return the film forces of the one probe without tumours and their changes by each tumour; arguments are ignored.
@@ -122,7 +119,7 @@ class InclusionTumours:
     def _list_relative_tumours(self, which: Ints) -> Tumours:
         """Return k tumours, given by index, relative to the probe's axis at each of P positions, shape (k P, 1)."""
         draws, count = self.draws, len(self.places)
-        columns = [(draws.x[which, None] - self.places).ravel(), np.repeat(draws.y[which] - self.y, count)]
+        columns = [(place[which, None] - self.places[:, axis]).ravel() for axis, place in enumerate((draws.x, draws.y))]
         numbers = draws.depth, 2 * draws.radius, draws.youngs_modulus, draws.poisson_ratio
         columns += [np.repeat(values[which], count) for values in numbers]
         return Tumours(*(column[:, None] for column in columns))
@@ -141,7 +138,7 @@ def compute_inclusion_objective(objective: PopulationObjective, scene: Scene) ->
 
     def replace_tumours(tumours: ManyTumours) -> Any:
         """Return the same draws of tumours, whose readings follow from ``bases``, the base states on each tissue."""
-        return InclusionTumours(bases, tumours.draws, draw.tissue, objective.design.protocol.places, scene.placement.y)
+        return InclusionTumours(bases, tumours.draws, draw.tissue, objective.design.protocol.list_places(scene.placement.y))
 
     moved = {name: (replace_tumours(smaller), replace_tumours(larger)) for name, (smaller, larger) in objective.moved.items()}
     inclusion_objective = replace(objective, tumours=replace_tumours(objective.tumours), moved=moved)
@@ -175,8 +172,7 @@ def refine_design(objective: PopulationObjective, search_space: SearchSpace, sta
     progress
         Called with the number of evaluations done and their total.
     """
-    if start.combination.film is not None:
-        objective = objective.set_film(start.combination.film)
+    objective = objective.set_choices(start.combination)
 
     def evaluate(vector: Floats) -> float:
         """Return g of a design; -inf where it cannot be built or evaluated."""

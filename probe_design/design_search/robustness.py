@@ -49,9 +49,10 @@ def compute_robustness(objective: PopulationObjective, scene: Scene, materials: 
     probe = scene.probe
     poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
     built = np.concatenate([read_vector(scene)[:, None], draw_built_designs(scene, materials)], axis=1)
-    values = objective.evaluate_designs(built, poisson)
-    finite_values = values[1:][np.isfinite(values[1:])]
-    nominal = float(values[0])
+    searched = objective.evaluate_designs(built, poisson)
+    convert = objective.design.objective.convert_searched
+    finite_values = np.array([convert(value) for value in searched[1:].tolist() if np.isfinite(value)])
+    nominal = convert(float(searched[0]))
     if not len(finite_values):
         return Robustness(nominal, nominal, nominal, nominal)
     low, high = np.quantile(finite_values, [0.05, 0.95]).tolist()

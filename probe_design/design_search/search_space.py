@@ -23,6 +23,7 @@ from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import BLOCK_NAMES
 from probe_design.design_search.combination import Combination
 from probe_design.design_search.film_choices import FilmChoice, list_film_choices
+from probe_design.design_search.scan_choices import ScanChoice, list_scan_choices
 from probe_design.design_search.variables import (
     MODULUS_NAMES,
     SAME_DESIGN_TOLERANCE_RELATIVE,
@@ -69,6 +70,8 @@ class SearchSpace:
         The materials allowed for a block; empty if the moduli are variables themselves.
     film_choices
         The films and bonds allowed; empty if the scene's stay.
+    scan_choices
+        The scans allowed; empty if the design file's stays.
     """
 
     scene: Scene
@@ -80,6 +83,7 @@ class SearchSpace:
     grids: Mapping[str, tuple[float, ...]]
     shelf: tuple[CatalogueMaterial, ...]
     film_choices: tuple[FilmChoice, ...] = ()
+    scan_choices: tuple[ScanChoice, ...] = ()
 
     @property
     def start_poisson(self) -> tuple[float, float]:
@@ -179,9 +183,9 @@ class SearchSpace:
 
     @property
     def combinations(self) -> int:
-        """The number of combinations of discrete values, of pairs of materials if they are listed, and of films and bonds."""
+        """The number of combinations of discrete values, pairs of materials if they are listed, films and bonds, and scans."""
         values = math.prod(len(values) for values in self.grids.values())
-        return values * max(1, len(self.shelf) ** 2) * max(1, len(self.film_choices))
+        return values * max(1, len(self.shelf) ** 2) * max(1, len(self.film_choices)) * max(1, len(self.scan_choices))
 
     def iterate_combinations(self) -> Iterator[Combination]:
         """Yield all combinations, in the order of the file."""
@@ -208,15 +212,15 @@ class SearchSpace:
     def _iterate_pairs(
         self, pinned: Mapping[str, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
     ) -> Iterator[Combination]:
-        """Yield the pairs of materials of the inner and the outer block for pinned values, or these alone, with each film."""
-        for film in self.film_choices or (None,):
+        """Yield the pairs of materials of both blocks for pinned values, or these alone, with each film and each scan."""
+        for film, scan in product(self.film_choices or (None,), self.scan_choices or (None,)):
             if not self.shelf:
-                yield Combination(pinned, self.start_poisson, film=film)
+                yield Combination(pinned, self.start_poisson, film=film, scan=scan)
                 continue
             for pair in product(inner, outer):
                 moduli = {name: material.youngs_modulus for name, material in zip(MODULUS_NAMES, pair, strict=True)}
                 poisson = pair[0].poisson_ratio, pair[1].poisson_ratio
-                yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair), film)
+                yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair), film, scan)
 
     def _find_nearest_materials(self, modulus: float, count: int) -> tuple[CatalogueMaterial, ...]:
         """Return the ``count`` allowed materials whose moduli have the ratio nearest to 1 to a modulus, Pa, the nearest first."""
@@ -269,7 +273,8 @@ def build_search_space(design: Design) -> SearchSpace:
         raise _build_radius_error(Words(f"{format_mm(outer_radius)}{stated}"), min_radius)
     high["inner_radius"] = max(low["inner_radius"], min(high["inner_radius"], outer_radius - low["gap"] - wall))
     lower, upper = (np.array([ends[name] for name in names]) for ends in (low, high))
-    return SearchSpace(scene, names, lower, upper, outer_radius, wall, grids, shelf, list_film_choices(design))
+    choices = list_film_choices(design), list_scan_choices(design, outer_radius)
+    return SearchSpace(scene, names, lower, upper, outer_radius, wall, grids, shelf, *choices)
 
 
 def _find_max_radius(design: Design) -> float:

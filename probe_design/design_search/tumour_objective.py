@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from probe_design.design_search.objective import (
     SearchObjective,
     build_complex_steps,
 )
+from probe_design.design_search.scan_choices import ScanChoice
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.variables import VARIABLES, ProbeSizes, read_vector
 from probe_design.populations.film_totals import append_charges, find_charge_signs
@@ -148,7 +149,11 @@ class TumourObjective(SearchObjective):
             raise Refusal("inclusion", Words("of a kind without sensitivity in the closed form"), "a sphere as the target")
         return cls(rule, noise, *build_parameters(scene), SearchEffort(starts, SCREENED_PER_SHELL, MAX_IPOPT_STEPS))
 
-    def set_film(self, choice: FilmChoice) -> TumourObjective:
+    def set_scan(self, choice: ScanChoice) -> Self:
+        """See ``SearchObjective.set_scan``: one reading is the same in all of them."""
+        return self
+
+    def set_film(self, choice: FilmChoice) -> Self:
         """See ``SearchObjective.set_film``."""
         rule = self.rule.set_film(choice)
         noise = replace(self.noise, charge_per_force=rule.charge_per_force)

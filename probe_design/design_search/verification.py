@@ -15,10 +15,12 @@ from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.loaded_limits import PressedDesign
 from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE, Pressing, compute_pressing
 from probe_design.design_search.objective_bounds import bound_objective, compute_objective
+from probe_design.design_search.scan_trials import ScanTrials
 from probe_design.design_search.tumour_objective import Noise
 from probe_design.design_search.variables import is_same_design
+from probe_design.populations.objective import Objective
 from probe_design.populations.performance import Performance
-from probe_design.populations.tables import Objective
+from probe_design.populations.tables import Protocol
 from solver import Result, evaluator
 from solver.closed_form.evaluator import ClosedForm
 from solver.planning.coarse_model import CoarseModel
@@ -43,7 +45,11 @@ class PopulationVerification:
     performance
         Performance on tumours not used in the search.
     aim
-        The quantity that the design file maximises.
+        The quantity that the design file asks for.
+    protocol
+        The readings of the scan.
+    trials
+        Simulated scans over the tumours, where the quantity is verified by them; else None.
     materials
         Materials of the inner and the outer block, empty if none were requested.
     """
@@ -52,6 +58,8 @@ class PopulationVerification:
     pressed: PressedDesign
     performance: Performance
     aim: Objective
+    protocol: Protocol
+    trials: ScanTrials | None = None
     materials: tuple[str, ...] = ()
 
     @property
@@ -66,7 +74,9 @@ class PopulationVerification:
 
     @property
     def objective(self) -> tuple[float, float]:
-        """The quantity that the design file maximises, and its error."""
+        """The quantity that the design file asks for, and its error."""
+        if self.trials is not None:
+            return self.trials.compute_objective(self.aim)
         kind = self.aim.maximise
         return self.performance.means[kind], self.performance.errors[kind].total
 
@@ -77,8 +87,10 @@ class PopulationVerification:
 
     def compute_gain(self, reference: PopulationVerification) -> tuple[float, float]:
         """Return the gain in the objective over another design for the same tumours, and its error by model and sample."""
-        if self.scene == reference.scene:
+        if self.scene == reference.scene and self.protocol == reference.protocol:
             return 0.0, 0.0
+        if self.trials is not None and reference.trials is not None:
+            return self.trials.compute_gain(reference.trials, self.aim)
         return self.performance.compute_gain(reference.performance, self.aim)
 
     def is_better_than(self, reference: PopulationVerification) -> bool:

@@ -129,10 +129,17 @@ class LinearGaussian:
         """Return the logarithm of the density N(0, C) at values (..., m), shape (...); all priors have to be finite."""
         # ln density = -(y^T C^-1 y + ln det(2 pi V)) / 2 - ln(det C / det V) / 2
         chi_square, log_det_white = self.compute_chi_square(values), np.log(2 * np.pi * self.variance).sum(axis=-1)
-        # half of ln(det C / det V), from the diagonals of R and of P^-1/2 D, the rows of the priors in eq. LG.2
+        return np.asarray(-(chi_square + log_det_white) / 2 - self.compute_half_log_determinant())
+
+    def compute_half_log_determinant(self) -> Array:
+        """Return ln(det C / det V) / 2, shape (...): the information of the readings about all unknowns, nats; priors are finite.
+
+        That of a model with more unknowns, less that without them, is the information about these.
+        """
+        # from the diagonals of R and of P^-1/2 D, the rows of the priors in eq. LG.2
         factors = self._factors
-        half_log_det_ratio = sum(np.log(factors.R[k, k] / factors.prior_rows[k]) for k in range(len(factors.R)))
-        return np.asarray(-(chi_square + log_det_white) / 2 - half_log_det_ratio)
+        total = sum((np.log(factors.R[k, k] / factors.prior_rows[k]) for k in range(len(factors.R))), np.zeros(self._batch))
+        return np.asarray(total)
 
     def compute_posterior_mean(self, values: Array) -> Array:
         """Return the mean of the unknowns after readings (..., m), shape (..., q); the prior's where these determine nothing."""

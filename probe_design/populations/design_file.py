@@ -18,18 +18,19 @@ from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.scene_tables import Reading
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import find_model
+from probe_design.populations.objective import Objective
 from probe_design.populations.tables import (
     FORCE_QUANTITY,
     DesignLimits,
     DesignVariables,
     NoiseModel,
-    Objective,
     PopulationRanges,
     Protocol,
 )
 
 DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
 QUESTION_FILE, RECOMMENDED_FILE = "question.toml", "design.toml"  # in the folder of `optimize`: what was asked for, and the scene
+PROTOCOL_FILE = "protocol.toml"  # there, the table [protocol] of the recommended scan, where scans were varied
 
 ALLOWED_SOURCES = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
 
@@ -116,6 +117,8 @@ def _read_result_folder(folder: Path) -> Design:
             allowed = f"a design file, or a folder that optimize wrote, with {QUESTION_FILE} and {RECOMMENDED_FILE}"
             raise InputError("design", Words(f"the folder {folder} without {name}"), allowed)
     tables = read_tables(folder / QUESTION_FILE, "design file")
+    if (folder / PROTOCOL_FILE).is_file():
+        tables = {**tables, **read_tables(folder / PROTOCOL_FILE, "design file")}
     return _check_file({**tables, "scene": RECOMMENDED_FILE}, folder / QUESTION_FILE)
 
 
@@ -193,12 +196,30 @@ def _check_against_scene(design: Design) -> Design:
         raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone gives no sampling error")
     if design.protocol.loads:
         _check_loads(design)
+    _check_located(design)
+    if design.protocol.raster and ranges.x is not None and ranges.y is None:
+        design = design.model_copy(update={"population": ranges.model_copy(update={"y": ranges.x})})
     if design.variables.force.fixed and scene.load.force is None:
         raise InputError("variables.force", "fixed", "bounds or choices, as the scene's load is an indentation")
     for key in ("depth", "diameter", "object"):
         if not scene.inclusion and getattr(ranges, key) is None:
             raise InputError(f"population.{key}", Words("missing"), "a value, a range or a list, as the scene has no inclusion")
     return design
+
+
+def _check_located(design: Design) -> None:
+    """Raise ``InputError`` where simulated scans cannot verify what the design file asks for."""
+    aim, ranges = design.objective, design.population
+    if not aim.is_located:
+        return
+    if design.protocol.loads:
+        allowed = f"none with maximise = {aim.maximise!r}: locate reads every place under one load"
+        raise InputError("protocol.loads", [FORCE_QUANTITY.format_value(load) for load in design.protocol.loads], allowed)
+    is_spread = any(part is not None and not part.is_single for part in (ranges.x, ranges.y))
+    if aim.maximise == "place_error" and not is_spread:
+        raise InputError(
+            "population.x", Words("one value or missing"), "a range, with maximise = 'place_error': the place is unknown"
+        )
 
 
 def _check_loads(design: Design) -> None:

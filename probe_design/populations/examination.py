@@ -25,13 +25,15 @@ from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector
 from probe_design.populations.inclusion_scan import Progress, compute_inclusion_readings
 from probe_design.populations.loaded_scan import PressedScan
 from probe_design.populations.noise import build_difference_noise, build_full_noise
-from probe_design.populations.performance import ControlSample, Kind, MeanError, Performance, estimate_statistic
+from probe_design.populations.objective import LOCATED_KINDS, Kind
+from probe_design.populations.performance import ControlSample, MeanError, Performance, estimate_statistic
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import (
     Unknowns,
     compute_contrast_sd,
     compute_fraction_error,
     compute_informations,
+    compute_place_errors,
     is_resolved,
     is_undecided,
 )
@@ -112,7 +114,7 @@ class Examination:
             The noise of a reading is below ``MIN_NOISE``.
         """
         channels = channel_set or design.protocol.channel_set
-        return self.select(np.arange(len(design.protocol.positions)), channels)._evaluate_channels(design, channels)
+        return self.select(np.arange(design.protocol.count), channels)._evaluate_channels(design, channels)
 
     def evaluate_all_channels(self, design: Design) -> Performance:
         """Evaluate the protocol's channels and, in ``by_channels``, the ratio alone, the stiffness alone and both."""
@@ -143,11 +145,12 @@ class Examination:
             values, correction_errors = self._correct_first_order(values, first_order)
         reflected = self.reflected
         fraction = np.max([_compute_error_fractions(part, protocol.blank) for part in readings], axis=0)
-        resolved, information = values["resolved"], values["information"]
+        resolved = values["resolved"]
         model_errors: dict[Kind, float] = {
             "detection": model_error,
             "resolved": float(is_undecided(contrast_sd[reflected], fraction[reflected]).mean() / 2),
-            "information": float(np.minimum(fraction, information)[reflected].mean()),
+            "information": float(unknowns.bound_information_errors(values["information"], fraction)[reflected].mean()),
+            "place_error": float(unknowns.bound_place_errors(values["place_error"], fraction)[reflected].mean()),
         }
         detection, detection_error = estimate_statistic(values["detection"], draw.tissue, objective, control)
         least_error = 1 / (len(draw) + (0 if control is None else len(control.other_tumours)) + 2)  # Laplace's rule of succession
@@ -156,12 +159,12 @@ class Examination:
         sampling_errors: dict[Kind, float] = {
             "detection": math.hypot(detection_error, threshold_error),
             "resolved": max(objective.compute_error(resolved, draw.tissue), compute_fraction_error(resolved)),
-            "information": objective.compute_error(information, draw.tissue),
+            **{kind: objective.compute_error(values[kind], draw.tissue) for kind in LOCATED_KINDS},
         }
         means: dict[Kind, float] = {
             "detection": min(max(detection, 0.0), 1.0),  # the control variate may lead beyond, as may eq. PO.13
             "resolved": min(max(float(resolved.mean()), 0.0), 1.0),
-            "information": objective.compute_statistic(information),
+            **{kind: objective.compute_statistic(values[kind]) for kind in LOCATED_KINDS},
         }
         errors = {
             kind: MeanError(math.hypot(sampling_errors[kind], corrected), model_errors[kind], corrected)
@@ -323,7 +326,7 @@ def _compute_reference_changes(draw: TumourDraw, protocol: Protocol, pressed: tu
     Their tissues are others than the pressed ones of the same population, which stand for them: a detector that is trained on
     readings a little off detects a little less, and is what is verified.
     """
-    changes = np.zeros((len(draw), protocol.channels * len(protocol.positions)))
+    changes = np.zeros((len(draw), protocol.channels * protocol.count))
     for number in range(len(draw.tissues)):
         tissue = pressed[number % len(pressed)]
         scan = InclusionScan(draw, protocol, number, tissue.base)
@@ -345,6 +348,7 @@ def _evaluate_tumours(
         "detection": detector.compute_probabilities(join_signals(by_load)),
         "resolved": is_resolved(contrast_sd),
         "information": compute_informations(unknowns, J, noise),
+        "place_error": compute_place_errors(unknowns, J, noise),
     }
     return values, contrast_sd
 

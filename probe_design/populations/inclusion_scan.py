@@ -97,9 +97,10 @@ def compute_inclusion_readings(
     Refusal
         The evaluator cannot model the scene, or linear elasticity has no error bound at its load.
     """
-    ScanLine(draw.scene, "x", draw.scene.placement.y, BASE_ACCURACY).check_positions(protocol.places)
+    farthest = float(np.abs(protocol.list_places(draw.scene.placement.y)[:, 1]).max())
+    ScanLine(draw.scene, "x", farthest, BASE_ACCURACY).check_positions(protocol.places)
     best, first = (_create_empty_readings(draw, protocol, names) for _ in range(2))
-    allowed = (MAX_LAYERED_REFLECTED_READINGS if draw.scene.tissue.layer else MAX_REFLECTED_READINGS) // len(protocol.positions)
+    allowed = (MAX_LAYERED_REFLECTED_READINGS if draw.scene.tissue.layer else MAX_REFLECTED_READINGS) // protocol.count
     reflected, tissue_count = [], len(draw.tissues)
     for number in range(tissue_count):
         scan = InclusionScan.from_draw(draw, protocol, number)
@@ -114,7 +115,7 @@ def compute_inclusion_readings(
 
 def _create_empty_readings(draw: TumourDraw, protocol: Protocol, names: tuple[str, ...]) -> ScanReadings:
     """Return readings filled with zeros, of n tumours in t tissues from p positions in c channels."""
-    n, c, tissue_count, p = len(draw), protocol.channels, len(draw.tissues), len(protocol.positions)
+    n, c, tissue_count, p = len(draw), protocol.channels, len(draw.tissues), protocol.count
     totals = 4 if draw.scene.observable == "charge" else 2
     return ScanReadings(
         np.zeros((n, p * c)), {cause: np.zeros((n, p * c)) for cause in ERROR_CAUSES}, draw.tissue,
@@ -197,7 +198,7 @@ def _write_signals(
     blank = scan.take_logarithms(blank_totals[None])
     # of logarithms; ``compute_inclusion_readings`` takes the mean
     target.mean_forces[:] += np.log(np.abs(totals[indices])).sum(axis=0)
-    target.signal[rows] = scan.take_logarithms(totals[indices]) - np.repeat(blank, len(scan.protocol.positions))
+    target.signal[rows] = scan.take_logarithms(totals[indices]) - np.repeat(blank, scan.protocol.count)
     read = films.get_observable(scene)
     ratio_errors = bound_film_errors(scan.base, read, readings.get_observable(scene))
     for cause, errors in bound_film_errors(scan.base, films, readings).items():

@@ -81,7 +81,8 @@ class PressedScan:
         """Compute what the load adds over tumours, and its derivatives of these names; other names are left out."""
         tables = pressed.tabulate(tumours)
         step, derivatives = DIFFERENCE_STEP_RELATIVE * tumours.diameter / 2, {}
-        for name in (name for name in names if name in ("diameter", "depth", "x")):
+        distance = {"x"} if {"x", "y"} & set(names) else set()  # one derivative by it serves both
+        for name in ({"diameter", "depth"} & set(names)) | distance:
             field_step = 2 * step if name == "diameter" else step
             values = getattr(tumours, name)
             moved = (replace(tumours, **{name: values + sign * field_step}) for sign in (1, -1))

@@ -78,7 +78,7 @@ def build_difference_noise(
     InputError
         A reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
     """
-    p = len(protocol.positions)
+    p = protocol.count
     # film forces at the place of the baseline reading, then at the p positions
     places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
     channels = CHANNEL_INDICES[channel_set or protocol.channel_set]

@@ -19,20 +19,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.json_types import JsonObject
 from probe_design.populations.detection import Detector
+from probe_design.populations.objective import OBJECTIVE_KINDS, Kind, Objective
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.scan_errors import ERROR_CAUSES
 from probe_design.populations.scan_readings import compute_closed_form_readings
-from probe_design.populations.tables import ChannelSet, Objective, Protocol
+from probe_design.populations.tables import ChannelSet, Protocol
 
-Kind = Literal["detection", "resolved", "information"]
-OBJECTIVE_KINDS: tuple[Kind, ...] = ("detection", "resolved", "information")
 MIN_CONTROL_TUMOURS, MAX_CONTROL_TUMOURS = 256, 4096  # other tumours that the closed form evaluates in a verification
 CONTROL_TUMOURS_PER_TUMOUR = 6
 CONTROL_TISSUES, SCANS_PER_CONTROL_TUMOUR = 32, 64  # their tissues, and scans over each tumour
@@ -153,8 +151,8 @@ class Performance:
         The channels that are read: the ratio, the stiffness or both.
     means, errors
         By ``OBJECTIVE_KINDS``, with their errors: the statistic of ``[objective]`` over the probabilities of detection, the
-        fraction of tumours whose ln contrast is resolved to 0.5, and the statistic of the information, ln(prior / posterior
-        standard deviation) of ln contrast.
+        fraction of tumours whose ln contrast is resolved to 0.5, the statistic of the information, nats, and of the place's
+        posterior standard deviation, m, both as if the readings were linear in the unknowns.
     values
         Values of each tumour by ``OBJECTIVE_KINDS``, shape (n,). Tumours without reflections are corrected by the mean change
         that reflections cause in the others, by which a probability may leave the range 0 to 1.
@@ -188,7 +186,7 @@ class Performance:
     by_channels: dict[ChannelSet, Performance | None] = field(default_factory=dict)
 
     def compute_gain(self, reference: Performance, objective: Objective) -> tuple[float, float]:
-        """Return the gain in the objective over another probe for the same tumours, and the error of the gain.
+        """Return the gain in the objective over another probe for the same tumours, above 0 if better, and the gain's error.
 
         Tumours and draws are the same, so that the sampling error of a mean is given by the scatter of the differences. A
         quantile has no such differences: the sampling errors of both probes are combined.
@@ -203,10 +201,10 @@ class Performance:
             if kind == "detection" and self.control is not None and reference.control is not None:
                 control = self.control.subtract(reference.control)
             gain, sampling = estimate_statistic(values - reference_values, self.draw.tissue, objective, control)
-            return gain, math.hypot(sampling, corrected) + model
+            return objective.sign * gain, math.hypot(sampling, corrected) + model
         sampling = math.hypot(*(objective.compute_error(item, self.draw.tissue) for item in (values, reference_values)))
         gain = objective.compute_statistic(values) - objective.compute_statistic(reference_values)
-        return gain, math.hypot(sampling, corrected) + model
+        return objective.sign * gain, math.hypot(sampling, corrected) + model
 
     @property
     def error_note(self) -> str:

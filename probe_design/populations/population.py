@@ -18,7 +18,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.populations.entries import Range
-from probe_design.populations.tables import PopulationRanges
+from probe_design.populations.tables import PopulationRanges, Protocol
 
 MAX_TISSUES, MAX_LAYERED_TISSUES = 4, 2  # on one material, and on layers, where solving a probe takes three times as long
 MIN_COVER_PER_DIAMETER = (
@@ -27,7 +27,8 @@ MIN_COVER_PER_DIAMETER = (
 SIDE_CLEARANCE_FACTOR = 1 - 1e-6  # fraction of the space to the sides that a tumour may fill
 MAX_DRAWS_PER_TUMOUR = 64  # draws per requested tumour before an error
 UNSEEN_SEED_OFFSET = 104_729  # added to the seed for tumours that are not used in a search
-TUMOUR_PARAMETERS = ("depth", "diameter", "object", "x")
+PLACE_AXES = ("x", "y")
+TUMOUR_PARAMETERS = ("depth", "diameter", "object", *PLACE_AXES)
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class TumourDraw:
     ----------
     scene
         Scene with the values that the population does not give.
-    depth, diameter, youngs_modulus, x
-        Depth of the centre, diameter, Young's modulus and x of each tumour, m and Pa, shape (n,).
+    depth, diameter, youngs_modulus, x, y
+        Depth of the centre, diameter, Young's modulus, x and y of each tumour, m and Pa, shape (n,).
     poisson_ratio
         Poisson's ratio of all tumours.
     tissue
@@ -55,6 +56,7 @@ class TumourDraw:
     diameter: Floats
     youngs_modulus: Floats
     x: Floats
+    y: Floats
     poisson_ratio: float
     tissue: Ints
     tissues: tuple[Scene, ...]
@@ -64,11 +66,9 @@ class TumourDraw:
         """Return the number of tumours."""
         return len(self.depth)
 
-    @property
-    def lateral_offset(self) -> float:
-        """Distance of the tumours from the line of readings along y, m; negative if they lie on the other side."""
-        body, line = self.scene.inclusion, self.scene.placement.y
-        return (body[0].y if body else line) - line
+    def compute_distances(self, protocol: Protocol) -> Floats:
+        """Return x and y of each tumour less those of the probe at each place of a protocol, m, shape (n, p, 2)."""
+        return np.stack([self.x, self.y], axis=-1)[:, None] - protocol.list_places(self.scene.placement.y)
 
     @property
     def note(self) -> str | None:
@@ -98,7 +98,7 @@ class ScenePopulation:
     scene
         Scene with one inclusion or none.
     ranges
-        Ranges by name: depth, diameter, object, x; tissue; layer_0_thickness, layer_0_modulus and so on.
+        Ranges by name: depth, diameter, object, x, y; tissue; layer_0_thickness, layer_0_modulus and so on.
     least_cover
         Minimum cover of a tumour, m.
     samples, seed
@@ -115,7 +115,8 @@ class ScenePopulation:
     def from_scene(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
         """Complete the ranges of a design file: a quantity that the file leaves out has the scene's value as its only one."""
         inclusion, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
-        scene_values: JsonObject = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
+        middle = inclusion or scene.placement
+        scene_values: JsonObject = {"tissue": tissue.youngs_modulus, "x": middle.x, "y": middle.y}
         if inclusion is not None:
             scene_values |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
         stated = {key: getattr(given, key) for key in (*TUMOUR_PARAMETERS, "tissue")}
@@ -124,7 +125,7 @@ class ScenePopulation:
             scene_values |= {f"layer_{number}_thickness": layer.thickness, f"layer_{number}_modulus": layer.youngs_modulus}
             stated |= {f"layer_{number}_{key}": getattr(stated_layer, key, None) for key in ("thickness", "modulus")}
         ranges = {
-            key: value_range if value_range is not None else Range((scene_values[key],), log=key != "x")
+            key: value_range if value_range is not None else Range((scene_values[key],), log=key not in PLACE_AXES)
             for key, value_range in stated.items()
         }
         return cls(scene, ranges, given.least_cover, given.samples, given.seed)
@@ -159,9 +160,9 @@ class ScenePopulation:
         )
         counts = [len(part) for part in np.array_split(np.arange(n), len(tissue_scenes))]
         bodies, misfits = self._draw_bodies(tissue_scenes, counts, seed)
-        depth, diameter, modulus, x = bodies.T
         numbers, nu = np.repeat(np.arange(len(tissue_scenes)), counts), self.poisson_ratio
-        return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissue_scenes, misfits)
+        depth, diameter, modulus, x, y = bodies.T
+        return TumourDraw(self.scene, depth, diameter, modulus, x, y, nu, numbers, tissue_scenes, misfits)
 
     def _draw_bodies(self, tissues: tuple[Scene, ...], counts: list[int], seed: int) -> tuple[Floats, int]:
         """Draw tumours until enough fit their tissues.
@@ -181,15 +182,17 @@ class ScenePopulation:
         Returns
         -------
         tuple[Floats, int]
-            The tumours, tissue by tissue, with columns as in ``TUMOUR_PARAMETERS``, shape (n, 4), and the number drawn that did
+            The tumours, tissue by tissue, with columns as in ``TUMOUR_PARAMETERS``, shape (n, 5), and the number drawn that did
             not fit.
         """
-        sobol, block = qmc.Sobol(len(TUMOUR_PARAMETERS), seed=seed), _find_power_of_two(counts[0])
+        ranges, block = [self.ranges[key] for key in TUMOUR_PARAMETERS], _find_power_of_two(counts[0])
+        # a y that is the same for all takes no dimension of the sequence
+        sobol = qmc.Sobol(len(ranges) - ranges[-1].is_single, seed=seed)
         chosen, misfits = [np.empty((0, len(TUMOUR_PARAMETERS))) for _ in tissues], 0
         for _ in range(MAX_DRAWS_PER_TUMOUR):
             for number, (tissue, count) in enumerate(zip(tissues, counts, strict=True)):
                 missing = count - len(chosen[number])
-                bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
+                bodies = _draw_values(ranges, sobol.random(block))
                 misfits_by_reason = self.find_misfits(tissue, bodies).values()
                 fitting = np.flatnonzero(~np.any(list(misfits_by_reason), axis=0))[:missing]
                 # points after the last tumour needed are not counted as tried
@@ -200,7 +203,7 @@ class ScenePopulation:
                 return np.concatenate(chosen), misfits
         fit = Words(f"{sum(map(len, chosen))} of {MAX_DRAWS_PER_TUMOUR * block * len(tissues)} tumours fit")
         # one more block, from which the commonest reason is determined for the message
-        bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
+        bodies = _draw_values(ranges, sobol.random(block))
         reasons = self.find_misfits(tissues[0], bodies)
         reason = max(reasons, key=lambda key: np.mean(reasons[key]))
         raise InputError("population", fit, f"ranges of which more fit: most of these {reason}")
@@ -213,22 +216,22 @@ class ScenePopulation:
         scene
             Scene with the tissue.
         bodies
-            Tumours with columns as in ``TUMOUR_PARAMETERS``, shape (n, 4).
+            Tumours with columns as in ``TUMOUR_PARAMETERS``, shape (n, 5).
 
         Returns
         -------
         dict[str, Bools]
             Whether each tumour does not fit, shape (n,), by the reason as a message states it.
         """
-        tissue, (depth, diameter, _, x) = scene.tissue, bodies.T
+        tissue, (depth, diameter, _, x, y) = scene.tissue, bodies.T
         radius, cover = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
         shallow, across, outside = depth - radius < cover, np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
         for face in tissue.interfaces:
             across |= np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter
         if tissue.shape == "cylinder":
-            side_distance = tissue.radius - np.hypot(x, self._tumour_y)
+            side_distance = tissue.radius - np.hypot(x, y)
         elif tissue.shape == "block":
-            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - abs(self._tumour_y))
+            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - np.abs(y))
         if tissue.shape != "half-space":
             outside = radius >= SIDE_CLEARANCE_FACTOR * np.minimum(tissue.depth - depth, side_distance)
         needed = "a depth less half the diameter of a tenth of the diameter and of least_cover"
@@ -237,11 +240,6 @@ class ScenePopulation:
             "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
             "reach beyond the tissue's side or bottom": outside & ~shallow,
         }
-
-    @property
-    def _tumour_y(self) -> float:
-        """The y of every tumour, m: that of the scene's inclusion, or of the probe's placement where the scene has none."""
-        return self.scene.inclusion[0].y if self.scene.inclusion else self.scene.placement.y
 
     @property
     def poisson_ratio(self) -> float:
@@ -308,16 +306,16 @@ def _draw_values(ranges: Sequence[Range], fractions: Floats) -> Floats:
     ranges
         Range of each of q quantities.
     fractions
-        Fraction of the population below each value, 0 to 1, shape (n, q).
+        Fraction of the population below each value, 0 to 1, shape (n, q); without a column for last quantities of a single value.
 
     Returns
     -------
     Floats
         Values, shape (n, q).
     """
-    return np.stack(
-        [value_range.compute_quantiles(column) for value_range, column in zip(ranges, fractions.T, strict=True)], axis=1
-    )
+    middles = np.full((len(fractions), len(ranges) - fractions.shape[1]), 0.5)
+    columns = np.hstack([fractions, middles]).T
+    return np.stack([value_range.compute_quantiles(column) for value_range, column in zip(ranges, columns, strict=True)], axis=1)
 
 
 def _find_power_of_two(n: int) -> int:

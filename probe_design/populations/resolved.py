@@ -1,7 +1,7 @@
-"""Compute the posterior standard deviation of the contrast of a detected tumour, with all other unknowns taken into account.
+"""Compute what the readings say of a tumour: the contrast's and the place's posterior standard deviation, and the information.
 
 The readings are linearised about each tumour in the unknowns: logarithms of depth, diameter, moduli and the layers' thicknesses,
-and the position x. J_i is the derivative of the readings with respect to unknown i, C the readings' covariance, eq. PO.8, S_i
+and the place x, y. J_i is the derivative of the readings with respect to unknown i, C the readings' covariance, eq. PO.8, S_i
 the prior variance of unknown i, where i runs over all unknowns but the object's modulus, and j the derivative with respect to
 ln E_object. With ln contrast k = ln E_object - ln E_host in place of ln E_object, the host's derivative becomes t + j, t being
 the one before:
@@ -13,9 +13,14 @@ is that of eq. DS.6. With the prior of the object,
 
     sd(k)^2 = c^T (S^-1 + J^T C^-1 J)^-1 c,   c = e_object - e_host                                (PO.7)
 
-with J and S now those of all unknowns, e_object and e_host the unit vectors of both moduli. The information is the logarithm of
-the prior's (S_object + S_host)^(1/2) over this sd(k). It is never negative, and its mean over a population is not dominated by
-the few tumours with the smallest variance, as a mean of 1/variance would be.
+with J and S now those of all unknowns, e_object and e_host the unit vectors of both moduli; with the unit vectors of x and y in
+c it is the place's. The information about all that is unknown of the tumour (ln contrast, depth, diameter, x, y), in nats, is
+
+    1/2 ln det(C + sum S_i J_i J_i^T) - 1/2 ln det(C + sum' S_i J_i J_i^T)                           (PO.16)
+
+with sum' over the unknowns of the tissue alone. In it the host's modulus changes at a given contrast, so that its derivative is
+t + j, and its variance the one that remains once the contrast is known, S_object S_host / (S_object + S_host). The mean of
+neither over a population is dominated by the few tumours with the smallest variance, as a mean of 1/variance would be.
 """
 
 from __future__ import annotations
@@ -28,7 +33,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.populations.population import ScenePopulation, TumourDraw, name_host_modulus
+from probe_design.populations.population import PLACE_AXES, ScenePopulation, TumourDraw, is_of_tumour, name_host_modulus
 from probe_design.populations.scan_readings import ScanReadings
 
 DEFAULT_PRIOR_LOG_SD = 1.0  # prior standard deviation of ln E_object if the population has a single value of it
@@ -72,6 +77,18 @@ class Unknowns:
         hosts = (self.host[:, None] == np.arange(len(self.names))) & (self.host[:, None] > 0)
         return np.asarray(np.eye(len(self.names))[0] - hosts)
 
+    def bound_information_errors(self, informations: Floats, fraction: Floats) -> Floats:
+        """Return bounds on the errors of ``compute_informations`` where derivatives err by fractions of at most 1, shape (n,)."""
+        count = sum(is_of_tumour(name) for name in self.names)  # each is determined better or worse by the fraction
+        return np.asarray(np.minimum(count * fraction, informations))
+
+    def bound_place_errors(self, sds: Floats, fraction: Floats) -> Floats:
+        """Return bounds on the errors of ``compute_place_errors`` likewise, shape (n,): none is above the prior's."""
+        prior = math.hypot(*(sd for name, sd in zip(self.names, self.deviations, strict=True) if name in PLACE_AXES))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            larger = np.nan_to_num(sds * fraction / (1 - fraction), nan=np.inf)
+        return np.maximum(np.minimum(larger, prior - sds), fraction * sds)
+
     def build_derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
         """Return the derivatives J of all readings with respect to the q unknowns.
 
@@ -113,13 +130,30 @@ def compute_contrast_sd(unknowns: Unknowns, J: Floats, noise: LinearGaussian) ->
 
 
 def compute_informations(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:
-    """Return the information gained: ln(prior / posterior standard deviation) of ln contrast, eq. PO.7, nats, shape (n,).
+    """Return the information about all that is unknown of each tumour, eq. PO.16, nats, shape (n,).
 
     The parameters are those of ``compute_contrast_sd``.
     """
-    prior = np.linalg.norm(unknowns.contrast * unknowns.deviations, axis=1)
-    posterior = noise.add_unknowns(J, unknowns.deviations).compute_posterior_sd(unknowns.contrast)
-    return np.asarray(np.maximum(np.log(prior / posterior), 0.0))
+    variances = unknowns.deviations**2
+    derivatives, remaining = J.copy(), np.tile(variances, (len(J), 1))
+    for number in np.flatnonzero(unknowns.host > 0).tolist():  # the host's modulus at a given contrast
+        host = unknowns.host[number]
+        derivatives[number, :, host] += J[number, :, 0]
+        remaining[number, host] *= variances[0] / (variances[0] + variances[host])
+    tissue = [k for k, name in enumerate(unknowns.names) if not is_of_tumour(name)]
+    others = noise.add_unknowns(derivatives[..., tissue], np.sqrt(remaining[:, tissue])) if tissue else noise
+    every = noise.add_unknowns(J, unknowns.deviations)
+    return np.asarray(np.maximum(every.compute_half_log_determinant() - others.compute_half_log_determinant(), 0.0))
+
+
+def compute_place_errors(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:
+    """Return the posterior standard deviation of each tumour's place, m, shape (n,): the root of the sum of the axes' variances.
+
+    The parameters are those of ``compute_contrast_sd``; a place that all tumours have is known.
+    """
+    posterior, identity = noise.add_unknowns(J, unknowns.deviations), np.eye(len(unknowns.names))
+    axes = [posterior.compute_posterior_sd(identity[k]) for k, name in enumerate(unknowns.names) if name in PLACE_AXES]
+    return np.sqrt(sum((sd**2 for sd in axes), np.zeros(len(J))))
 
 
 def is_resolved(deviations: Floats) -> Floats:

@@ -27,7 +27,7 @@ from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion, Placement
 from probe_design.populations.film_totals import append_charges
-from probe_design.populations.population import TumourDraw, is_of_tumour
+from probe_design.populations.population import PLACE_AXES, TumourDraw, is_of_tumour
 from probe_design.populations.tables import Protocol
 from solver.closed_form.designs import (
     LAYER_PARAMETERS,
@@ -44,7 +44,7 @@ NODE_ROUNDING = 8  # nodes by which groups differ: fewer groups, each a little m
 MIN_OFFSET_PER_DIAMETER = 1e-6  # of the diameter: smallest lateral offset that counts as off the axis
 COMPLEX_STEP_RELATIVE = 1e-30  # of complex steps, relative
 FIRST_SPHERE_ROW = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
-SPHERE_PARAMETER_NAMES = {"diameter": "radius", "object": "modulus", "depth": "depth", "x": "offset"}
+SPHERE_PARAMETER_NAMES = {"diameter": "radius", "object": "modulus", "depth": "depth", "x": "offset", "y": "offset"}
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class ScanReadings:
     blank_error
         Error bound of eq. PO.1 without tumours, shape (t, c).
     derivatives
-        Of ``signal`` with respect to the parameters named in ``ScenePopulation.ranges``: to their logarithms, per m of x; shape
-        (n, m).
+        Of ``signal`` with respect to the parameters named in ``ScenePopulation.ranges``: to their logarithms, per m of x and y;
+        shape (n, m).
     blank_derivatives
         Derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
     """
@@ -166,7 +166,8 @@ class Columns:
         """Return the totals of the films per unit indentation, N/m and C/m, shape (*index.shape, 2 or 4).
 
         With ``stepped``, the name of a range of ``ScenePopulation.ranges``, they are complex: the imaginary part over
-        ``COMPLEX_STEP_RELATIVE`` is the derivative by the logarithm of that number, or by x itself. "" takes no step.
+        ``COMPLEX_STEP_RELATIVE`` is the derivative by the logarithm of that number, or by the lateral offset for x and y. ""
+        takes no step.
         """
         with np.errstate(all="ignore"):  # the caller refuses values that are not finite
             parts = [
@@ -196,13 +197,13 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
     for scene in draw.tissues:
         if (reason := ClosedForm().refusal(scene)) is not None:
             raise Refusal("evaluator", "closed-form", reason)
-    x_distance = draw.x[:, None] - protocol.places
-    offset = np.hypot(x_distance, draw.lateral_offset)
+    distances = draw.compute_distances(protocol)
+    offset = np.linalg.norm(distances, axis=-1)
     tumours, tissues = _build_tumour_columns(draw, offset), _build_tissue_columns(draw.tissues)
 
     def repeat_over_positions(values: Floats) -> Floats:
         """Repeat numbers of each tissue and channel, shape (t, c), for all readings of each tumour, shape (n, m)."""
-        return np.repeat(values, len(protocol.positions), axis=1)[draw.tissue]
+        return np.repeat(values, protocol.count, axis=1)[draw.tissue]
 
     totals, blank = tumours.compute_totals(), tissues.compute_totals()
     with np.errstate(all="ignore"):
@@ -213,8 +214,9 @@ def compute_closed_form_readings(draw: TumourDraw, protocol: Protocol, names: tu
     derivatives, blank_derivatives = {}, {}
     for name in names:
         reading_derivatives = compute_logarithms(tumours.compute_totals(name), protocol.stiffness).imag / COMPLEX_STEP_RELATIVE
-        if name == "x":  # the complex step is one of the lateral offset: chain rule, with 0 in place of 0 / 0 on the axis
-            reading_derivatives = reading_derivatives * np.tile(x_distance / np.maximum(offset, 1e-300), (1, protocol.channels))
+        if name in PLACE_AXES:  # the complex step is one of the lateral offset: chain rule, with 0 in place of 0 / 0 on the axis
+            cosines = distances[..., PLACE_AXES.index(name)] / np.maximum(offset, 1e-300)
+            reading_derivatives = reading_derivatives * np.tile(cosines, (1, protocol.channels))
         elif not is_of_tumour(name):
             blank_slopes = compute_logarithms(tissues.compute_totals(name)[:, None], protocol.stiffness).imag
             blank_derivatives[name] = blank_slopes / COMPLEX_STEP_RELATIVE
@@ -268,7 +270,7 @@ def _build_tissue_columns(tissues: tuple[Scene, ...]) -> Columns:
 
 
 def _add_complex_step(shape: Shape, values: Floats, name: str) -> Any:
-    """Return the columns with a complex step of the logarithm of a parameter; for x, of the lateral offset itself.
+    """Return the columns with a complex step of the logarithm of a parameter; for x and y, of the lateral offset itself.
 
     Parameters
     ----------
@@ -288,5 +290,5 @@ def _add_complex_step(shape: Shape, values: Floats, name: str) -> Any:
         first_layer_row = FIRST_SPHERE_ROW + len(shape.on_axis) * len(SPHERE_PARAMETERS)
         row = first_layer_row + int(number) * len(LAYER_PARAMETERS) + LAYER_PARAMETERS.index(f"layer_{key}")
     stepped = values.astype(complex)
-    stepped[row] += 1j * COMPLEX_STEP_RELATIVE * (1.0 if name == "x" else values[row])
+    stepped[row] += 1j * COMPLEX_STEP_RELATIVE * (1.0 if name in PLACE_AXES else values[row])
     return stepped

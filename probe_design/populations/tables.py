@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
@@ -10,8 +9,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from geometry.common.arrays import Floats, Ints
-from geometry.common.errors import InputError
+from geometry.common.arrays import Floats
+from geometry.common.errors import InputError, Words
 from geometry.scenes.quantities import LENGTH_QUANTITY, Frozen, Length
 from geometry.scenes.scene_tables import MAX_LAYERS, Force, Indentation, Observable
 from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
@@ -22,6 +21,7 @@ POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
 FORCE_QUANTITY = Quantity("force", "N", "mN", 1e-9, 1e9)
 CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
 DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS, MAX_TUMOURS, MAX_LOADS = 64, 4096, 101, 3, 6
+MAX_RASTER_LINES = 15
 
 Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
 Pressure = Annotated[float, Quantity("pressure", "Pa", "kPa", 1e-3, 1e9)]
@@ -77,7 +77,8 @@ class PopulationRanges(Frozen):
     )
     y: Places | None = Field(
         default=None,
-        description="the same along y, for `locate` and `survey` alone; left out: as x where readings lie at several y",
+        description="the same along y; left out: as x in a raster and where the readings of `locate` lie at several y, else the "
+        "scene's",
         examples=[["-16 mm", "16 mm"]],
     )
     margin: Distance = Field(
@@ -121,7 +122,7 @@ class PopulationRanges(Frozen):
     @property
     def is_varied(self) -> bool:
         """Whether the tumours of the population differ from each other."""
-        given = [self.depth, self.diameter, self.object, self.tissue, self.x]
+        given = [self.depth, self.diameter, self.object, self.tissue, self.x, self.y]
         given += [value_range for layer in self.layer for value_range in (layer.thickness, layer.modulus)]
         return any(value_range is not None and not value_range.is_single for value_range in given)
 
@@ -143,7 +144,7 @@ def _expand_positions(entry: object, units_required: bool) -> Any:
 
 
 class Protocol(Frozen):
-    """How a patient is examined: readings along a line over the tissue through the probe's place, along x."""
+    """How a patient is examined: readings along a line over the tissue through the probe's place, along x, or in a raster."""
 
     positions: Annotated[
         tuple[Annotated[float, POSITION_QUANTITY], ...], Field(strict=False, min_length=1, max_length=MAX_POSITIONS)
@@ -151,6 +152,11 @@ class Protocol(Frozen):
         default=tuple(np.linspace(-16e-3, 16e-3, 9).tolist()),
         description="of the probe's axis: [from, to, number], or a list of positions with their units",
         examples=[["-16 mm", "16 mm", 9]],
+    )
+    raster: bool = Field(
+        default=False,
+        description="whether the positions, at most 15 then, are those along x and along y of a square raster, as `survey` takes "
+        "them: true or false",
     )
     loads: Annotated[tuple[Annotated[float, FORCE_QUANTITY], ...], Field(strict=False, max_length=MAX_LOADS)] = Field(
         default=(),
@@ -184,10 +190,29 @@ class Protocol(Frozen):
         """Expand ``[from, to, number]``, see the function of this name, before pydantic checks the positions."""
         return _expand_positions(entry, bool(info.context and info.context.get("units_required")))
 
+    @model_validator(mode="after")
+    def _check_raster(self) -> Self:
+        """Refuse a raster of too many lines."""
+        if self.raster and len(self.positions) > MAX_RASTER_LINES:
+            raise InputError(
+                "positions", Words(f"{len(self.positions)}"), f"at most {MAX_RASTER_LINES} along each side of a raster"
+            )
+        return self
+
     @property
     def places(self) -> Floats:
-        """The positions as an array, m, shape (p,)."""
+        """The positions along a line as an array, m, shape (k,)."""
         return np.array(self.positions)
+
+    @property
+    def count(self) -> int:
+        """Number of places that are read."""
+        return len(self.positions) ** 2 if self.raster else len(self.positions)
+
+    def list_places(self, y: float) -> Floats:
+        """Return x and y of the probe's axis at each place, m, shape (p, 2); a line lies at ``y``."""
+        across = self.places if self.raster else np.array([y])
+        return np.stack(np.meshgrid(self.places, across), axis=-1).reshape(-1, 2)
 
     @property
     def channel_set(self) -> ChannelSet:
@@ -244,6 +269,11 @@ class DesignLimits(Frozen):
         default=0.3, description="largest indentation over the tissue's depth, where contact models the load: above 0, up to 1"
     )
     pressure: Pressure | None = Field(default=None, description="largest mean pressure under the probe", examples=["10 kPa"])
+    presses: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
+        default=None,
+        description="largest number of presses of a scan, the baseline reading and every load counted: a whole number",
+        examples=[26],
+    )
     gap_closure: bool = Field(default=True, description="whether the gap has to stay open under the load: true or false")
     charge: Annotated[tuple[Charge, Charge], Field(strict=False)] | None = Field(
         default=None,
@@ -303,6 +333,17 @@ class DesignVariables(Frozen):
         description="on the probe, in place of the scene's: each design has the largest that its limits allow",
         examples=[{"choices": ["0.1 N", "0.2 N", "0.3 N"]}],
     )
+    presses: VariedNumber = Field(
+        default=DesignVariable(),
+        description="places of a scan, of which bounds without a step allow up to five numbers; in a raster squares",
+        examples=[[9, 25]],
+    )
+    pitch: VariedLength = Field(
+        default=DesignVariable(),
+        description="between neighbouring places, about the middle of positions; left out: presses share their length; of bounds "
+        "without a step five are tried",
+        examples=[["4 mm", "8 mm"]],
+    )
     materials: Materials = Field(
         default=(),
         description="names of `probe-design material list`: each block is of one of these, modulus and Poisson's ratio together",
@@ -340,61 +381,3 @@ class DesignVariables(Frozen):
     def given_heights(self) -> tuple[str, ...]:
         """Which of inner_height and outer_height are given."""
         return tuple(key for key in ("inner_height", "outer_height") if getattr(self, key) != DesignVariable())
-
-
-Statistic = Literal["mean"] | Annotated[float, Field(gt=0.0, lt=1.0)]
-
-
-class Objective(Frozen):
-    """What is best."""
-
-    maximise: Literal["detection", "resolved", "information"] = Field(
-        default="detection",
-        description=(
-            "'detection': probability that a tumour is detected; 'resolved': fraction whose ln contrast is resolved to 0.5 (one "
-            "standard deviation); 'information': mean ln(prior / posterior standard deviation) of ln contrast"
-        ),
-    )
-    statistic: Statistic = Field(
-        default="mean", description="over the population: 'mean', or a number between 0 and 1, that quantile", examples=[0.1]
-    )
-
-    @model_validator(mode="after")
-    def _refuse_quantile_of_fraction(self) -> Self:
-        """Refuse a quantile of "resolved", which is 0 or 1 for each tumour."""
-        if self.maximise == "resolved" and self.statistic != "mean":
-            raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a fraction of the tumours")
-        return self
-
-    def compute_statistic(self, values: Floats) -> float:
-        """Return the statistic of the tumours' values, shape (n,): their mean, or their quantile."""
-        return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
-
-    def compute_error(self, values: Floats, group: Ints | None = None) -> float:
-        """Return the standard error of ``compute_statistic``; that of a quantile follows from neighbouring quantiles.
-
-        Parameters
-        ----------
-        values
-            Values of n tumours drawn at random, shape (n,).
-        group
-            Number of each tumour's tissue, shape (n,); if the few tissues differ by more than random tumours would, their scatter
-            counts.
-        """
-        alone = self._compute_sampling_error(values)
-        parts = [] if group is None else [values[group == number] for number in np.unique(group)]
-        if len(parts) < 2:
-            return alone
-        return max(alone, float(np.std([self.compute_statistic(part) for part in parts], ddof=1) / math.sqrt(len(parts))))
-
-    def _compute_sampling_error(self, values: Floats) -> float:
-        """Return the standard error of the statistic of values drawn at random."""
-        n = len(values)
-        if n < 2:
-            return 0.0
-        if self.statistic == "mean":
-            return float(np.std(values, ddof=1) / math.sqrt(n))
-        # of the fraction of values below a quantile: half the difference of the quantiles at both ends is the error
-        spread = math.sqrt(self.statistic * (1 - self.statistic) / n)
-        ends = np.quantile(values, np.clip([self.statistic - spread, self.statistic + spread], 0, 1))
-        return float(np.ptp(ends) / 2)

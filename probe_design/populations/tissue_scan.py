@@ -13,7 +13,7 @@ from geometry.scenes.scene_tables import Placement
 from geometry.scenes.variables import list_values
 from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.loaded_scan import LoadedChange
-from probe_design.populations.population import ScenePopulation, TumourDraw, get_scene_key
+from probe_design.populations.population import PLACE_AXES, ScenePopulation, TumourDraw, get_scene_key
 from probe_design.populations.scan_readings import compute_logarithms
 from probe_design.populations.tables import Protocol
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
@@ -24,7 +24,7 @@ from solver.inclusions.tumours import Tumours
 BASE_ACCURACY = 0.01  # relative, of the probe without tumours: in a signal only this fraction of the signal remains
 MIN_REFLECTED = 16  # minimum of tumours with reflections for any number of positions, as they are a sample
 LOG_DIFFERENCE_STEP = 0.002  # step of the logarithms of the tissue's numbers
-TARGET_KEYS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset"}
+TARGET_KEYS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset", "y": "offset"}
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,8 @@ class InclusionScan:
             The evaluator cannot model the scene.
         """
         scene = draw.tissues[number]
-        farthest_placement = Placement(
-            x=float(np.abs(protocol.places).max()), y=abs(scene.placement.y), tilt=scene.placement.tilt
-        )
+        x, y = np.abs(protocol.list_places(scene.placement.y)).max(axis=0).tolist()
+        farthest_placement = Placement(x=x, y=y, tilt=scene.placement.tilt)
         return cls(
             draw,
             protocol,
@@ -80,12 +79,11 @@ class InclusionScan:
             Of u pairs the index of the tumour in ``draw`` and the distance, m, shape (u,) each; and for each of k tumours in
             this tissue at each of p positions the index of its pair, shape (k, p).
         """
-        x_distances, lateral_offset = self._x_distances, self.draw.lateral_offset
-        offset = np.round(np.hypot(x_distances, lateral_offset), 12)
-        pairs = np.stack([np.repeat(self.members, x_distances.shape[1]), offset.ravel()], axis=1)
+        offset = np.round(np.linalg.norm(self._distances, axis=-1), 12)
+        pairs = np.stack([np.repeat(self.members, offset.shape[1]), offset.ravel()], axis=1)
         # np.round above: equal distances on both sides of a tumour may differ in the last digits
         rows, indices = np.unique(pairs, axis=0, return_inverse=True)
-        return rows[:, 0].astype(int), rows[:, 1], indices.reshape(x_distances.shape)
+        return rows[:, 0].astype(int), rows[:, 1], indices.reshape(offset.shape)
 
     def build_tumours(self, which: Ints, offset: Floats) -> Tumours:
         """Return the tumours with u indices in ``draw`` at lateral distances ``offset`` from the probe, m; fields (u, 1)."""
@@ -94,9 +92,9 @@ class InclusionScan:
         return Tumours(*(np.asarray(column)[..., None] for column in columns))
 
     @property
-    def _x_distances(self) -> Floats:
-        """The x of each tumour in this tissue less that of the probe at each position, m, shape (k, p)."""
-        return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
+    def _distances(self) -> Floats:
+        """Place of each tumour in this tissue less that of the probe at each position, m, shape (k, p, 2)."""
+        return np.asarray(self.draw.compute_distances(self.protocol)[self.members])
 
     def compute_readings(self, tumours: Tumours, tolerance: Floats, allowed: Bools) -> tuple[Readings, Readings]:
         """Return readings to first order, and those of the allowed tumours with reflections where these matter.
@@ -151,20 +149,21 @@ class InclusionScan:
         ]
         # ln ratio, then ln stiffness; with only one channel read, the slices below keep ln ratio
         values = np.stack([part[indices] for part in channel_derivatives], axis=-1)
-        if name == "x":  # the readings know only the distance: chain rule
-            values = values * self._compute_offset_slopes()[..., None]
+        if name in PLACE_AXES:  # the readings know only the distance: chain rule
+            values = values * self._compute_offset_slopes(name)[..., None]
         return self.join_channels(values)
 
     def read_change_derivatives(self, change: LoadedChange, indices: Ints, name: str) -> Floats:
         """Return the derivatives of what a load adds to the signals by a number of the tumours, shape (k, m)."""
-        values = change.derivatives[name][indices]
-        if name == "x":  # as in ``compute_tumour_derivatives``
-            values = values * self._compute_offset_slopes()[..., None]
+        values = change.derivatives["x" if name in PLACE_AXES else name][indices]
+        if name in PLACE_AXES:  # as in ``compute_tumour_derivatives``
+            values = values * self._compute_offset_slopes(name)[..., None]
         return self.join_channels(values)
 
-    def _compute_offset_slopes(self) -> Floats:
-        """Return the derivatives of the tumours' distances by their x, shape (k, p), with 0 in place of 0 / 0 on the axis."""
-        return np.asarray(self._x_distances / np.maximum(np.hypot(self._x_distances, self.draw.lateral_offset), 1e-300))
+    def _compute_offset_slopes(self, axis: str) -> Floats:
+        """Return the derivatives of the tumours' distances by their x or y, shape (k, p), 0 in place of 0 / 0 on the axis."""
+        along = self._distances[..., PLACE_AXES.index(axis)]
+        return np.asarray(along / np.maximum(np.linalg.norm(self._distances, axis=-1), 1e-300))
 
     def select_reflected(self, count: int) -> Ints:
         """Return the indices of the tumours in this tissue whose reflections are computed, a sample of them: the first ones.
@@ -194,7 +193,7 @@ class InclusionScan:
         derivatives, blank_slopes = (
             (upper - lower) / (2 * LOG_DIFFERENCE_STEP) for upper, lower in zip(*step_results, strict=True)
         )
-        return derivatives - np.repeat(blank_slopes, len(self.protocol.positions)), blank_slopes
+        return derivatives - np.repeat(blank_slopes, self.protocol.count), blank_slopes
 
     def join_channels(self, values: Floats) -> Floats:
         """Return values of ratio and stiffness at each position, (k, p, 2), as those of the m signals that are read, (k, m)."""

@@ -37,12 +37,14 @@ def ignore_progress(done: int, total: int) -> None:
     assert 0 <= done <= total
 
 
-@pytest.mark.parametrize("maximise", ["detection", "resolved", "information"])
+@pytest.mark.parametrize("maximise", ["detection", "resolved", "information", "place_error"])
 @pytest.mark.parametrize("blank", [True, False])
 def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None:
     noise = {"white": 0.002, "stiffness_white": 0.002, "charge": 1e-15}  # so small that some are resolved
+    spread = {"x": [-4e-3, 4e-3]} if maximise == "place_error" else {}
+    protocol = PROTOCOL | {"blank": blank} | ({"positions": [-6e-3, 7e-3], "raster": True} if spread else {})
     made = make_design(
-        objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise
+        objective={"maximise": maximise}, protocol=protocol, limits={"force": 5e-4}, noise=noise, population=POPULATION | spread
     )
     objective, search_space = ready(made)
     start = read_vector(made.scene)
@@ -57,7 +59,8 @@ def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None
     assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.35)
     assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.2)
     derivatives = objective.gradient(start, search_space.start_poisson, list(range(6)))[1][0]
-    assert derivatives @ direction == pytest.approx(derivative.mean(), rel=1e-9)
+    expected = -derivative.mean() / moved(0.0).mean() if spread else derivative.mean()  # of a place error minus its logarithm
+    assert derivatives @ direction == pytest.approx(expected, rel=1e-9)
 
 
 def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> None:

@@ -9,9 +9,9 @@ from scipy.stats import norm
 
 from geometry.common.arrays import Floats
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
+from probe_design.populations.objective import Objective
 from probe_design.populations.performance import ControlSample, estimate_statistic
 from probe_design.populations.population import ScenePopulation
-from probe_design.populations.tables import Objective
 from tests.support.designs import SUPERFICIAL, example_design
 
 VERIFIED, MANY, REPEATS = 40, 512, 2000

@@ -14,7 +14,7 @@ from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import design_from_dict
 from probe_design.populations.examination import examine
-from probe_design.populations.tables import Objective
+from probe_design.populations.objective import Objective
 from tests.support.designs import SUPERFICIAL, THREE, example_design, verify
 
 DESIGN = example_design(population={**SUPERFICIAL, "samples": 16}, protocol=THREE)

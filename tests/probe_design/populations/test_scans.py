@@ -106,7 +106,7 @@ def test_where_all_moduli_grow_alike_no_signal_changes(skin: bool) -> None:
     layer = ({"thickness": 0.5e-3, "youngs_modulus": 6e3, "poisson_ratio": 0.45},) if skin else ()
     tissue = scene.tissue.model_copy(update={"layer": tuple(Layer(**item) for item in layer)})
     scene = scene.model_copy(update={"inclusion": (), "tissue": tissue})
-    item = [np.array([value]) for value in (6e-3, 9.8e-3, 60e3, 0.0)]
+    item = [np.array([value]) for value in (6e-3, 9.8e-3, 60e3, 0.0, 0.0)]
     draw = TumourDraw(scene, *item, poisson_ratio=0.45, tissue=np.zeros(1, dtype=int), tissues=(scene,))
     names = ("object", "tissue", *(["layer_0_modulus"] if skin else []))
     parts = compute_inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best.derivatives
