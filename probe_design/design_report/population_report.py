@@ -167,11 +167,12 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     active = [limit.name for limit in optimum.limits if limit.active]
     read = "the ratio is that of the films' charges; " if optimum.design.scene.observable == "charge" else ""
     located = "of simulated scans that locate explains" if optimum.start.trials else "as if readings were linear in the unknowns"
+    places = "the places of each column" if optimum.search_space.scan_choices else f"{protocol.count} positions"
     against = "a baseline reading" if protocol.blank else "a prediction"
     loads = f", each under {' and '.join(f'{load:g} N' for load in sorted(protocol.loads))}," if protocol.loads else ""
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
-        f"{protocol.count} positions{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
+        f"{places}{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
         f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); {read}± "
         f"sampling and model error together; information and place error {located}; detected (90 %): 9 times in 10 if the tumour "
         f"were known; resolved: ln contrast to "

@@ -17,16 +17,17 @@ from geometry.common.errors import Refusal, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import MIN_NOISE
-from probe_design.locating.forward_model import build_model
+from probe_design.estimation.measurements import Reading
+from probe_design.locating.forward_model import build_models
 from probe_design.locating.likelihood import Likelihood
-from probe_design.locating.prior import ForwardModel, TumourPrior
+from probe_design.locating.prior import TumourPrior
 from probe_design.locating.samples import CONVERGED_SIZE
 from probe_design.locating.sampling import draw_posterior
-from probe_design.locating.scan_data import ScanData, TumourFree
+from probe_design.locating.scan_data import ScanConditions, ScanData
 from probe_design.populations.design_file import Design
-from probe_design.populations.noise import compute_reading_variances
 from probe_design.populations.objective import Kind, Objective
 from probe_design.populations.population import TumourDraw
+from probe_design.populations.several_loads import list_loaded_scenes
 
 SEED = 39  # of noise and samples, the same for every design, so that the differences between designs are more exact
 SETS = 512  # equally probable sets of a posterior, over which ln L is averaged: its standard error is 0.07 nats
@@ -78,17 +79,19 @@ class ScanTrials:
         Refusal
             The evaluator cannot model the scene or its load, or hardly any tumour fits the middle tissue.
         """
-        bench = _Bench.from_design(design.model_copy(update={"scene": scene}))
+        forces = (
+            tuple(item.load.force or 0.0 for item in list_loaded_scenes(scene, design.protocol)) if design.protocol.loads else ()
+        )
+        protocol = design.protocol.model_copy(update={"loads": forces})
+        bench = _Bench.from_design(design.model_copy(update={"scene": scene, "protocol": protocol}))
         tumours = np.stack([draw.x, draw.y, draw.depth, draw.diameter, draw.youngs_modulus], axis=-1)
         fitting = np.flatnonzero(bench.prior.find_allowed(tumours[:, None]))
         if len(fitting) < min(MIN_TRIALS, len(draw)):
             raise Refusal("population", Words(f"{len(fitting)} tumours fit the middle tissue"), "ranges of which more fit")
         rows = np.array([bench.try_tumour(tumours[number], number) for number in fitting.tolist()])
-        model, free = bench.model, bench.free
-        error = float(np.max(np.hypot(model.error, np.hypot(model.scale_error, free.signal_errors))))
         values: dict[Kind, Floats] = {"place_error": rows[:, 0], "information": rows[:, 1]}
         narrow = int((rows[:, 3] < CONVERGED_SIZE).sum())
-        return cls(values, rows[:, 2], draw.tissue[fitting], error, free.evaluator, narrow)
+        return cls(values, rows[:, 2], draw.tissue[fitting], bench.signal_error, bench.conditions.loads.evaluator, narrow)
 
     def compute_objective(self, aim: Objective) -> tuple[float, float]:
         """Return the statistic of the quantity that a design file asks for, and its standard error."""
@@ -120,34 +123,45 @@ class _Bench:
 
     Attributes
     ----------
-    prior, model
-        As in `locate`.
-    free
-        The probe on tumour-free tissue.
-    without
-        The scan without a tumour and without noise.
+    likelihood
+        As in `locate`, of the scan without a tumour and without noise.
+    conditions
+        What its readings have in common.
     """
 
-    prior: TumourPrior
-    model: ForwardModel
-    free: TumourFree
-    without: ScanData
+    likelihood: Likelihood
+    conditions: ScanConditions
 
     @classmethod
     def from_design(cls, design: Design) -> _Bench:
-        """Prepare the scan of a design file's protocol."""
-        free, protocol, noise = TumourFree.from_design(design), design.protocol, design.noise
-        places = protocol.list_places(design.scene.placement.y)
-        is_baseline = np.arange(len(places) + protocol.blank) >= len(places)
-        k = len(is_baseline)
-        own = compute_reading_variances(noise, free.scene, free.totals[None])[:, 0]
-        variance = np.maximum(np.where([True, protocol.stiffness], own, np.inf), MIN_NOISE**2)
-        without = ScanData(
-            np.vstack([places, np.zeros((k - len(places), 2))]), np.zeros((k, 2)), np.tile(variance, (k, 1)),
-            np.full((k, 2), noise.pose), is_baseline, ScanData.from_readings((), design, free).gain_sd, free.signal_errors,
-        )  # fmt: skip
+        """Prepare the scan of a design file's protocol, whose places are all read under each of its loads."""
+        conditions, protocol = ScanConditions.from_design(design), design.protocol
+        places, readings = protocol.list_places(design.scene.placement.y), list[Reading]()
+        for force in protocol.loads or (None,):
+            noise, stiffness_noise = conditions.loads.compute_noise(design.noise, force)
+            for k, (x, y) in enumerate([*places.tolist(), *[(0.0, 0.0)] * protocol.blank]):
+                stiffness = 1.0 if protocol.stiffness else None
+                is_blank = k == len(places)
+                readings.append(
+                    Reading(
+                        x, y, 1.0, max(noise, MIN_NOISE), stiffness, max(stiffness_noise, MIN_NOISE), blank=is_blank, force=force
+                    )
+                )
+        data = ScanData.from_readings(readings, design, conditions)
         prior = TumourPrior.from_design(design, places)
-        return cls(prior, build_model(prior), free, without)
+        without = replace(data, values=np.zeros_like(data.values))
+        return cls(Likelihood(without, build_models(prior, conditions.loads.scenes), prior), conditions)
+
+    @property
+    def prior(self) -> TumourPrior:
+        """Tumours before the readings."""
+        return self.likelihood.prior
+
+    @property
+    def signal_error(self) -> float:
+        """Largest relative error of a predicted signal."""
+        own = np.max([model.error for model in self.likelihood.models])
+        return float(np.hypot(own, self.likelihood.rows.total_scale.max(initial=0.0)))
 
     def try_tumour(self, tumour: Floats, number: int) -> tuple[float, float, float, float]:
         """Simulate and explain a scan over a tumour, shape (5,).
@@ -155,11 +169,12 @@ class _Bench:
         Returns
         -------
         tuple[float, float, float, float]
-            The place's standard deviation and the distance of its mean from the tumour, m, between them the information, nats;
-            last the effective sample size.
+            The place's standard deviation, m; the information, nats; the distance of the mean place from the tumour, m; the
+            effective sample size.
         """
         rng = np.random.default_rng((SEED, number))
-        likelihood = Likelihood(self._simulate(tumour, rng), self.model, self.prior)
+        data = replace(self.likelihood.data, values=self._simulate(tumour, rng))
+        likelihood = replace(self.likelihood, data=data)
         sample = draw_posterior(likelihood, 1, SEED + number)
         places = self.prior.transform(sample.points)[:, 0, :2]
         mean = sample.weights @ places
@@ -168,14 +183,13 @@ class _Bench:
         information = max(float(log_likelihood) - sample.log_evidence, 0.0)
         return float(np.sqrt(variance.sum())), information, float(np.linalg.norm(mean - tumour[:2])), sample.size
 
-    def _simulate(self, tumour: Floats, rng: np.random.Generator) -> ScanData:
-        """Return the readings of a scan over a tumour, eq. LO.1."""
-        data, model = self.without, self.model
-        over = ~data.is_baseline
-        values = data.gain_sd * rng.standard_normal(2) + np.zeros((len(data), 2))
-        values += np.sqrt(np.where(data.is_read, data.variance, 0.0)) * rng.standard_normal(values.shape)
-        moved = data.positions + data.pose_sd * rng.standard_normal(values.shape)
-        common = 1 + np.hypot(model.scale_error, data.scale_sd) * rng.standard_normal(2)
-        own = model.error * rng.standard_normal(values.shape)
-        values[over] += model.predict(tumour[None, None], moved[over])[0] * (common + own[over])
-        return replace(data, values=np.where(data.is_read, values, 0.0))
+    def _simulate(self, tumour: Floats, rng: np.random.Generator) -> Floats:
+        """Return the readings of a scan over a tumour against tissue without it, eq. LO.1, shape (k, 2)."""
+        data, models = self.likelihood.data, self.likelihood.models
+        moved = data.positions + data.pose_sd * rng.standard_normal(data.positions.shape)
+        likelihood = replace(self.likelihood, data=replace(data, positions=moved))
+        (signal,), (spread,) = likelihood.predict(tumour[None, None])
+        rows, own = likelihood.rows, data.weights @ np.stack([model.error for model in models])
+        common = np.einsum("q,qkc->kc", rng.standard_normal(len(rows.constant)), rows.constant + rows.scale * signal)
+        sd = np.sqrt(np.where(data.is_read, data.variance, 0.0) + spread + (own * signal) ** 2)
+        return np.where(data.is_read, signal + common + sd * rng.standard_normal(signal.shape), 0.0)

@@ -196,7 +196,7 @@ def _check_against_scene(design: Design) -> Design:
         raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone gives no sampling error")
     if design.protocol.loads:
         _check_loads(design)
-    _check_located(design)
+    _check_place(design)
     if design.protocol.raster and ranges.x is not None and ranges.y is None:
         design = design.model_copy(update={"population": ranges.model_copy(update={"y": ranges.x})})
     if design.variables.force.fixed and scene.load.force is None:
@@ -207,14 +207,9 @@ def _check_against_scene(design: Design) -> Design:
     return design
 
 
-def _check_located(design: Design) -> None:
-    """Raise ``InputError`` where simulated scans cannot verify what the design file asks for."""
+def _check_place(design: Design) -> None:
+    """Raise ``InputError`` where a design for the place knows the place."""
     aim, ranges = design.objective, design.population
-    if not aim.is_located:
-        return
-    if design.protocol.loads:
-        allowed = f"none with maximise = {aim.maximise!r}: locate reads every place under one load"
-        raise InputError("protocol.loads", [FORCE_QUANTITY.format_value(load) for load in design.protocol.loads], allowed)
     is_spread = any(part is not None and not part.is_single for part in (ranges.x, ranges.y))
     if aim.maximise == "place_error" and not is_spread:
         raise InputError(

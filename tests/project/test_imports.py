@@ -163,7 +163,9 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.design_search": {
         "probe_design.data",
         "solver.contact",
+        "probe_design.estimation.measurements",
         "probe_design.inference",
+        "probe_design.locating",  # simulated scans verify what a scan says
         "probe_design.populations",
         "solver.casadi_functions",
         "solver.closed_form",

@@ -1,0 +1,98 @@
+"""What a scan says of a tumour: simulated scans of the verification, and the scans that a search tries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.locating.coverage import COMMON, NARROW, simulate
+from benchmarks.locating.forward_model import SCENE_TABLES
+from geometry.common.errors import InputError
+from probe_design.design_search.scan_choices import list_scan_choices
+from probe_design.design_search.scan_trials import ScanTrials
+from probe_design.estimation.measurements import Reading
+from probe_design.locating.run import run_locate
+from probe_design.locating.scan_data import ScanConditions
+from probe_design.populations.design_file import Design, design_from_dict
+from probe_design.populations.population import ScenePopulation
+
+RASTER: dict[str, Any] = {"positions": ["-16 mm", "16 mm", 5], "raster": True}
+
+
+def make_design(**tables: Any) -> Design:
+    given = {"population": NARROW | COMMON, "protocol": RASTER, "noise": {"charge": "0 pC"}, **tables}
+    return design_from_dict({"scene": SCENE_TABLES, **given}, units_required=True)
+
+
+@pytest.mark.slow
+def test_the_place_error_of_trials_is_that_of_scans_that_locate_explains() -> None:
+    """Other tumours than those of the trials, read with reflections, with a baseline reading and a gain."""
+    count, rng = 24, np.random.default_rng(3)
+    design = make_design(population=NARROW | COMMON | {"samples": 32})
+    population = ScenePopulation.from_scene(design.scene, design.population)
+    trials = ScanTrials.from_design(design, design.scene, population.draw_tumours(unseen=True))
+    stated, error = (float(number) for number in trials.as_dict()["place_error"])
+    blank, places = ScanConditions.from_design(design).loads.main.logarithms[0], design.protocol.list_places(0.0)
+    draw, sds, distances = population.draw_tumours(count), list[float](), list[float]()
+    for number in range(count):
+        tumour = np.array([getattr(draw, key)[number] for key in ("x", "y", "depth", "diameter", "youngs_modulus")])
+        signals = np.append(simulate(design.scene, tumour, places)[:, 0], 0.0)
+        ratios = np.exp(blank + signals + 0.07 * rng.standard_normal() + 0.01 * rng.standard_normal(len(signals)))
+        scan = tuple(
+            Reading(x, y, ratio, 0.01, blank=is_blank)
+            for (x, y), ratio, is_blank in zip(
+                [*places.tolist(), (30e-3, 0.0)], ratios.tolist(), [False] * len(places) + [True], strict=True
+            )
+        )
+        found = run_locate(design, scan, 0.0, number, advise=False).by_number[0].sets[:, 0, :2]
+        sds.append(float(np.sqrt(found.var(axis=0).sum())))
+        distances.append(float(np.linalg.norm(found.mean(axis=0) - tumour[:2])))
+    scatter = np.std(sds, ddof=1) / np.sqrt(count)
+    assert np.mean(sds) == pytest.approx(stated, abs=2 * np.hypot(error, scatter))
+    squares = np.square(distances)
+    expected = np.mean(trials.values["place_error"] ** 2)
+    assert squares.mean() == pytest.approx(expected, abs=2.5 * np.hypot(squares.std() / np.sqrt(count), 2 * stated * error))
+
+
+def test_scans_are_squares_at_every_pitch_within_the_limit_and_on_the_tissue() -> None:
+    design = make_design(variables={"presses": [9, 36], "pitch": {"choices": ["4 mm", "8 mm", "30 mm"]}}, limits={"presses": 26})
+    with pytest.raises(InputError, match=r"limits\.presses.*26"):
+        list_scan_choices(make_design(limits={"presses": 25}), 9e-3)  # 25 places and a baseline reading
+    choices = list_scan_choices(design, 9e-3)
+    assert [(choice.presses, round(choice.pitch, 6)) for choice in choices] == [
+        (presses, pitch)
+        for presses in (9, 16, 25)
+        for pitch in (4e-3, 8e-3)  # at 30 mm the probe leaves the tissue
+    ]
+    assert choices[-1].protocol.places == pytest.approx([-16e-3, -8e-3, 0.0, 8e-3, 16e-3])
+    along = make_design(variables={"presses": [5, 9]}, protocol={"positions": ["-16 mm", "16 mm", 5]})
+    assert [choice.pitch for choice in list_scan_choices(along, 9e-3)] == pytest.approx([8e-3, 6.4e-3, 5.33e-3, 4.57e-3, 4e-3])
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"variables": {"presses": {"choices": [10]}}}, "squares"),
+        ({"variables": {"presses": [2.5, 9]}}, "whole numbers"),
+        ({"variables": {"presses": [10, 15]}}, "bounds with a number"),
+        ({"variables": {"pitch": ["40 mm", "60 mm"]}}, "no scan left"),
+        ({"variables": {"pitch": {"step": "1 mm"}}}, "bounds beside step"),
+    ],
+)
+def test_careless_scans_are_refused_in_words(tables: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        list_scan_choices(make_design(**tables), 9e-3)
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"population": NARROW, "objective": {"maximise": "place_error"}}, r"population\.x"),
+        ({"protocol": {"positions": ["-16 mm", "16 mm", 16], "raster": True}}, r"protocol\.positions"),
+    ],
+)
+def test_careless_designs_for_the_place_are_refused(tables: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        make_design(**tables)
