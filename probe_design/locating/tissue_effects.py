@@ -93,7 +93,7 @@ def _shift(population: ScenePopulation, name: str, change: float) -> Scene:
 
 
 def _draw_bodies(population: ScenePopulation, scenes: list[Scene]) -> Floats:
-    """Return tumours that fit all tissues, columns as in ``TUMOUR_PARAMETERS``, shape (n, 4)."""
+    """Return tumours that fit all tissues, columns as in ``TUMOUR_PARAMETERS``, shape (n, 5)."""
     fractions = np.random.default_rng(SEED).random((len(TUMOUR_PARAMETERS), 8 * SAMPLES))
     columns = [population.ranges[key].compute_quantiles(row) for key, row in zip(TUMOUR_PARAMETERS, fractions, strict=True)]
     bodies = np.stack(columns, axis=1)

@@ -160,7 +160,7 @@ def by_population(scene: Scene, positions: Sequence[float], stiffness: bool) -> 
     """Sd of ln E_object by eq. PO.6: other code for derivatives, which are exact there, and for what is not known."""
     deviations = {"object": 1.0, "depth": 0.5, "diameter": 0.5, "tissue": 0.5}
     body = scene.inclusion[0]
-    number = (np.array([value]) for value in (body.depth, body.diameter, body.youngs_modulus, 0.0))
+    number = (np.array([value]) for value in (body.depth, body.diameter, body.youngs_modulus, 0.0, 0.0))
     tissue = scene.model_copy(update={"inclusion": ()})
     draw = TumourDraw(scene, *number, body.poisson_ratio, np.zeros(1, dtype=int), (tissue,))
     protocol = Protocol(positions=tuple(positions), stiffness=stiffness, blank=False)

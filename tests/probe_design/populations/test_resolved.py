@@ -20,6 +20,7 @@ from probe_design.populations.resolved import (
     compute_contrast_sd,
     compute_fraction_error,
     compute_informations,
+    compute_place_errors,
     is_resolved,
     is_undecided,
 )
@@ -80,6 +81,19 @@ def test_information_is_what_the_prior_loses() -> None:
         c @ np.linalg.solve(prior, c),
     )
     assert compute_informations(known, J, noise) == pytest.approx(np.log(prior_information / information) / 2)
+
+
+def test_the_place_and_all_of_a_tumour_follow_from_the_whole_covariance() -> None:
+    """By explicit inverses and determinants: the tissue's modulus is a nuisance, the tumour's own four numbers are not."""
+    J, noise = problem(q=5)
+    known = Unknowns(("object", "depth", "x", "y", "layer_0_thickness"), np.linspace(0.3, 0.9, 5), np.full(len(J), -1))
+    prior = np.diag(known.deviations**-2)
+    posterior = np.linalg.inv(J.transpose(0, 2, 1) @ np.linalg.solve(noise.covariance, J) + prior)
+    assert compute_place_errors(known, J, noise) == pytest.approx(np.sqrt(posterior[:, 2, 2] + posterior[:, 3, 3]))
+    tissue = noise.covariance + known.deviations[4] ** 2 * np.einsum("nm,nk->nmk", J[..., 4], J[..., 4])
+    everything = noise.covariance + J @ np.diag(known.deviations**2) @ J.transpose(0, 2, 1)
+    expected = (np.linalg.slogdet(everything)[1] - np.linalg.slogdet(tissue)[1]) / 2
+    assert compute_informations(known, J, noise) == pytest.approx(expected)
 
 
 def test_readings_that_tell_nothing_tell_nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from geometry.scenes.scene_tables import Inclusion, Layer, Placement
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.scan_readings import compute_closed_form_readings
-from probe_design.populations.tables import NoiseModel
+from probe_design.populations.tables import NoiseModel, Protocol
 from solver import evaluate
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
@@ -24,20 +25,20 @@ FINE = NoiseModel(white=3e-4, stiffness_white=3e-4, charge=0.0)  # so that nothi
 FIELDS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "x"}
 
 
-def one_scene(draw: TumourDraw, number: int, position: float) -> Scene:
+def one_scene(draw: TumourDraw, number: int, x: float, y: float = 0.0) -> Scene:
     body = Inclusion(
-        depth=draw.depth[number], diameter=draw.diameter[number], x=draw.x[number], youngs_modulus=draw.youngs_modulus[number],
-        poisson_ratio=draw.poisson_ratio,
+        depth=draw.depth[number], diameter=draw.diameter[number], x=draw.x[number], y=draw.y[number],
+        youngs_modulus=draw.youngs_modulus[number], poisson_ratio=draw.poisson_ratio,
     )  # fmt: skip
     tissue = draw.tissues[draw.tissue[number]]
-    return tissue.model_copy(update={"inclusion": (body,), "placement": Placement(x=position)})
+    return tissue.model_copy(update={"inclusion": (body,), "placement": Placement(x=x, y=y)})
 
 
-def single(draw: TumourDraw, number: int, evaluator: str) -> Floats:
+def single(draw: TumourDraw, number: int, evaluator: str, protocol: Protocol = DESIGN.protocol) -> Floats:
     """ln ratio and ln stiffness at all positions, less those without the tumour, one evaluation each."""
     rows = []
-    for position in DESIGN.protocol.positions:
-        scene = one_scene(draw, number, position)
+    for place in protocol.list_places(0.0).tolist():
+        scene = one_scene(draw, number, *place)
         over_tumour, bare = (
             evaluate(scene_evaluated, evaluator) for scene_evaluated in (scene, scene.model_copy(update={"inclusion": ()}))
         )
@@ -52,6 +53,20 @@ def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
         assert signal[number] == pytest.approx(
             single(draw, number, "closed-form"), rel=0.01, abs=1e-5
         )  # nodes for its farthest place
+
+
+def test_a_raster_over_tumours_beside_its_lines_is_that_of_single_scenes() -> None:
+    tables: dict[str, Any] = {"protocol": {"positions": ["-6 mm", "7 mm"], "raster": True, "stiffness": True}}
+    design = example_design(population=SUPERFICIAL | {"x": ["-3 mm", "5 mm"]}, **tables)
+    population = ScenePopulation.from_scene(design.scene, design.population)
+    draw = population.draw_tumours(2)
+    assert np.ptp(draw.y) > 0.5e-3  # y left out ranges as x
+    readings = compute_closed_form_readings(draw, design.protocol, ("x", "y"))
+    moved = compute_closed_form_readings(replace(draw, y=draw.y + 1e-5), design.protocol).signal
+    for number in range(len(draw)):
+        expected = single(draw, number, "closed-form", design.protocol)
+        assert readings.signal[number] == pytest.approx(expected, rel=0.01, abs=1e-5)
+    assert (moved - readings.signal) / 1e-5 == pytest.approx(readings.derivatives["y"], rel=0.01, abs=0.02)
 
 
 @pytest.mark.slow
