@@ -10,6 +10,7 @@ from geometry.common.errors import InputError
 from probe_design.design_report.improvements import Improvement, compute_improvements
 from probe_design.design_report.pictures import draw_improvements
 from probe_design.populations.design_file import Design
+from probe_design.populations.objective import Objective
 from tests.support.designs import SUPERFICIAL, example_design
 
 NOISE = {"white": 0.05, "stiffness_white": 0.05}
@@ -42,6 +43,6 @@ def test_gains_that_cancel_are_no_lever() -> None:
 
 def test_their_picture_is_written(tmp_path: Path) -> None:
     bars = [Improvement("as it is", 0.4, 0.0, 0.0), Improvement("white halved", 0.5, 0.1, 0.02)]
-    assert draw_improvements(bars, "probability to be found", tmp_path / "levers.png").read_bytes().startswith(PNG)
+    assert draw_improvements(bars, Objective(), tmp_path / "levers.png").read_bytes().startswith(PNG)
     with pytest.raises(InputError, match="a file name that ends in"):
-        draw_improvements(bars, "P", tmp_path / "levers.txt")
+        draw_improvements(bars, Objective(), tmp_path / "levers.txt")
