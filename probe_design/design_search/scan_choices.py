@@ -104,11 +104,11 @@ def _list_lines(variable: DesignVariable, protocol: Protocol) -> list[int]:
     """Return the numbers of positions along a line, or along each side of a raster."""
     if variable == DesignVariable() or variable.fixed:
         return [len(protocol.positions)]
-    most = MAX_RASTER_LINES**2 if protocol.raster else MAX_POSITIONS
+    max_count = MAX_RASTER_LINES**2 if protocol.raster else MAX_POSITIONS
     given = variable.choices or (variable.low, variable.high)
     for number in given:
-        if number is None or number != int(number) or not 2 <= number <= most:
-            raise InputError("variables.presses", number, f"whole numbers from 2 to {most}, as bounds or choices")
+        if number is None or number != int(number) or not 2 <= number <= max_count:
+            raise InputError("variables.presses", number, f"whole numbers from 2 to {max_count}, as bounds or choices")
     if variable.choices:
         lines = [math.isqrt(int(number)) if protocol.raster else int(number) for number in variable.choices]
         for number, count in zip(variable.choices, lines, strict=True):

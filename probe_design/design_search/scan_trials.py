@@ -160,8 +160,8 @@ class _Bench:
     @property
     def signal_error(self) -> float:
         """Largest relative error of a predicted signal."""
-        own = np.max([model.error for model in self.likelihood.models])
-        return float(np.hypot(own, self.likelihood.rows.total_scale.max(initial=0.0)))
+        model_error = np.max([model.error for model in self.likelihood.models])
+        return float(np.hypot(model_error, self.likelihood.rows.total_scale.max(initial=0.0)))
 
     def try_tumour(self, tumour: Floats, number: int) -> tuple[float, float, float, float]:
         """Simulate and explain a scan over a tumour, shape (5,).
@@ -189,7 +189,7 @@ class _Bench:
         moved = data.positions + data.pose_sd * rng.standard_normal(data.positions.shape)
         likelihood = replace(self.likelihood, data=replace(data, positions=moved))
         (signal,), (spread,) = likelihood.predict(tumour[None, None])
-        rows, own = likelihood.rows, data.weights @ np.stack([model.error for model in models])
+        rows, relative = likelihood.rows, data.weights @ np.stack([model.error for model in models])
         common = np.einsum("q,qkc->kc", rng.standard_normal(len(rows.constant)), rows.constant + rows.scale * signal)
-        sd = np.sqrt(np.where(data.is_read, data.variance, 0.0) + spread + (own * signal) ** 2)
+        sd = np.sqrt(np.where(data.is_read, data.variance, 0.0) + spread + (relative * signal) ** 2)
         return np.where(data.is_read, signal + common + sd * rng.standard_normal(signal.shape), 0.0)
