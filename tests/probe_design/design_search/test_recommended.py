@@ -40,7 +40,7 @@ def design_of(scene: Scene, performance: Performance, probabilities: list[float]
     errors = {**performance.errors, "detection": MeanError(0.01, model)}
     pressed = PressedDesign(0.01, 1e-4, 0.01, (1e-14, 1e-13), "force", {"force": 0.01, "gap_closure": 0.02})
     return PopulationVerification(
-        scene, pressed, replace(performance, values=values, means=means, errors=errors), DESIGN.objective
+        scene, pressed, replace(performance, values=values, means=means, errors=errors), DESIGN.objective, DESIGN.protocol
     )
 
 
