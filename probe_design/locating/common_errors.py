@@ -118,18 +118,19 @@ class Sums:
     def from_readings(cls, rows: Rows, residuals: Floats, variance: Floats, signal: Floats) -> Sums:
         """Return the sums over k readings; residuals, variances (inf where nothing is read) and signals (n, k, 2)."""
         n, q = len(residuals), len(rows.constant)
-        weights = (1 / variance).reshape(n, -1)
-        weighted = residuals.reshape(n, -1) * weights
-        a, b = rows.constant.reshape(q, -1), rows.scale.reshape(q, -1)
+        is_read = np.isfinite(variance[:1]).any(axis=(0, 1))  # a channel that is not read is left out
+        residuals, variance, signal = (part[:, :, is_read].reshape(n, -1) for part in (residuals, variance, signal))
+        a, b = (part[:, :, is_read].reshape(q, -1) for part in (rows.constant, rows.scale))
+        weights = 1 / variance
+        weighted = residuals * weights
         first, second = np.triu_indices(q)
         matrix, vector = (a[first] * a[second]) @ weights.T, a @ weighted.T
         if np.any(b):
-            flat = signal.reshape(n, -1)
-            scaled = flat * weights
-            matrix += (a[first] * b[second] + b[first] * a[second]) @ scaled.T + (b[first] * b[second]) @ (flat * scaled).T
-            vector += b @ (flat * weighted).T
-        log_variance = np.log(variance, where=np.isfinite(variance), out=np.zeros_like(variance)).sum(axis=(1, 2))
-        return cls(matrix, vector, (residuals.reshape(n, -1) * weighted).sum(axis=1), log_variance)
+            scaled = signal * weights
+            matrix += (a[first] * b[second] + b[first] * a[second]) @ scaled.T + (b[first] * b[second]) @ (signal * scaled).T
+            vector += b @ (signal * weighted).T
+        log_variance = np.log(variance, where=np.isfinite(variance), out=np.zeros_like(variance)).sum(axis=1)
+        return cls(matrix, vector, np.einsum("nk,nk->n", residuals, weighted), log_variance)
 
     @classmethod
     def build_impossible(cls, q: int, n: int) -> Sums:

@@ -73,13 +73,13 @@ class StudentMixture:
         for _ in range(FIT_STEPS):
             squares = mixture._compute_squares(z)
             log_parts = mixture._compute_log_components(squares)
-            parts = np.exp(log_parts - log_sum_exp(log_parts)[:, None]) * weights[:, None]
+            parts = np.exp(log_parts - log_sum_exp(log_parts, axis=0)) * weights
             pulls = parts * (FREEDOM + dimensions) / (FREEDOM + squares)
-            shares = np.maximum(parts.sum(axis=0), 1e-12)
-            means = (pulls.T @ z) / np.maximum(pulls.sum(axis=0), 1e-300)[:, None]
+            shares = np.maximum(parts.sum(axis=1), 1e-12)
+            means = (pulls @ z) / np.maximum(pulls.sum(axis=1), 1e-300)[:, None]
             covariances = np.stack([
                 (_compute_covariance(z, pull, mean) + pseudo * narrow) / (share + pseudo)
-                for pull, mean, share in zip(pulls.T, means, shares, strict=True)
+                for pull, mean, share in zip(pulls, means, shares, strict=True)
             ])  # fmt: skip
             mixture = cls(shares / shares.sum(), means, np.linalg.cholesky(covariances))
         return cls(mixture.shares, mixture.means, mixture.factors * math.sqrt(SPREAD_FACTOR))
@@ -95,24 +95,30 @@ class StudentMixture:
         z[is_prior] = rng.logistic(size=(int(is_prior.sum()), dimensions))
         return np.asarray(np.clip(z, -MAX_LOGIT, MAX_LOGIT))
 
-    def compute_log_density(self, z: Floats) -> Floats:
-        """Return ln q at logits (n, D), shape (n,)."""
-        kernels = log_sum_exp(self._compute_log_components(self._compute_squares(z)))
-        return np.asarray(np.logaddexp(math.log(PRIOR_SHARE) + compute_log_prior(z), math.log1p(-PRIOR_SHARE) + kernels))
+    def compute_log_density(self, z: Floats, log_prior: Floats | None = None) -> Floats:
+        """Return ln q at logits (n, D), shape (n,); ``log_prior`` is that of the prior there, where it is known."""
+        kernels = log_sum_exp(self._compute_log_components(self._compute_squares(z)), axis=0)
+        log_prior = compute_log_prior(z) if log_prior is None else log_prior
+        return np.asarray(np.logaddexp(math.log(PRIOR_SHARE) + log_prior, math.log1p(-PRIOR_SHARE) + kernels))
 
     def _compute_squares(self, z: Floats) -> Floats:
-        """Return the squared distances from the components in their own units, shape (n, K)."""
+        """Return the squared distances from the components in their own units, shape (K, n)."""
+        # one product for all components, whose sums run along contiguous rows
         inverses = np.linalg.inv(self.factors)
-        columns = [(((z - mean) @ inverse.T) ** 2).sum(axis=1) for mean, inverse in zip(self.means, inverses, strict=True)]
-        return np.stack(columns, axis=1)
+        count, dimensions = self.means.shape
+        origins = np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
+        scaled = inverses.reshape(-1, dimensions) @ z.T
+        scaled -= origins
+        scaled *= scaled
+        return np.asarray(scaled.reshape(count, dimensions, -1).sum(axis=1))
 
     def _compute_log_components(self, squares: Floats) -> Floats:
-        """Return ln c_k t_nu(z), shape (n, K)."""
+        """Return ln c_k t_nu(z), shape (K, n)."""
         dimensions = self.means.shape[1]
         half = (FREEDOM + dimensions) / 2
         log_volume = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
         constant = gammaln(half) - gammaln(FREEDOM / 2) - dimensions / 2 * math.log(FREEDOM * math.pi)
-        return np.asarray(np.log(self.shares) + constant - log_volume - half * np.log1p(squares / FREEDOM))
+        return np.asarray((np.log(self.shares) + constant - log_volume)[:, None] - half * np.log1p(squares / FREEDOM))
 
 
 @dataclass(frozen=True)
@@ -146,10 +152,14 @@ class SetProposal:
         """Return ln q at logits (n, D), averaged over the orders of the tumours, shape (n,)."""
         number = len(self.single)
         sets, orders = z.reshape(len(z), number, -1), list(permutations(range(number)))
-        joint = [self.joint.compute_log_density(sets[:, order].reshape(z.shape)) for order in orders]
-        parts = [[part.compute_log_density(sets[:, tumour]) for tumour in range(number)] for part in self.single]
+        log_priors = [compute_log_prior(sets[:, tumour]) for tumour in range(number)]
+        log_prior = np.sum(log_priors, axis=0)
+        joint = [self.joint.compute_log_density(sets[:, order].reshape(z.shape), log_prior) for order in orders]
+        parts = [
+            [part.compute_log_density(sets[:, tumour], log_priors[tumour]) for tumour in range(number)] for part in self.single
+        ]
         single = [sum(parts[label][tumour] for label, tumour in enumerate(order)) for order in orders]
-        return log_sum_exp(np.stack([*joint, *single], axis=1)) - math.log(2 * len(orders))
+        return log_sum_exp(np.stack([*joint, *single]), axis=0) - math.log(2 * len(orders))
 
 
 @dataclass(frozen=True)
@@ -182,7 +192,7 @@ class ExtendedProposal:
             + self.single.compute_log_density(sets[:, tumour])
             for tumour in range(number)
         ]
-        return log_sum_exp(np.stack(parts, axis=1)) - math.log(number)
+        return log_sum_exp(np.stack(parts), axis=0) - math.log(number)
 
 
 @dataclass(frozen=True)
@@ -204,7 +214,7 @@ class CombinedProposal:
     def compute_log_density(self, z: Floats) -> Floats:
         """Return ln q at logits (n, D), shape (n,)."""
         densities = [part.compute_log_density(z) for part in self.parts]
-        return log_sum_exp(np.stack(densities, axis=1)) - math.log(len(self.parts))
+        return log_sum_exp(np.stack(densities), axis=0) - math.log(len(self.parts))
 
 
 def _compute_covariance(z: Floats, weights: Floats, mean: Floats) -> Floats:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from scipy.special import expit, log_expit, logit
+from scipy.special import expit, logit
 
 from geometry.common.arrays import Floats, Ints
 
@@ -81,12 +81,12 @@ def choose_systematically(weights: Floats, count: int, rng: np.random.Generator)
     return np.asarray(np.minimum(np.searchsorted(np.cumsum(weights), steps), len(weights) - 1))
 
 
-def log_sum_exp(values: Floats) -> Floats:
-    """Return ln sum exp along the last axis; -inf where all are. Much faster than scipy's, which handles more cases."""
-    largest = values.max(axis=-1, keepdims=True)
+def log_sum_exp(values: Floats, axis: int = -1) -> Floats:
+    """Return ln sum exp along an axis; -inf where all are. Much faster than scipy's, which handles more cases."""
+    largest = values.max(axis=axis, keepdims=True)
     largest = np.where(np.isfinite(largest), largest, 0.0)
     with np.errstate(divide="ignore"):  # ln 0 where all are -inf
-        return np.asarray(np.log(np.exp(values - largest).sum(axis=-1)) + largest[..., 0])
+        return np.asarray(np.log(np.exp(values - largest).sum(axis=axis)) + largest.squeeze(axis))
 
 
 def compute_effective_size(log_weights: Floats) -> float:
@@ -123,7 +123,8 @@ def soften_weights(log_weights: Floats) -> Floats:
 
 def compute_log_prior(z: Floats) -> Floats:
     """Return ln of the prior's density at logits (n, D): of independent logistic numbers, shape (n,)."""
-    return np.asarray((log_expit(z) + log_expit(-z)).sum(axis=1))
+    sizes = np.abs(z)
+    return np.asarray(-(sizes + 2 * np.log1p(np.exp(-sizes))).sum(axis=1))
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def _draw_single(likelihood: Likelihood, seed: int, start: Floats | None) -> Sam
             is_last = round_number == MAX_ROUNDS - 1 or (round_number > 0 and size >= GOOD_SIZE_RELATIVE * ROUND_SIZE)
             z, log_weights = weigh(evaluate, mixture, LAST_SIZE if is_last else ROUND_SIZE, rng)
             size = compute_effective_size(log_weights)
-            if is_last:
+            if is_last and size >= GOOD_SIZE / 2:  # otherwise a region that the mixture missed has large weights: fit it, too
                 break
         points = expit(z)[:, None]
     total = float(log_sum_exp(log_weights))

@@ -171,8 +171,10 @@ class ReadingTable:
         step = self._fine_step
         for number in range(tumours.shape[1]):
             x, y, depth, diameter, modulus = tumours[:, number].T
-            basis = evaluate_cube_basis(self.cube.map_to_cube(depth, diameter, modulus), self.degrees) * diameter[:, None] ** 3
-            psi = (basis @ self.coefficients.reshape(len(self.degrees), -1)).reshape(n, -1, 3)
+            basis = evaluate_cube_basis(self.cube.map_to_cube(depth, diameter, modulus), self.degrees)
+            psi = basis @ self.coefficients.reshape(len(self.degrees), -1)
+            psi *= diameter[:, None] ** 3
+            psi = psi.reshape(n, -1, 3)
             distance = np.stack([positions[:, 0] - x[:, None], positions[:, 1] - y[:, None]])
             root = np.sqrt(distance[0] ** 2 + distance[1] ** 2 + self.scale**2)
             place = np.minimum((root - self.scale) / step, FINE_STEPS - 1e-9)
