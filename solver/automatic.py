@@ -10,7 +10,7 @@ from geometry.common.limits import format_minimum
 from geometry.common.resources import LimitReached
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
-from solver.evaluators import AUTO, CONTACT, evaluator
+from solver.evaluators import AUTO, CONTACT, DEFAULT_ACCURACY, evaluator
 from solver.results.evaluator import Evaluator, OutOfReach, ProgressCallback
 from solver.results.refusals import find_refusal
 from solver.results.result import Result
@@ -107,6 +107,17 @@ def choose_evaluator(
     raise _build_refusal(best, best.fault, scene, accuracy, linear=linear, progress=progress) from None
 
 
+def state_accuracy(scene: Scene) -> Scene:
+    """Return a scene with the accuracy that ``auto`` reaches as its ``reading.accuracy``, where the default is out of reach."""
+    try:
+        choose_evaluator(scene, DEFAULT_ACCURACY, False, None)
+    except OutOfReach as fault:
+        return scene.model_copy(update={"reading": scene.reading.model_copy(update={"accuracy": fault.reachable})})
+    except (Refusal, LimitReached):
+        pass  # whatever the accuracy
+    return scene
+
+
 def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, coarse: CoarseModel | None = None) -> Plan:
     """Return the plan with which ``auto`` begins, after a check of the load.
 
@@ -196,7 +207,9 @@ def _build_refusal(
     text = f"{reachable} or more for this scene{smaller_load} ({name} reaches {format_minimum(reached, 3)}{load_text}; {advice})"
     if reachable is None:
         text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
-    return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
+    return OutOfReach(
+        name, scene, accuracy, reached, stopped=fault.stopped, allowed=text, reachable=None if reachable is None else float(reachable)
+    )
 
 
 def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, progress: ProgressCallback | None) -> str | None:

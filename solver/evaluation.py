@@ -20,7 +20,7 @@ from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan, choose_evaluator, get_evaluator
-from solver.evaluators import AUTO, CONTACT, check_accuracy
+from solver.evaluators import AUTO, CONTACT, choose_accuracy
 from solver.phase.inertia import add_inertia_error, check_frequency
 from solver.planning.load_limits import combine_computed_limits, compute_load_limits
 from solver.results.evaluator import ProgressCallback, ignore_progress
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def evaluate(
     scene: Scene | Path | str,
     evaluator: str = AUTO,
-    accuracy: float = 0.01,
+    accuracy: float | None = None,
     progress: ProgressCallback | None = None,
     *,
     linear: bool = False,
@@ -58,7 +58,7 @@ def evaluate(
         Name of an evaluator, or ``auto``: the cheapest that takes the scene and reaches the accuracy, one of ``axisymmetric``,
         ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
     accuracy
-        Relative, on ratio, stresses and stiffness; above 0, below 1.
+        Relative, on ratio, stresses and stiffness; above 0, below 1. Left out, it is the scene's ``reading.accuracy``, or 0.01.
     progress
         Called with a line of text before each long piece of work.
     linear
@@ -82,7 +82,7 @@ def evaluate(
         The evaluation would take more memory or time than is allowed.
     """
     scene = load_scene(scene)
-    check_accuracy(accuracy)
+    accuracy = choose_accuracy(scene, accuracy)
     start = perf_counter()
     with use_limits(limits), start_clock():
         check_surface_names(scene)
@@ -160,7 +160,7 @@ def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -
     )
 
 
-def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
+def plan(scene: Scene | Path | str, accuracy: float | None = None, solid: bool = False, *, loads: bool = False) -> Plan:
     """Return how ``auto`` would evaluate a scene, what it would leave out and the effect of that; see ``solver.planning.plan``.
 
     The evaluators run as they do in ``evaluate``, so that the one that is named does reach the accuracy. ``solid``, which takes
@@ -172,7 +172,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     scene
         A scene of any kind, or the name of a scene file.
     accuracy
-        Relative, on ratio, stresses and stiffness; above 0, below 1.
+        Relative, on ratio, stresses and stiffness; above 0, below 1. Left out, it is the scene's ``reading.accuracy``, or 0.01.
     solid
         Whether to plan for ``solid``, also where a cheaper evaluator would do.
     loads
@@ -191,7 +191,7 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     from solver.planning.plan import SOLID, build_plan
 
     scene = load_scene(scene)
-    check_accuracy(accuracy)
+    accuracy = choose_accuracy(scene, accuracy)
     with start_clock():
         check_surface_names(scene)
         coarse = CoarseModel.from_scene(scene)
@@ -215,7 +215,7 @@ def press(
     force: float | None = None,
     indentation: float | None = None,
     points: int = 20,
-    accuracy: float = 0.01,
+    accuracy: float | None = None,
     progress: ProgressCallback | None = None,
     limits: Limits | None = None,
 ) -> LoadCurve:
@@ -232,7 +232,7 @@ def press(
     points
         Number of loads, evenly spaced above 0.
     accuracy
-        Relative, on ratio, stresses and stiffness; above 0, below 1.
+        Relative, on ratio, stresses and stiffness; above 0, below 1. Left out, it is the scene's ``reading.accuracy``, or 0.01.
     progress
         Called with a line before each load.
     limits
@@ -250,7 +250,7 @@ def press(
     from solver.contact.load_curve import compute_load_curve
 
     scene = load_scene(scene)
-    check_accuracy(accuracy)
+    accuracy = choose_accuracy(scene, accuracy)
     max_load = force if indentation is None else indentation
     if (force is None) == (indentation is None) or max_load is None or not 0 < max_load < float("inf") or points < 1:
         raise InputError(
@@ -271,7 +271,7 @@ def press(
 def curve(
     scene: Scene | Path | str,
     moduli: Floats,
-    accuracy: float = 0.01,
+    accuracy: float | None = None,
     progress: ProgressCallback | None = None,
     *,
     linear: bool = False,
@@ -288,7 +288,7 @@ def curve(
     moduli
         Young's moduli of the target, Pa, shape (k,).
     accuracy
-        Relative, on every ratio; above 0, below 1.
+        Relative, on every ratio; above 0, below 1. Left out, it is as in ``evaluate``.
     progress
         Called with a line before each long piece of work.
     linear
@@ -306,7 +306,7 @@ def curve(
         See ``evaluate``.
     """
     scene = load_scene(scene)
-    check_accuracy(accuracy)
+    accuracy = choose_accuracy(scene, accuracy)
     check_moduli(scene, moduli)
     start = perf_counter()
     with use_limits(limits), start_clock():

@@ -7,10 +7,12 @@ from typing import cast
 
 from geometry.common import quick_scipy  # noqa: F401 - before any module that imports SciPy
 from geometry.common.errors import InputError, describe_choices
+from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_workspace
 from solver.results.evaluator import Evaluator, ProgressCallback
 
 AUTO, CONTACT = "auto", "contact"
+DEFAULT_ACCURACY = 0.01  # relative: a reading's noise is about as large
 EVALUATOR_NAMES = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
 """Names of the evaluators; each is made by the module ``solver/<name>/evaluator.py``."""
 
@@ -43,3 +45,10 @@ def check_accuracy(accuracy: float) -> None:
     """Raise ``InputError`` unless the accuracy is between 0 and 1."""
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
+
+
+def choose_accuracy(scene: Scene, accuracy: float | None) -> float:
+    """Return the accuracy given, else the scene's ``reading.accuracy``, else ``DEFAULT_ACCURACY``; checked to be in 0 to 1."""
+    chosen = accuracy if accuracy is not None else scene.reading.accuracy or DEFAULT_ACCURACY
+    check_accuracy(chosen)
+    return chosen

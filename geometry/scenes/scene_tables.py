@@ -300,9 +300,12 @@ class Reading(Frozen):
     ----------
     observable
         The ratio of the films' charges or of the stresses on them; left out, charges where the films have bonds, else stresses.
+    accuracy
+        Accuracy of results for which a command names none, relative; left out, 0.01.
     """
 
     observable: Observable | None = None
+    accuracy: Annotated[float, Field(gt=0, lt=1, description="a number above 0 and below 1, such as 0.01")] | None = None
 
 
 MAX_INCLUSIONS = 1000

@@ -15,7 +15,7 @@ from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.quantities import Modulus
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
-from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
+from probe_design.commands.fields import NO_ACCURACY, Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
 from probe_design.commands.output import check_picture, present, split_assignments
 from probe_design.commands.request import Option, use_request
 
@@ -49,7 +49,7 @@ class EvaluateRequest(LimitedRequest):
 
     scene: SceneSource
     evaluator: Annotated[str, Option(f"Model to use: {', '.join(EVALUATOR_NAMES)}.", words=EVALUATOR_NAMES)] = "auto"
-    accuracy: Accuracy = 0.01
+    accuracy: Accuracy = None
     linear: Linear = False
     loads: Loads = False
     frequency: Annotated[
@@ -68,9 +68,11 @@ class EvaluateRequest(LimitedRequest):
             if self.vtu is not None or self.picture is not None:
                 from probe_design.solid_output.evaluate_with_files import evaluate_with_files
                 from solver.evaluation import add_phase
+                from solver.evaluators import choose_accuracy
 
-                result = self.call(evaluate_with_files, scene=scene, progress=progress)
-                result = result if self.frequency is None else add_phase(result, scene, self.accuracy, self.frequency)
+                accuracy = choose_accuracy(scene, self.accuracy)
+                result = self.call(evaluate_with_files, scene=scene, accuracy=accuracy, progress=progress)
+                result = result if self.frequency is None else add_phase(result, scene, accuracy, self.frequency)
             else:
                 from solver import evaluate
 
@@ -88,7 +90,7 @@ class PlanRequest(LimitedRequest):
     """
 
     scene: SceneSource
-    accuracy: Accuracy = 0.01
+    accuracy: Accuracy = None
     loads: Loads = False
 
     def run(self) -> None:
@@ -115,7 +117,7 @@ class CurveRequest(LimitedRequest):
     low: Annotated[Modulus, Option("Smallest Young's modulus of the inclusion.", "--from")] = 1e3
     high: Annotated[Modulus, Option("Largest Young's modulus of the inclusion.", "--to")] = 1e6
     points: Annotated[int, Field(ge=2, le=100_000), Option("Moduli, evenly on a logarithmic scale.")] = 50
-    accuracy: Annotated[Accuracy, Option("Relative error that the ratio may have at every modulus.")] = 0.01
+    accuracy: Annotated[Accuracy, Option("Relative error that the ratio may have at every modulus.", left_out=NO_ACCURACY)] = None
     linear: Linear = False
     picture: Annotated[Picture, Option("Draw the curve to this .png, .svg or .pdf file.", "--plot")] = None
 

@@ -23,7 +23,8 @@ SceneSource = Annotated[
 Fraction = Annotated[
     float, Number("a number above 0 and below 1, such as 0.01 or 1 %", lambda fraction: 0 < fraction < 1, percent=True)
 ]
-Accuracy = Annotated[Fraction, Option("Relative error that ratio, stresses and stiffness may have.")]
+NO_ACCURACY = "the scene's reading.accuracy, or 0.01"
+Accuracy = Annotated[Fraction | None, Option("Relative error that ratio, stresses and stiffness may have.", left_out=NO_ACCURACY)]
 Noise = Annotated[
     float,
     Number(ALLOWED_NOISE, lambda noise: MIN_NOISE <= noise <= MAX_NOISE, percent=True),

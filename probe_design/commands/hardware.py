@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from geometry.common.json_types import JsonObject
-from probe_design.commands.fields import Accuracy, AnyProbe
+from probe_design.commands.fields import NO_ACCURACY, Accuracy, AnyProbe
 from probe_design.commands.hardware_request import ReferenceRequest, SourceRequest
 from probe_design.commands.output import add_provenance, print_result
 from probe_design.commands.request import Option
@@ -52,7 +52,7 @@ class ReadRequest(SourceRequest):
 
     any_probe: AnyProbe = False
     calibration: Calibration = None
-    accuracy: Annotated[Accuracy, Option("Relative error that the prediction may have.")] = 0.01
+    accuracy: Annotated[Accuracy, Option("Relative error that the prediction may have.", left_out=NO_ACCURACY)] = None
     hide: Annotated[
         Path | None,
         Option("File of the tumours in the virtual probe's tissue, tables [[inclusion]].", left_out="those of SCENE"),
@@ -84,16 +84,17 @@ class ReadRequest(SourceRequest):
         from probe_design.measuring.acquisition import fit_reading
         from probe_design.terminal.console import show_spinner
         from probe_design.terminal.live import compute_live_window, show_live
+        from solver.evaluators import choose_accuracy
 
-        length = self.duration
+        length, accuracy = self.duration, choose_accuracy(setup.scene, self.accuracy)
         (recording,) = list_new_recordings(self, 1)  # of the only source: a new file's path, or None
-        (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, self.accuracy),), 1, sys.stderr.isatty())
+        (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, accuracy),), 1, sys.stderr.isatty())
         with opener() as reader:  # a missing device or another probe is refused before anything is computed
             serial = read_board_serial(reader.header.source)
             serial_warnings = check_serials(setup.collect_serials({"the reading": serial}), self.any_probe)
             frequency = setup.bench.load.frequency
             with show_spinner("predicting"):
-                predicted = choose_prediction(length)(setup.calibrated_scene, self.accuracy, self.linear, frequency)
+                predicted = choose_prediction(length)(setup.calibrated_scene, accuracy, self.linear, frequency)
             gains, calibration_frequency = None, None
             if setup.calibration is not None:
                 gains = setup.calibration.build_gains().add_warming(setup.bench.channels.warming)

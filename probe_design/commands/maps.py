@@ -50,7 +50,7 @@ class ScanRequest(LimitedRequest):
     at: Annotated[Position | None, Option("Coordinate of the line along the other axis.", left_out="the scene's placement")] = (
         None
     )
-    accuracy: Accuracy = 0.01
+    accuracy: Accuracy = None
     linear: Linear = False
     picture: Annotated[
         Picture, Option("Draw the scan above a section of the tissue to this .png, .svg or .pdf file.", "--plot")
@@ -75,7 +75,7 @@ class ScanRequest(LimitedRequest):
 @use_request(ScanRequest)
 def scan(
     scene: Scene | Path | str, *, along: str = "x", positions: ArrayLike | None = None, at: float | None = None,
-    accuracy: float = 0.01, linear: bool = False, progress: Progress | None = None,
+    accuracy: float | None = None, linear: bool = False, progress: Progress | None = None,
 ) -> Scan:  # fmt: skip
     """Compute readings of the probe along a line over the tissue; the tumours stay in place.
 
@@ -231,7 +231,7 @@ class LoadRequest(LimitedRequest):
     scene: SceneSource
     max_load: Annotated[str, Option('Largest load: a force, "0.3 N", or an indentation, "2 mm".', "--to")]
     points: Annotated[int, Field(ge=1, le=1000), Option("Loads, evenly spaced above 0.")] = 20
-    accuracy: Accuracy = 0.01
+    accuracy: Accuracy = None
     picture: Annotated[Picture, Option("Draw ratio, log-sensitivity and walls to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:

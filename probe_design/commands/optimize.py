@@ -140,8 +140,7 @@ class OptimizeRequest(LimitedRequest):
                 write_message(message)
             write_message(f"wrote {len(files)} files to {folder}; begin with {folder / 'report.html'}")
             write_message(f"for the workshop: {build_export_command(folder)}")
-            if optimum.best.evaluator == "contact":  # whose error is mostly above the default accuracy
-                write_message(f"its readings: {build_evaluate_command(folder)}")
+            write_message(f"its reading: {build_evaluate_command(folder)}")
         warn(optimum.warnings)
         write_message(optimum.verdict)
         if optimum.status == "no-gain":

@@ -19,7 +19,7 @@ from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
-from solver.evaluators import check_accuracy
+from solver.evaluators import choose_accuracy
 from solver.planning.load_check import LoadChanges, build_load_notes, compute_budget, is_load_linear
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.results.film_charges import compute_charge_ratio_fields
@@ -101,7 +101,7 @@ class Scan(LoadedRecord):
 
 
 def scan(
-    scene: Scene, along: str, positions: Floats, offset: float | None = None, *, accuracy: float = 0.01,
+    scene: Scene, along: str, positions: Floats, offset: float | None = None, *, accuracy: float | None = None,
     linear: bool = False, progress: Progress | None = None,
 ) -> Scan:  # fmt: skip
     """Compute readings of the scene's probe along a line over its tissue; the tumours stay in place.
@@ -117,7 +117,7 @@ def scan(
     offset
         Coordinate of the line along the other axis, m; default: the scene's placement.
     accuracy
-        Relative, on ratio, stresses and stiffness; above 0, below 1.
+        As in ``solver.evaluate``.
     linear
         Whether to use linear elasticity at any load, see ``solver.evaluate``.
     progress
@@ -132,7 +132,7 @@ def scan(
         knows of tumours off the axis.
     """
     start = perf_counter()
-    check_accuracy(accuracy)
+    accuracy = choose_accuracy(scene, accuracy)
     check_spheres(scene, "scan")
     cross_axis = "y" if along == "x" else "x"
     rule, promise = build_load_rule(scene), scene.target is not None

@@ -211,12 +211,12 @@ class Performance:
         """The dominant error of the detection and how to reduce it, in one sentence."""
         error = self.errors["detection"]
         sampling, model = (f"± {100 * item:.2g}" for item in (error.sampling, error.model))
-        parts = f"sampling leaves {sampling} of 100 tumours open and the evaluator's model {model}"
+        parts = f"{sampling} of 100 tumours by sampling, {model} by the model"
         if error.sampling >= error.model or not self.causes:
-            return f"{parts}: sampling dominates, which more population.samples than {len(self.draw)} would reduce"
+            return f"{parts}; more tumours than {len(self.draw)}, population.samples, would reduce the former"
         cause = max(self.causes, key=lambda item: self.causes[item])
         what, remedy = ERROR_CAUSES[cause]
-        return f"{parts}: the model dominates, {100 * self.causes[cause]:.0f} % of it {what}, which {remedy} would reduce"
+        return f"{parts}; the largest part of the latter, {100 * self.causes[cause]:.0f} %, is due to {what}: {remedy} reduces it"
 
     def as_dict(self) -> JsonObject:
         """Return the performance as a JSON object."""

@@ -18,6 +18,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.maps.sphere_effects import BASE_ERROR_FACTOR
+from solver.axisymmetric.converged_forces import CHARGE_CHANGE_FACTOR
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.results.detail_compliance import iterate_details
@@ -25,13 +26,10 @@ from solver.results.film_forces import FilmForces
 
 TUMOURS_CAUSE, BASE_CAUSE, GROOVE_CAUSE, LOAD_CAUSE = "reflections and meshes", "base states", "groove", "load"
 ERROR_CAUSES = {  # causes of the model's error: description, and how to reduce it
-    TUMOURS_CAUSE: ("what the meshes and the reflections of equivalent-inclusion leave open", "deeper tumours"),
-    BASE_CAUSE: (
-        "what the meshes, the tissue's far edges and details other than the groove leave open",
-        "a scan nearer the tissue's middle",
-    ),
-    GROOVE_CAUSE: ("the groove, which equivalent-inclusion leaves out", "a smaller groove"),
-    LOAD_CAUSE: ("what the model of finite strain under the load leaves open", "a smaller force"),
+    TUMOURS_CAUSE: ("tumours near the surface, whose effect is computed less accurately", "a larger population.least_cover"),
+    BASE_CAUSE: ("the tissue's sides and the probe's base, which are approximated", "wider tissue, or a rigid base,"),
+    GROOVE_CAUSE: ("the groove, which the model leaves out", "a narrower or shallower groove, [scene.probe.groove],"),
+    LOAD_CAUSE: ("the load, whose effect on a tumour's signal is approximated", "a smaller limits.force"),
 }
 MAX_RELATIVE_ERROR = 0.999999  # error bound of a total at most
 GROOVE_FLOOR_FACTOR = 2.0  # of eq. PO.14
@@ -88,7 +86,7 @@ def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
 def bound_film_errors(base: Undisturbed, films: FilmForces, readings: Readings) -> dict[str, Floats]:
     """Return the bound of eq. PO.12 for both films at u readings, by cause except the load, shape (u, 2) each.
 
-    The groove changes a film's charge by as much as its force.
+    The groove changes a film's charge as its force, and by as much again through the shear on the film.
 
     Parameters
     ----------
@@ -101,12 +99,13 @@ def bound_film_errors(base: Undisturbed, films: FilmForces, readings: Readings) 
     """
     forces, totals = base.films, np.abs(readings.totals)
     effect = np.abs(readings.totals - films.totals) / totals
-    groove = _bound_groove_total(base.scene, forces.forces) * np.abs(films.totals / forces.totals)
-    base_errors = np.maximum(films.bound.totals - groove, 0.0) / np.abs(films.totals)
+    groove = _bound_groove_total(base.scene, forces.forces) / np.abs(forces.totals)
+    shear = (CHARGE_CHANGE_FACTOR - 1) * groove if films is forces.charges else np.zeros(2)
+    base_errors = np.maximum(films.bound.totals / np.abs(films.totals) - groove - shear, 0.0)
     parts = {
         TUMOURS_CAUSE: np.maximum(readings.bound - films.bound.totals, 0.0) / totals,
         BASE_CAUSE: BASE_ERROR_FACTOR * base_errors * effect,
-        GROOVE_CAUSE: GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, forces.forces) * effect,
+        GROOVE_CAUSE: (GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, forces.forces) + BASE_ERROR_FACTOR * shear) * effect,
     }
     total_error = np.asarray(sum(parts.values()))
     # -ln(1 - sum) over the sum: distributes the logarithm of eq. PO.12 over the causes in proportion

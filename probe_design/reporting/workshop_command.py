@@ -27,5 +27,5 @@ def build_export_command(folder: Path) -> str:
 
 
 def build_evaluate_command(folder: Path) -> str:
-    """Return the command that computes the readings of an optimised design under the load of a hand."""
-    return f"probe-design evaluate {shlex.quote(str(folder / DESIGN_FILE))} --evaluator contact"
+    """Return the command that computes the reading of an optimised design."""
+    return f"probe-design evaluate {shlex.quote(str(folder / DESIGN_FILE))}"

@@ -235,10 +235,16 @@ class OutOfReach(Refusal):
         Text on the limit of memory or time that prevented a better result; empty where none did.
     allowed
         Text of the accuracy that would be accepted; by default made from ``reached``.
+    reachable
+        An accuracy that is reached; None where none is known.
     """
 
-    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, *, stopped: str = "", allowed: str = "") -> None:
+    def __init__(
+        self, name: str, scene: Scene, accuracy: float, reached: float,
+        *, stopped: str = "", allowed: str = "", reachable: float | None = None,
+    ) -> None:  # fmt: skip
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
+        self.reachable = reachable
         reason = f"{format_minimum(reached, 2)} or more for this scene (--evaluator {name} returns its result with that error)"
         if reached >= 1:
             reason = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
