@@ -207,9 +207,8 @@ def _build_refusal(
     text = f"{reachable} or more for this scene{smaller_load} ({name} reaches {format_minimum(reached, 3)}{load_text}; {advice})"
     if reachable is None:
         text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
-    return OutOfReach(
-        name, scene, accuracy, reached, stopped=fault.stopped, allowed=text, reachable=None if reachable is None else float(reachable)
-    )
+    number = None if reachable is None else float(reachable)
+    return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text, reachable=number)
 
 
 def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, progress: ProgressCallback | None) -> str | None:

@@ -20,13 +20,17 @@ from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan, choose_evaluator, get_evaluator
-from solver.evaluators import AUTO, CONTACT, choose_accuracy
+from solver.evaluators import AUTO, CONTACT, DEFAULT_ACCURACY, choose_accuracy
 from solver.phase.inertia import add_inertia_error, check_frequency
 from solver.planning.load_limits import combine_computed_limits, compute_load_limits
+from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR
 from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_forces import check_moduli
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
+
+OMITTED_DETAILS = "groove", "elastic base", "sides that are not round"  # details of a scene that a result may leave out
+MIN_NAMED_SHARE = 0.05  # of the error: smaller parts are not named
 
 if TYPE_CHECKING:
     from solver.planning.plan import Plan
@@ -82,7 +86,7 @@ def evaluate(
         The evaluation would take more memory or time than is allowed.
     """
     scene = load_scene(scene)
-    accuracy = choose_accuracy(scene, accuracy)
+    is_scenes_own, accuracy = accuracy is None, choose_accuracy(scene, accuracy)
     start = perf_counter()
     with use_limits(limits), start_clock():
         check_surface_names(scene)
@@ -98,13 +102,31 @@ def evaluate(
         result = _add_load_limits(result, scene, accuracy) if loads else result
         result = result if frequency is None else add_phase(result, scene, accuracy, frequency)
         record = build_provenance(scene, evaluator=evaluator, accuracy=accuracy)
-        result = replace(result, warnings=(*find_doubts(scene), *result.warnings))
+        notes = explain_error(scene, result) if is_scenes_own else ()
+        result = replace(result, warnings=(*find_doubts(scene), *result.warnings, *notes))
         return replace(result, provenance=record, seconds=result.seconds if named else perf_counter() - start)
 
 
 def find_doubts(scene: Scene) -> tuple[Note, ...]:
     """Return a warning for each number of a scene that is probably a mistake, such as a wrong unit."""
     return tuple(Note("doubt", text) for text in list_doubts(scene))
+
+
+def explain_error(scene: Scene, result: Result) -> tuple[Note, ...]:
+    """Return a note on what an error above the default accuracy is due to, where the scene states its own accuracy."""
+    is_charge = result.observable == "charge"
+    error = result.charge_ratio_error if is_charge else result.error_estimate
+    if scene.reading.accuracy is None or error is None or error <= DEFAULT_ACCURACY:
+        return ()
+    factor = CHARGE_CHANGE_FACTOR if is_charge else 1.0
+    left_out = [
+        f"at most {min(factor * item.effect, error):.2g} to the {item.feature}, which is left out"
+        for item in result.plan
+        if item.feature in OMITTED_DETAILS and not item.modelled and factor * item.effect >= MIN_NAMED_SHARE * error
+    ]
+    parts = ", ".join([*left_out, f"{'the rest ' if left_out else ''}to the meshes of {result.evaluator} under this load"])
+    text = f"reading.accuracy = {scene.reading.accuracy:g} of the scene: the error of {error:.2g} is due {parts}"
+    return (Note("accuracy", text),)
 
 
 def _evaluate_by_name(scene: Scene, name: str, accuracy: float, progress: ProgressCallback | None) -> Result:

@@ -85,8 +85,8 @@ class SurveyResult:
 
 @use_request(ReadRequest, checks=False)
 def read(
-    scene: Scene | Path | str | None = None, *, calibration: CalibrationRecord | Path | str | None = None, accuracy: float | None = None,
-    hide: Path | str | None = None, **source: Unpack[SourceOptions],
+    scene: Scene | Path | str | None = None, *, calibration: CalibrationRecord | Path | str | None = None,
+    accuracy: float | None = None, hide: Path | str | None = None, **source: Unpack[SourceOptions],
 ) -> StressReading:  # fmt: skip
     """Read a built or virtual probe under a sinusoidal load, and compare stresses and ratio with the prediction.
 

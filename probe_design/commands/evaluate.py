@@ -15,7 +15,17 @@ from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.quantities import Modulus
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
-from probe_design.commands.fields import NO_ACCURACY, Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
+from probe_design.commands.fields import (
+    NO_ACCURACY,
+    Accuracy,
+    Fraction,
+    Frequency,
+    LimitedRequest,
+    Linear,
+    Loads,
+    Picture,
+    SceneSource,
+)
 from probe_design.commands.output import check_picture, present, split_assignments
 from probe_design.commands.request import Option, use_request
 

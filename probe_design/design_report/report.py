@@ -24,6 +24,7 @@ from probe_design.reporting.page import Chapter, Items, Part, Picture, Text, bui
 from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
 from probe_design.reporting.table import Table
 from probe_design.reporting.workshop_command import WORKSHOP_PARTS
+from solver.automatic import state_accuracy
 
 M_PER_MM, PA_PER_KPA, C_PER_PC, N_PER_MN = 1e-3, 1e3, 1e-12, 1e-3  # SI values of the units in tables
 WRITING_STAGE = "writing STEP files, pictures and report"
@@ -111,7 +112,8 @@ class Report:
         progress(WRITING_STAGE, 0, 4)
         scene = self.optimum.scene
         probe, edge = scene.probe, scene.contact.edge_radius
-        texts = {"design.toml": format_toml_comment(self.provenance) + scene_to_toml(scene), **self.texts}
+        # with the accuracy to which the next command computes it, where the default is out of reach
+        texts = {"design.toml": format_toml_comment(self.provenance) + scene_to_toml(state_accuracy(scene)), **self.texts}
         names = [
             *list_part_files(probe), RECORD_NAME, DRAWING_FILE, *self.pictures, *texts, "optimize.json", "report.html",
         ]  # fmt: skip

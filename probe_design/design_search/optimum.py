@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Generic, Literal, Self, TypeVar
 
 from geometry.common.json_types import JsonObject
@@ -27,7 +26,6 @@ from probe_design.design_search.verification import (
 from probe_design.populations.design_file import Design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import DesignLimits
-from solver.automatic import state_accuracy
 from solver.contact.tumours_anywhere import MAX_X
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
@@ -92,10 +90,10 @@ class Optimum(OptimumTables, Generic[Verified]):
         """The best verified design, even if it is not better than the start; the start if there is none."""
         return self.winner or next(iter(self.finalists), self.start)
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
-        """The scene of the design to build, under its load, with the accuracy to which it can be computed."""
-        return state_accuracy(self.best.loaded_scene)
+        """The scene of the design to build, under its load."""
+        return self.best.loaded_scene
 
     @property
     def gain(self) -> tuple[float, float]:

@@ -18,10 +18,9 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.maps.sphere_effects import BASE_ERROR_FACTOR
-from solver.axisymmetric.converged_forces import CHARGE_CHANGE_FACTOR
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
-from solver.results.detail_compliance import iterate_details
+from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, iterate_details
 from solver.results.film_forces import FilmForces
 
 TUMOURS_CAUSE, BASE_CAUSE, GROOVE_CAUSE, LOAD_CAUSE = "reflections and meshes", "base states", "groove", "load"
@@ -101,11 +100,12 @@ def bound_film_errors(base: Undisturbed, films: FilmForces, readings: Readings) 
     effect = np.abs(readings.totals - films.totals) / totals
     groove = _bound_groove_total(base.scene, forces.forces) / np.abs(forces.totals)
     shear = (CHARGE_CHANGE_FACTOR - 1) * groove if films is forces.charges else np.zeros(2)
+    change = bound_groove_change(base.scene, forces.forces)
     base_errors = np.maximum(films.bound.totals / np.abs(films.totals) - groove - shear, 0.0)
     parts = {
         TUMOURS_CAUSE: np.maximum(readings.bound - films.bound.totals, 0.0) / totals,
         BASE_CAUSE: BASE_ERROR_FACTOR * base_errors * effect,
-        GROOVE_CAUSE: (GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, forces.forces) + BASE_ERROR_FACTOR * shear) * effect,
+        GROOVE_CAUSE: (GROOVE_SAFETY_FACTOR * change + BASE_ERROR_FACTOR * shear) * effect,
     }
     total_error = np.asarray(sum(parts.values()))
     # -ln(1 - sum) over the sum: distributes the logarithm of eq. PO.12 over the causes in proportion

@@ -22,13 +22,12 @@ from solver.axisymmetric.refinement import CROSSED_SPHERE_ORDERS, MESH_LEVELS, O
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.linalg.workspace import get_workspace
-from solver.results.detail_compliance import FILM_DETAIL, iterate_details
+from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound, FilmForces, describe_sensitivity_error, describe_shortfall
 from solver.results.result import Decision
 from solver.results.warnings import Note
 
 NEGLIGIBLE_SHARE = 0.05  # of the accuracy: films and base with a smaller effect are left out
-CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a feature changes the shear on a film, too
 CLAMPED_LIGHT_MIN_ACCURACY = 0.02  # below it films bonded rigidly on both sides need more than the light mesh
 UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: thin films and bonds, an elastic base, layers' ends
 

@@ -21,11 +21,10 @@ from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from solver.closed_form.designs import Shape
 from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, classify, compute_features
-from solver.results.detail_compliance import FILM_DETAIL, iterate_details
+from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 
 CHARGE_QUANTITIES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")
 MAX_EXPONENT = 20.0  # beyond it a charge is far below its error
-CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a detail changes the shear on a film, too
 
 
 def state_charge_errors(scene: Scene, shape: Shape, products: Floats, derivatives: Floats) -> StatedErrors:

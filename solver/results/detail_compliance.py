@@ -18,6 +18,7 @@ from geometry.scenes.probe import Base, Probe
 from solver.results.film_forces import Bound
 
 FILM_DETAIL = "film compliance"
+CHARGE_CHANGE_FACTOR = 2.0  # charges change more than forces where a detail changes the shear on a film, too
 
 
 @dataclass(frozen=True)
