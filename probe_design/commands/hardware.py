@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,7 +89,8 @@ class ReadRequest(SourceRequest):
 
         length, accuracy = self.duration, choose_accuracy(setup.scene, self.accuracy)
         (recording,) = list_new_recordings(self, 1)  # of the only source: a new file's path, or None
-        (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, accuracy),), 1, sys.stderr.isatty())
+        signals = partial(simulate_on_scene, setup, self, accuracy, linear=self.linear)
+        (opener,) = build_openers(self, lambda: (signals(),), 1, sys.stderr.isatty())
         with opener() as reader:  # a missing device or another probe is refused before anything is computed
             serial = read_board_serial(reader.header.source)
             serial_warnings = check_serials(setup.collect_serials({"the reading": serial}), self.any_probe)
@@ -301,7 +303,7 @@ class DoctorRequest(SourceRequest):
             return []
         try:
             # a relative accuracy of 0.01 is enough for the signals of a virtual probe
-            (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, 0.01),), 1, pace=False)
+            (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, 0.01, linear=True),), 1, pace=False)
             with opener() as reader:
                 samples = setup.describe_recording(reader).collect(self.duration, recording)
         except InvalidSource:  # a mistake on the command line, not a fault of the probe

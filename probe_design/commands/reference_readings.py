@@ -156,10 +156,10 @@ def ask_for(label: str, place: str, source: SourceRequest) -> None:
     input()
 
 
-def simulate_on_scene(setup: HardwareSetup, source: SourceRequest, accuracy: float) -> Any:
+def simulate_on_scene(setup: HardwareSetup, source: SourceRequest, accuracy: float, *, linear: bool) -> Any:
     """Return the signals, as a function of time, of a virtual probe on the scene's tissue, predicted to ``accuracy``."""
     bench = setup.build_virtual_bench(source)
-    prediction = choose_prediction(source.duration)(bench.as_built, accuracy, True, setup.bench.load.frequency)
+    prediction = choose_prediction(source.duration)(bench.as_built, accuracy, linear, setup.bench.load.frequency)
     return bench.build_scene_signals(prediction)
 
 

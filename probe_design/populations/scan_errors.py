@@ -26,7 +26,10 @@ from solver.results.film_forces import FilmForces
 TUMOURS_CAUSE, BASE_CAUSE, GROOVE_CAUSE, LOAD_CAUSE = "reflections and meshes", "base states", "groove", "load"
 ERROR_CAUSES = {  # causes of the model's error: description, and how to reduce it
     TUMOURS_CAUSE: ("tumours near the surface, whose effect is computed less accurately", "a larger population.least_cover"),
-    BASE_CAUSE: ("the tissue's sides and the probe's base, which are approximated", "wider tissue, or a rigid base,"),
+    BASE_CAUSE: (
+        "the meshes and the tissue's sides, which the model takes as round about the probe",
+        "wider tissue, or a scan nearer its middle,",
+    ),
     GROOVE_CAUSE: ("the groove, which the model leaves out", "a narrower or shallower groove, [scene.probe.groove],"),
     LOAD_CAUSE: ("the load, whose effect on a tumour's signal is approximated", "a smaller limits.force"),
 }

@@ -93,6 +93,10 @@ def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
         computed, stated = (numbers(text, row) for text in (printed, shown))
         assert len(computed) == len(stated) >= 2  # start and recommended at least
         assert computed == pytest.approx(stated, rel=0.02)  # IPOPT may stop elsewhere on another machine
+    ended = run_line("probe-design evaluate out/design.toml", folder)  # the command that the first one names
+    assert ended.returncode == 0, ended.stderr
+    assert "charge_ratio_error" in ended.stdout
+    assert "reading.accuracy" in ended.stderr
 
 
 def numbers(table: str, row: str) -> list[float]:

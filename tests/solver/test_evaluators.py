@@ -123,3 +123,9 @@ def test_results_state_the_errors_of_all_values_and_their_kind(scene: Scene, nam
     assert result.stress_inner_error == result.stress_outer_error == result.error_estimate  # shares of a given force
     raised = result.add_error(0.1)
     assert all(getattr(raised, field) == pytest.approx(1.1 * getattr(result, field) + 0.1) for field in stated)
+
+
+def test_a_scene_states_the_accuracy_that_holds_where_a_command_names_none(scene: Scene) -> None:
+    own = scene.model_copy(update={"reading": scene.reading.model_copy(update={"accuracy": 0.3})})
+    results = evaluate(own), evaluate(own, accuracy=0.05), evaluate(scene)
+    assert [result.provenance["accuracy"] for result in results if result.provenance] == [0.3, 0.05, 0.01]

@@ -83,7 +83,7 @@ def test_three_lines_and_both_errors_are_in_every_table(performance: Performance
     assert table["* sampling, model error"] == ("± 1.0, ± 5.0", "± 1.0, ± 5.0")
     assert "*: by what the probe is designed for, ratio alone" in describe_conditions(best)
     note = best.best.performance.error_note
-    assert "sampling leaves ± 1 of 100 tumours open and the evaluator's model ± 5" in note
+    assert "± 1 of 100 tumours by sampling, ± 5 by the model" in note
     population = best.build_summary([])["population"]["optimum"]
     assert set(population["by_channels"]) == {"ratio", "stiffness", "both"}
     assert population["detection_error"] == population["detection_sampling_error"] + population["detection_model_error"]
