@@ -5,6 +5,7 @@ Most take seconds; `tests/probe_design/commands/test_main.py` starts every comma
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -86,8 +87,8 @@ def run_line(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
     assert BUILTIN in COMMANDS
-    words = [sys.executable, "-m", "probe_design", *shlex.split(BUILTIN)[1:]]
-    printed = subprocess.run(words, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=250).stdout
+    kept = os.environ.get("README_OPTIMUM")  # what README's first command has printed in .ci/run
+    printed = Path(kept).read_text(encoding="utf-8") if kept else run_line(BUILTIN, folder).stdout
     shown = next(block for block in blocks("console") if BUILTIN in block)
     for row in ("detected of 100, ratio alone", "detected of 100, both", "force, N", "outer radius, mm"):
         computed, stated = (numbers(text, row) for text in (printed, shown))

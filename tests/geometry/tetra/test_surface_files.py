@@ -66,6 +66,7 @@ def test_a_step_file_says_its_unit(tmp_path):
     assert sheet.is_closed
 
 
+@pytest.mark.slow
 def test_a_surface_of_very_many_triangles_is_meshed_by_fewer_and_else_as_it_is(tmp_path, monkeypatch):
     """pytetwild takes minutes for 80 000 triangles, and no longer for 10 000 than for a thousand."""
     scanned = with_file(saved(tmp_path, pyvista.Icosphere(radius=3.0, nsub=5)), depth="9 mm")

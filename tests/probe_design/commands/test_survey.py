@@ -52,6 +52,7 @@ def survey(place: Path, presses: int, output: str) -> JsonObject:
     return result
 
 
+@pytest.mark.slow
 def test_survey_continues_as_if_it_had_not_been_interrupted(place: Path) -> None:
     """Its recordings, located afterwards, are the readings that it had; and its scan's file is one of `locate`."""
     whole = survey(place, 4, "whole")

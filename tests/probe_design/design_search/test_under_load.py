@@ -122,6 +122,7 @@ def test_a_gain_of_more_load_counts_beyond_twice_its_error() -> None:
     assert not make_candidate(0.9, math.inf).is_better_than(loose)
 
 
+@pytest.mark.slow
 def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
     """A search without a limit, each design then under as much of the scene's load as linear elasticity allows."""
     free, _ = loaded("example", 1e9)

@@ -131,6 +131,7 @@ def test_charges_by_psi_are_estimated_as_stresses() -> None:
     assert charge.strength == pytest.approx(stress.strength, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_phases_of_charges_by_tape_narrow_an_estimate() -> None:
     """The tape's losses turn the ratio over any tumour, to the same phase as ``evaluate`` has."""
     lossy = {"bond_to_base": TAPE | {"loss_factor": 0.3}, "bond_to_block": TAPE | {"loss_factor": 0.3}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from probe_design.populations.scan_readings import compute_closed_form_readings
 from probe_design.populations.tables import NoiseModel, Protocol
 from solver import evaluate
 from tests.support.designs import SUPERFICIAL, THREE, example_design
+from tests.support.slow import slow_unless
 
 RANGES = {**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"], "x": ["-3 mm", "3 mm"]}
 DESIGN = example_design(population=RANGES, protocol=THREE)
@@ -114,7 +116,7 @@ def test_derivatives_of_the_formulas_have_taylor_s_rate(name: str) -> None:
     assert 1.8 < rate < 2.2
 
 
-@pytest.mark.parametrize("skin", [False, True])
+@pytest.mark.parametrize("skin", slow_unless(operator.not_, [False, True]))
 def test_where_all_moduli_grow_alike_no_signal_changes(skin: bool) -> None:
     """Close to the surface the first order has a third of what the tissue's modulus does: 10 mm at 6 mm, rigid blocks."""
     scene = DESIGN.scene.replace({f"probe.{block}.youngs_modulus": 60e6 for block in ("inner", "outer")})

@@ -53,8 +53,6 @@ class TestAuto:
         result = evaluate(with_load(BESIDE, force=limit), accuracy=0.05)
         assert result.error_estimate is not None
         assert result.error_estimate <= 0.05
-        with pytest.raises(Refusal, match=r"load.force"):
-            evaluate(with_load(BESIDE, force=1.2 * limit), accuracy=0.05)
 
     def test_refuses_an_indentation_in_millimetres(self) -> None:
         with pytest.raises(Refusal, match=r"load.indentation = 4 mm: allowed: up to 2\.\d+ mm"):
