@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar
 
-import libusb_package
 import numpy as np
 from usb.core import USBError
 
@@ -22,6 +21,7 @@ from hw.common.samples import Gap, Samples
 from hw.common.transport import Chunk, Header, make_timestamp
 from hw.oscilloscope.scpi import DIALECTS, Dialect, find_dialect
 from hw.usb.faults import translate_fault
+from hw.usb.find import load_libusb
 
 FILM_CHANNELS = {"inner": 1, "outer": 2}
 PER_DIVISION = 100  # samples per division, of oscilloscopes whose rate follows from the time base
@@ -107,7 +107,7 @@ class ScopeTransport:
         """
         try:
             visa = import_module("pyvisa")
-            libusb_package.get_libusb1_backend()  # pyusb, and so pyvisa-py, uses this libusb from now on
+            load_libusb()  # pyusb, and so pyvisa-py, uses this libusb from now on
             manager = visa.ResourceManager("@py")
         except (ImportError, ValueError) as missing:
             raise InvalidSource("oscilloscopes need pyvisa: pip install '.[scope]'") from missing

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 
-import libusb_package
 import usb.core
 import usb.util
 from usb.backend import IBackend, libusb1
@@ -18,6 +18,16 @@ from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
 Backends = Callable[[], IBackend]
 _STRING_DESCRIPTOR, _ENGLISH_US = 0x0300, 0x0409
+
+
+def load_libusb() -> IBackend | None:
+    """Return the libusb of libusb-package, or where that is not installed the system's; None where there is none."""
+    try:
+        package = import_module("libusb_package")
+    except ImportError:
+        return libusb1.get_backend()
+    backend: IBackend | None = package.get_libusb1_backend()
+    return backend
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,7 @@ def open_libusb() -> IBackend:
     NotFound
         There is no libusb for this machine, or it has no access to USB.
     """
-    backend = libusb_package.get_libusb1_backend()
+    backend = load_libusb()
     if backend is None and libusb1._lib is None:
         raise NotFound("libusb could not be loaded: install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)")
     if backend is None:  # pyusb loaded it, but hides the reason of its failure

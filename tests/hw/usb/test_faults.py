@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -130,10 +131,16 @@ def test_libusb_that_does_not_begin_is_said_as_such(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(find, "_Context", fails)
     monkeypatch.setattr(find.libusb1, "_lib", object())
     backend = SimpleNamespace(lib=None) if pyusb_tells else None
-    monkeypatch.setattr(find.libusb_package, "get_libusb1_backend", lambda: backend)
+    monkeypatch.setattr(find, "load_libusb", lambda: backend)
     with pytest.raises(NotFound, match=r"libusb failed to initialise .* is there USB on this machine"):
         Reader.open("usb")
 
 
 def test_headless_machines_have_a_group() -> None:
     assert 'GROUP="plugdev"' in str(AccessDenied("probe V1"))
+
+
+def test_without_libusb_package_the_system_s_libusb_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "libusb_package", None)
+    monkeypatch.setattr(find.libusb1, "get_backend", lambda: "of the system")
+    assert find.load_libusb() == "of the system"
