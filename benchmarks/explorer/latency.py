@@ -81,16 +81,21 @@ def _press_keys(page: Page, events: int, chance: random.Random) -> dict[str, lis
     return times
 
 
-def _read_memory(process: int) -> float:
-    """Return the memory that a process holds, MB (Linux)."""
-    lines = Path(f"/proc/{process}/status").read_text().splitlines()
-    return next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
+def _list_processes(server: int) -> list[int]:
+    """Return a server's process and its children (Linux)."""
+    return [server, *map(int, Path(f"/proc/{server}/task/{server}/children").read_text().split())]
 
 
-def _read_processor_time(process: int) -> float:
-    """Return the time of processors that a process has used, s (Linux)."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+def _read_memory(server: int) -> float:
+    """Return the memory that the processes of a server hold, MB (Linux)."""
+    lines = [line for process in _list_processes(server) for line in Path(f"/proc/{process}/status").read_text().splitlines()]
+    return sum(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
+
+
+def _read_processor_time(server: int) -> float:
+    """Return the time of processors that the processes of a server have used, s (Linux)."""
+    rows = [Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split() for process in _list_processes(server)]
+    return sum(int(fields[11]) + int(fields[12]) for fields in rows) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":
