@@ -35,12 +35,15 @@ SEED = 41
 def main() -> None:
     events = int(sys.argv[1]) if len(sys.argv) > 1 else 300
     command = [sys.executable, "-m", "probe_design", "explore", "examples/scene.toml", "--no-browser"]
-    start = time.perf_counter()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        try:
-            times, growth, processor = _measure(server, start, events)
-        finally:
-            server.terminate()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        start = time.perf_counter()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+            try:
+                times, growth, processor = _measure(server, browser.new_page(), start, events)
+            finally:
+                server.terminate()
+        browser.close()
     print("| redrawn | median, ms | 95th percentile, ms |\n|---|---|---|")
     for name, values in times.items():
         print(f"| {name} | {np.median(values):.0f} | {np.percentile(values, 95):.0f} |")
@@ -48,24 +51,19 @@ def main() -> None:
     print(f"load average {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
 
 
-def _measure(server: subprocess.Popen[str], start: float, events: int) -> tuple[dict[str, list[float]], float, float]:
+def _measure(server: subprocess.Popen[str], page: Page, start: float, events: int) -> tuple[dict[str, list[float]], float, float]:
     """Return times by what is redrawn, ms, the growth of the server's memory, MB, and its processor time for an event, ms."""
     assert server.stdout is not None
-    address = server.stdout.readline().strip()
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        page = browser.new_page()
-        page.goto(address)
-        page.wait_for_selector("[data-output=ratio]")
-        print(f"first page after {time.perf_counter() - start:.1f} s")
-        page.wait_for_selector("[data-drawings]", state="attached")
-        page.evaluate(WATCH)
-        _press_keys(page, 20, random.Random(SEED + 1))
-        before, begin = _read_memory(server.pid), _read_processor_time(server.pid)
-        times = _press_keys(page, events, random.Random(SEED))
-        growth = _read_memory(server.pid) - before
-        processor = 1e3 * (_read_processor_time(server.pid) - begin) / events
-        browser.close()
+    page.goto(server.stdout.readline().strip())
+    page.wait_for_selector("[data-output=ratio]")
+    print(f"first page after {time.perf_counter() - start:.1f} s", flush=True)
+    page.wait_for_selector("[data-drawings]", state="attached")
+    page.evaluate(WATCH)
+    _press_keys(page, 20, random.Random(SEED + 1))
+    before, begin = _read_memory(server.pid), _read_processor_time(server.pid)
+    times = _press_keys(page, events, random.Random(SEED))
+    growth = _read_memory(server.pid) - before
+    processor = 1e3 * (_read_processor_time(server.pid) - begin) / events
     return times, growth, processor
 
 
