@@ -28,7 +28,7 @@ WATCH = """() => {
     window.times[name] ??= performance.now() - window.start; })).observe(document.querySelector(selector).parentElement,
     { childList: true, subtree: true, characterData: true });
   watch("outputs", "table.outputs"); watch("map", "[data-drawings]"); }"""
-PAUSE_MS = 10_000  # until an event counts as lost
+PAUSE_MS = 60_000  # until an event counts as lost
 SEED = 41
 
 
