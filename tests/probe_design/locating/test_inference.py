@@ -23,7 +23,7 @@ from probe_design.locating.mixtures import FREEDOM, PRIOR_SHARE, ExtendedProposa
 from probe_design.locating.next_position import compute_information
 from probe_design.locating.posterior import compute_quantiles
 from probe_design.locating.prior import TumourPrior
-from probe_design.locating.report import build_tables
+from probe_design.locating.report import build_tables, list_lines
 from probe_design.locating.sampling import draw_posterior
 from probe_design.locating.scan_data import ScanConditions, ScanData
 from probe_design.locating.scan_loads import ScanLoads, TumourFree
@@ -132,6 +132,7 @@ def test_clear_tumour_is_located_and_its_contrast_is_not_learnt() -> None:
         assert quantities[name].interval_90[0] < truth < quantities[name].interval_90[1], name
     assert not quantities["ln_contrast"].is_learnt
     assert quantities["ln_contrast"].sd_relative == pytest.approx(1, abs=0.1)
+    assert "Not learnt: Young's modulus, ln contrast: as before the scan." in list(list_lines(clear()))
     assert clear().effective_sample_size > 100
     assert 1e-6 < clear().tumours[0].place_region_90 < 30e-6
 
@@ -169,6 +170,17 @@ def test_evidence_that_repeats_do_not_confirm_is_withheld(monkeypatch: pytest.Mo
     assert located.as_dict()["probability"][3] is None
     assert any("at most 2" in line and "withheld" in line for line in located.warnings)
     assert build_tables(located)[0].rows[-1][2] == "withheld"
+
+
+def test_a_small_effective_sample_is_called_not_converged() -> None:
+    """Its intervals would be too narrow."""
+    subject = likelihood(scan(CLEAR), tumours=1)
+    whole = Posterior.from_likelihood(subject, 0)
+    small = replace(whole, samples=(replace(whole.samples[0], size=60.0),))
+    located = infer(subject, CONDITIONS, 0, advise=False, posterior=small)
+    assert any("not converged" in line for line in located.warnings)
+    assert build_tables(located)[0].rows[1][-1] == "60, not converged"
+    assert not any("not converged" in line for line in clear().warnings)
 
 
 def test_density_of_proposals_is_that_of_student_mixtures() -> None:
@@ -228,6 +240,15 @@ def test_second_tumour_that_cannot_be_read_stays_possible() -> None:
     posterior = Posterior.from_likelihood(likelihood(scan(CLEAR), tumours=2), 0)
     assert 0.05 < posterior.probability[2] < 0.6
     assert posterior.probability[0] < 1e-3
+
+
+def test_a_tumour_outside_the_scan_lies_where_the_margin_allows() -> None:
+    outside = CLEAR + np.array([16.5e-3, 0, 0, 0, 0])  # 3.6 mm beyond the last presses
+    located = result(scan(outside), tumours=1, margin=6e-3)
+    assert located.probability[0] < 1e-2
+    for name, truth in zip("xy", outside[0, 0], strict=False):
+        low, high = located.tumours[0].quantities[name].interval_90
+        assert low < truth < high, name
 
 
 def test_gain_is_common_to_scan_and_baseline_reading() -> None:
