@@ -1,1 +1,1 @@
-"""Measure locating: the forward model of scans."""
+"""Measure locating: the forward model of scans, what is stated of tumours against the truth, and surveys."""

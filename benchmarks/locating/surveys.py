@@ -1,5 +1,7 @@
 """Measure surveys: presses until the place is known, and stops that are wrong.
 
+    nice python -m benchmarks.locating.surveys [--surveys 200] [--rows rows.jsonl]
+
 Tumours are drawn from the population of ``examples/scans/one-clear.toml`` with one tumour at most; readings are those of
 ``equivalent-inclusion`` with reflections, with a common gain and noise of each reading. The first table has tumours that the scan
 of 25 presses detects with a probability of 0.9: errors of the posterior median of the place, over all tumours, after each number
@@ -11,11 +13,14 @@ Duration: eight minutes.
 
 from __future__ import annotations
 
+import argparse
+from pathlib import Path
 from time import process_time
 
 import numpy as np
 from rich.console import Console
 
+from benchmarks.rows import Row, RowFile
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
 from probe_design.estimation.measurements import Reading
@@ -29,8 +34,8 @@ from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 
 DESIGN_FILE = "examples/scans/one-clear.toml"
-TUMOURS, SURVEYS, MAX_PRESSES = 12, 174, 30
-LIMITS = (0.1, 0.05, 0.03, 0.02)  # of the probability of tumours that the scan detects, below which a survey stops
+TUMOURS, MAX_PRESSES = 12, 30
+LIMITS = (0.1, 0.02)  # of the probability of tumours that the scan detects, below which a survey stops
 RASTER_PRESSES = 25
 SHOWN = (3, 6, 8, 12, 16, 25)  # presses of the first table
 SEED = 40
@@ -85,34 +90,44 @@ def compute_error(locator: Locator, tumour: Floats) -> float:
     return float(np.hypot(*(np.array(median) - tumour[:2])))
 
 
-def measure_presses(design: Design, base: object) -> MeasuredTable:
+def press_in_order(design: Design, base: object, tumour: Floats, index: int, order: str) -> Row:
+    """Return the error of the place after each press, m, and the times of updates and decisions, s."""
+    line = np.linspace(-16e-3, 16e-3, 5)
+    raster = [(float(x), float(y)) for y in line for x in line]
+    patient = Patient(design, base, tumour, index)
+    locator = start(design, patient, index)
+    row: Row = {"errors": [], "updates": [], "decisions": []}
+    for press in range(RASTER_PRESSES):
+        x, y = raster[press]
+        if order != "raster":
+            begin = process_time()
+            place = locator.next_position()
+            row["decisions"].append(process_time() - begin)
+            x, y = place.x, place.y
+        reading = patient.press(x, y)
+        begin = process_time()
+        locator.update(reading)
+        row["updates"].append(process_time() - begin)
+        row["errors"].append(compute_error(locator, tumour))
+    return row
+
+
+def measure_presses(design: Design, base: object, rows: RowFile) -> MeasuredTable:
     """Return errors of the place by next_position and by a raster."""
     first = Locator(design)
     candidates = draw_tumours(first, 4 * TUMOURS, 1)
     detected = [tumour for tumour in candidates if first.planned_scan.compute_detected_fraction(tumour[None, None])][:TUMOURS]
-    line = np.linspace(-16e-3, 16e-3, 5)
-    raster = [(float(x), float(y)) for y in line for x in line]
-    errors: dict[str, Floats] = {}
-    updates, decisions = [], []
-    for name in ("next_position", "raster"):
-        rows = []
-        for index, tumour in enumerate(detected):
-            patient = Patient(design, base, tumour, index)
-            locator, row = start(design, patient, index), []
-            for press in range(RASTER_PRESSES):
-                x, y = raster[press]
-                if name != "raster":
-                    begin = process_time()
-                    place = locator.next_position()
-                    decisions.append(process_time() - begin)
-                    x, y = place.x, place.y
-                reading = patient.press(x, y)
-                begin = process_time()
-                locator.update(reading)
-                updates.append(process_time() - begin)
-                row.append(compute_error(locator, tumour))
-            rows.append(row)
-        errors[name] = np.median(rows, axis=0) * 1e3
+    measured = {
+        order: [
+            rows.get(f"{order}/{index}", lambda i=index, t=tumour, o=order: press_in_order(design, base, t, i, o))  # type: ignore[misc]
+            for index, tumour in enumerate(detected)
+        ]
+        for order in ("next_position", "raster")
+    }
+    errors = {order: np.median([row["errors"] for row in parts], axis=0) * 1e3 for order, parts in measured.items()}
+    updates, decisions = (
+        [seconds for parts in measured.values() for row in parts for seconds in row[key]] for key in ("updates", "decisions")
+    )
     table = MeasuredTable(
         f"median error of the place, mm, over {len(detected)} tumours",
         ("order", *(f"{count} presses" for count in SHOWN), "1 mm after"),
@@ -126,47 +141,57 @@ def measure_presses(design: Design, base: object) -> MeasuredTable:
     return table
 
 
-def measure_stops(design: Design, base: object) -> MeasuredTable:
+def survey(design: Design, base: object, tumour: Floats, index: int) -> Row:
+    """Return the first stop of a survey by each limit: limit, reason, presses, whether it is wrong, and how probably."""
+    is_there = bool(np.random.default_rng((SEED, 3, index)).random() < 0.5)
+    patient = Patient(design, base, tumour if is_there else None, 1000 + index)
+    locator = start(design, patient, index)
+    detected = is_there and locator.planned_scan.compute_detected_fraction(tumour[None, None]) > 0
+    first: dict[float, list[object]] = {}
+    while len(first) < len(LIMITS):
+        place, presses = locator.next_position(), len(locator.readings) - 1
+        detectable = locator.compute_detectable_probability()
+        for limit in LIMITS if presses >= MIN_READINGS else ():
+            stop = find_stop(locator.probability_none, detectable, place.information, limit)
+            reason = "presses" if stop is None else stop.reason
+            if limit not in first and (stop is not None or presses >= MAX_PRESSES):
+                is_wrong = not is_there if reason == "tumour" else detected
+                expected = locator.probability_none if reason == "tumour" else detectable
+                first[limit] = [limit, reason, presses, bool(is_wrong), expected]
+        locator.update(patient.press(place.x, place.y))
+    return {"stops": list(first.values())}
+
+
+def measure_stops(design: Design, base: object, rows: RowFile, surveys: int) -> MeasuredTable:
     """Return why surveys of scans from the prior stop, and how many of the stops are wrong."""
-    tumours = draw_tumours(Locator(design), SURVEYS, 2)
-    is_there = np.random.default_rng((SEED, 3)).random(SURVEYS) < 0.5
-    stops: list[list[tuple[float, str, int, bool, float]]] = []
-    for index, tumour in enumerate(tumours):
-        patient = Patient(design, base, tumour if is_there[index] else None, 1000 + index)
-        locator = start(design, patient, index)
-        detected = bool(is_there[index]) and locator.planned_scan.compute_detected_fraction(tumour[None, None]) > 0
-        first: dict[float, tuple[float, str, int, bool, float]] = {}
-        while len(first) < len(LIMITS):
-            place, presses = locator.next_position(), len(locator.readings) - 1
-            detectable = locator.compute_detectable_probability()
-            for limit in LIMITS if presses >= MIN_READINGS else ():
-                stop = find_stop(locator.probability_none, detectable, place.information, limit)
-                reason = "presses" if stop is None else stop.reason
-                if limit not in first and (stop is not None or presses >= MAX_PRESSES):
-                    is_wrong = not is_there[index] if reason == "tumour" else detected
-                    expected = locator.probability_none if reason == "tumour" else detectable
-                    first[limit] = (limit, reason, presses, bool(is_wrong), expected)
-            locator.update(patient.press(place.x, place.y))
-        stops.append(list(first.values()))
+    tumours = draw_tumours(Locator(design), surveys, 2)
+    stops = [
+        rows.get(f"survey/{index}", lambda i=index, t=tumour: survey(design, base, t, i))["stops"]  # type: ignore[misc]
+        for index, tumour in enumerate(tumours)
+    ]
     columns = ("limit", "reason", "surveys", "wrong", "presses in the median", "at 90 %")
-    table = MeasuredTable(f"stops of {SURVEYS} surveys by the limit of detectable tumours", columns)
+    table = MeasuredTable(f"stops of {surveys} surveys by the limit of detectable tumours", columns)
     for limit in LIMITS:
-        chosen = [part for survey in stops for part in survey if part[0] == limit]
+        chosen = [part for parts in stops for part in parts if part[0] == limit]
         for cause in sorted({part[1] for part in chosen}):
             same = [part for part in chosen if part[1] == cause]
             counts, wrong = [part[2] for part in same], sum(part[3] for part in same)
             table.add(limit, cause, len(same), wrong, f"{np.median(counts):.0f}", f"{np.quantile(counts, 0.9):.0f}")
         wrong, expected = sum(part[3] for part in chosen), sum(part[4] for part in chosen)
-        table.note(f"limit {limit:g}: {wrong} of {SURVEYS} stops are wrong, {expected:.1f} by the posteriors")
+        table.note(f"limit {limit:g}: {wrong} of {surveys} stops are wrong, {expected:.1f} by the posteriors")
     return table
 
 
 def main() -> None:
     """Print the tables."""
-    design, console = read_single_design(), Console(width=130)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--surveys", type=int, default=200)
+    parser.add_argument("--rows", type=Path, help="file of rows, from which a run continues that was cut off")
+    arguments = parser.parse_args()
+    design, console, rows = read_single_design(), Console(width=130), RowFile(arguments.rows)
     base = EquivalentInclusion().prepare(design.scene.model_copy(update={"inclusion": ()}), 0.003)
-    for measure in (measure_stops, measure_presses):
-        measure(design, base).print(console)
+    measure_presses(design, base, rows).print(console)
+    measure_stops(design, base, rows, arguments.surveys).print(console)
 
 
 if __name__ == "__main__":
