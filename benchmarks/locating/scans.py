@@ -158,7 +158,7 @@ class ScanMaker:
             stiffness = totals.sum(axis=1)
         probe = scene.probe
         ratio = totals[:, 0] / totals[:, 1] * probe.outer_area / probe.inner_area
-        return np.log(np.stack([ratio, stiffness], axis=-1))
+        return np.asarray(np.log(np.stack([ratio, stiffness], axis=-1)))
 
     def move(self, index: int) -> Floats:
         """Return the places where the probe really is, m, shape (k, 2)."""

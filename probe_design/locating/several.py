@@ -44,6 +44,7 @@ PARTICLES, MAX_TEMPERATURES, MOVES = 320, 30, 6  # of tempered sequential Monte 
 TEMPERING_SIZE_RELATIVE = 0.4  # effective sample size that a step of the temperature keeps, of the number of particles
 FIRST_SIZE, LAST_SIZE = 2048, 4096  # samples of each repeat, the last at most
 ENOUGH_SIZE = 400.0  # effective sample size of a repeat's last samples, for which fewer may do: ln evidence is then known to 0.05
+GOOD_SIZE, MAX_ROUNDS = 250.0, 4  # effective size of a repeat's last samples, up to which its mixture is fitted anew
 
 
 @dataclass(frozen=True)
@@ -214,12 +215,15 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
         mixture = SetProposal.fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, number, rng)
         z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), counts[0], rng)
-        softened = soften_weights(log_weights)
-        z = Labels.from_particles(z, softened, number).order(z)
-        mixture = SetProposal.fit(z, softened, LAST_COMPONENTS, number, rng)
-        needed = math.ceil(ENOUGH_SIZE / max(compute_effective_size(log_weights) / counts[0], 1e-3))
-        count = 2 * math.ceil(min(max(needed, counts[0]), counts[1]) / 2)  # even, as the proposal has two parts at most
-        z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), count, rng)
+        for _ in range(MAX_ROUNDS):
+            softened = soften_weights(log_weights)
+            z = Labels.from_particles(z, softened, number).order(z)
+            mixture = SetProposal.fit(z, softened, LAST_COMPONENTS, number, rng)
+            needed = math.ceil(ENOUGH_SIZE / max(compute_effective_size(log_weights) / len(log_weights), 1e-3))
+            count = 2 * math.ceil(min(max(needed, counts[0]), counts[1]) / 2)  # even, as the proposal has two parts at most
+            z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), count, rng)
+            if compute_effective_size(log_weights) > GOOD_SIZE:
+                break
         parts.append((z, log_weights))
         evidences.append(float(log_sum_exp(log_weights)) - math.log(len(log_weights)))
     z, log_weights = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
