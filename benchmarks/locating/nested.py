@@ -35,7 +35,7 @@ from probe_design.locating.posterior import list_values
 from probe_design.locating.sampling import draw_posterior
 
 COMPARED = ("narrow", "wide", "hand-held")  # settings, in turn
-LIVE_POINTS, QUEUE, WALKS = 450, 50, 25  # new points that walk together, and their steps
+LIVE_POINTS, WALKING_SHARE, WALKS = 450, 9, 25  # of the live points one in nine walks together with others, so many steps
 MIN_SIZE = 2000.0  # effective sample size on both sides
 NO_LIKELIHOOD = -1e290  # ln L of tumours that do not fit: dynesty takes finite numbers alone
 
@@ -101,19 +101,21 @@ def compute_log_likelihoods(likelihood: Likelihood, points: Floats) -> Floats:
 
 
 def run_nested(likelihood: Likelihood) -> SimpleNamespace:
-    """Return tumours, weights, ln evidence and its error by dynesty."""
-    start = process_time()
-    sampler = dynesty.NestedSampler(
-        lambda point: float(compute_log_likelihoods(likelihood, np.asarray(point)[None])[0]), lambda point: point,
-        len(likelihood.prior.free), nlive=LIVE_POINTS, bound="multi", sample="rwalk", walks=WALKS, pool=WalkingPool(likelihood),
-        queue_size=QUEUE, rstate=np.random.default_rng(1),
-    )  # fmt: skip
-    sampler.run_nested(dlogz=0.01, print_progress=False)
-    results = sampler.results
-    weights = results.importance_weights()
+    """Return tumours, weights, ln evidence and its error by dynesty, with enough live points."""
+    start, live, size = process_time(), LIVE_POINTS, 0.0
+    while size < MIN_SIZE:
+        sampler = dynesty.NestedSampler(
+            lambda point: float(compute_log_likelihoods(likelihood, np.asarray(point)[None])[0]), lambda point: point,
+            len(likelihood.prior.free), nlive=live, bound="multi", sample="rwalk", walks=WALKS, pool=WalkingPool(likelihood),
+            queue_size=live // WALKING_SHARE, rstate=np.random.default_rng(1),
+        )  # fmt: skip
+        sampler.run_nested(dlogz=0.01, print_progress=False)
+        results = sampler.results
+        weights = results.importance_weights()
+        live, size = 2 * live, float(1 / (weights**2).sum())
     log_fraction = np.log(likelihood.prior.compute_allowed_fraction(1))
     return SimpleNamespace(
-        tumours=likelihood.prior.transform(results.samples[:, None])[:, 0], weights=weights, size=float(1 / (weights**2).sum()),
+        tumours=likelihood.prior.transform(results.samples[:, None])[:, 0], weights=weights, size=size,
         log_evidence=float(results.logz[-1] - log_fraction), error=float(results.logzerr[-1]), seconds=process_time() - start,
     )  # fmt: skip
 
