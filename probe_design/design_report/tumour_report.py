@@ -172,7 +172,7 @@ def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> 
     rows = [
         *((key.replace("_", " ").replace("log ", "log-"), value) for key, value in shown.ratio_read.items()),
         ("sd of ln E_object", shown.value),
-        ("least sd", shown.lower),
-        ("most sd", shown.upper),
+        ("sd, lower bound", shown.lower),
+        ("sd, upper bound", shown.upper),
     ]
     return [(name, format_number(value if evaluated else None)) for name, value in rows]
