@@ -180,7 +180,8 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
         entry = Words("missing" if "fingerprint" not in contents else "no fingerprint")
         raise InputError(f"{name}: fingerprint", entry, READ_AGAIN_HINT)
     if "ratio" in contents and contents["ratio"] is None:
-        raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
+        remedy = "press harder, read longer, or lower the noise of its charge ([noise] charge, the bench's amplifier)"
+        raise InputError(f"{name}: ratio", Words("null"), f"a reading whose outer stress stands out: {remedy}")
     ratio, ratio_sd, force = (_get_number(contents, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
     if not 0 < ratio_sd <= MAX_RELATIVE_SD * ratio:
         raise InputError(f"{name}: ratio", ratio, f"a ratio above 0, its uncertainty above 0, up to {MAX_RELATIVE_SD:g} of it")

@@ -366,16 +366,6 @@ def test_tumours_that_fit_below_a_skin_are_those_of_the_table() -> None:
     assert np.all(depth >= cube.compute_shallowest(diameter) - 1e-9)
 
 
-def test_tumours_in_two_layers_are_refused_with_the_depths_of_each() -> None:
-    """Within the upper 10 mm the largest reach down to 10 mm - 2.5 mm - a tenth of 5 mm."""
-    layer = {"thickness": 10e-3, "youngs_modulus": 4e3, "poisson_ratio": 0.45}
-    scene = read_scene(ROOT / "examples" / "scene.toml")
-    layered = Scene.from_tables(scene.model_dump(exclude_none=True) | {"tissue": scene.tissue.model_dump() | {"layer": [layer]}})
-    prior = replace(TumourPrior.from_design(design(depth=[4e-3, 20e-3], diameter=[3e-3, 5e-3]), PLACES), scene=layered)
-    with pytest.raises(InputError, match=r"population.depth = 4 mm to 20 mm: .* up to 7 mm, or from 11.8 mm on"):
-        forward_model.build_models(prior, (layered,))
-
-
 def test_margin_and_weights_of_the_population() -> None:
     prior = TumourPrior.from_design(design(margin=4e-3, weights=(0.9, 0.05, 0.03, 0.02)), PLACES)
     assert prior.ranges[0].values == pytest.approx((-20e-3, 20e-3))
