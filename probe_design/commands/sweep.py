@@ -81,7 +81,8 @@ class TradeoffRequest(LimitedRequest):
     """Measure the cost of accuracy on your scenes: time, stated error and true error of every evaluator and setting.
 
     True errors are differences from the most accurate result of all evaluators that converge, which has a stated error, too.
-    Allow half a minute per scene. Without SCENE, five built-in scenes are used: the paper's probe without its groove, and
+    Beyond linear elasticity, contact is compared at several accuracies. Allow half a minute per scene, more there. Without
+    SCENE, five built-in scenes are used: the paper's probe without its groove, and
     another probe over a tumour on its axis, off its axis, shallow and soft.
 
     \b
@@ -139,7 +140,7 @@ def tradeoff(
     Raises
     ------
     Refusal
-        No evaluator takes any of the scenes, or a load is beyond linear elasticity.
+        No evaluator takes any of the scenes under their loads.
     """
     from probe_design.tradeoffs.study import measure_tradeoff
 

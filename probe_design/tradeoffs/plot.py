@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
 EVALUATOR_COLOURS = {
     "closed-form": "tab:green", "equivalent-inclusion": "tab:orange", "axisymmetric": "tab:blue", "solid": "tab:purple",
+    "contact": "tab:red",
 }  # fmt: skip
-EVALUATOR_MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^"}
+EVALUATOR_MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^", "contact": "P"}
 FRONT_STYLE: dict[str, Any] = {"color": "0.55", "linewidth": 5.0, "alpha": 0.35}
 MIN_DRAWN_ERROR = 1e-8  # smaller errors are drawn here
 MAX_PANELS = 30  # scenes drawn; the title says if there are more
