@@ -99,7 +99,7 @@ class LoadedScene:
             A limit of memory or time is exceeded.
         """
         linear = compute_converged_forces(_tie_faces(scene), LINEAR_SHARE * accuracy)
-        first, second = (_build_path(scene, linear, fineness) for fineness in finenesses[:2])
+        first, second = (build_path(scene, linear, fineness) for fineness in finenesses[:2])
         return cls(scene, accuracy, linear, (first, second), finenesses=finenesses)
 
     @property
@@ -112,7 +112,7 @@ class LoadedScene:
         following = self.finenesses.index(self.paths[1].model.mesh.layout.fineness) + 1
         if following == len(self.finenesses):
             return None
-        return replace(self, paths=(self.paths[1], _build_path(self.scene, self.linear, self.finenesses[following], self.dense)))
+        return replace(self, paths=(self.paths[1], build_path(self.scene, self.linear, self.finenesses[following], self.dense)))
 
     def add_contact_points(self) -> LoadedScene | None:
         """Return the scene at rest with twice the contact points; None if it has them, or has faces that slide or open.
@@ -123,7 +123,7 @@ class LoadedScene:
         """
         if self.dense or self.scene.contact.interface != "bonded":
             return None
-        first, second = (_build_path(self.scene, self.linear, path.model.mesh.layout.fineness, True) for path in self.paths)
+        first, second = (build_path(self.scene, self.linear, path.model.mesh.layout.fineness, True) for path in self.paths)
         return replace(self, paths=(first, second), dense=True)
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
@@ -306,7 +306,7 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
     return press_with_enough_points(rest_scene, LoadedScene.press_to_scene_load)
 
 
-def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dense: bool = False) -> Path:
+def build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dense: bool = False) -> Path:
     """Build the load path, on a mesh of the given fineness, of the section that the linear solution used."""
     rest_model = linear.sample.states.model
     inclusion = {Body.INCLUSION: scene.inclusion[0]} if scene.inclusion else {}

@@ -16,7 +16,8 @@ from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.contact.limits import CLOSED_GAP_RELATIVE
-from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene
+from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene, build_path
+from solver.contact.path import Path
 from solver.contact.preloaded_tissue import STEP_RELATIVE, PreloadedTissue
 from solver.contact.pressed_tissue import PressedTissue
 from solver.contact.states import PathPoint, StoppedError
@@ -33,6 +34,8 @@ from solver.results.result import Decision
 # order 4 on few cells, order 2 on twice as many each way: the latter was within 0.1 % of finer ones, and their contact differs.
 # A third mesh, order 3, had larger bounds at all 12 loads of four scenes, and stopped where these two still converge
 TISSUE_FINENESSES = MeridianFineness(1, 0, 4), MeridianFineness(2, 0, 2)
+LIGHT_FINENESS = MeridianFineness(1, 0, 2)  # on which loads that are far too large are refused, in a fifth of the time
+LIGHT_MARGIN = 0.01  # relative, of the largest force on that mesh: within 0.2 % on three example scenes
 LINEAR_SHARE = 0.3  # of the accuracy, for the linear readings
 DECISION_FEATURE = "finite strain and contact"
 SHAPE_ERROR_FACTOR = 2.0  # of what the load adds, times ln of an ellipsoid's aspect ratio: it counts as the sphere of its volume
@@ -133,14 +136,30 @@ class TissueUnderLoad:
         """Refuse a force, N, or an indentation, m, deeper than ``MAX_X``; ``margin`` is what the force is more than allowed."""
         path = self.loaded.paths[0]
         deepest = MAX_X * path.radius
-        if indentation <= deepest:
-            if path.last.force >= force or any(map(self._is_closed, path.points)):
-                return
-            if any(point.force >= force or self._is_closed(point) for point in path.iterate_steps(deepest)):
-                return
-        else:
-            path.press_to_indentation(deepest)
-        limit = _format_limit(key, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)) / margin, deepest)
+        if indentation > deepest:
+            self._refuse_depth(key, value, 0.0)  # names an indentation, not a force
+        if path.last.force >= force or any(map(self._is_closed, path.points)):
+            return
+        light_limit = self._light_limit if force > deepest * float(path.points[0].tangent.sum()) else None
+        if light_limit is not None and force > (1 + LIGHT_MARGIN) * light_limit:
+            self._refuse_depth(key, value, (1 - LIGHT_MARGIN) * light_limit / margin)
+        if any(point.force >= force or self._is_closed(point) for point in path.iterate_steps(deepest)):
+            return
+        self._refuse_depth(key, value, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)) / margin)
+
+    @cached_property
+    def _light_limit(self) -> float | None:
+        """The force, N, at the largest indentation on the light mesh; None where the gap closes before or no step converges."""
+        path: Path = build_path(self.loaded.scene, self.loaded.linear, LIGHT_FINENESS)
+        try:
+            point = path.press_to_indentation(MAX_X * path.radius)
+        except StoppedError:
+            return None
+        return None if any(map(self._is_closed, path.points)) else point.force
+
+    def _refuse_depth(self, key: str, value: object, force: float) -> NoReturn:
+        """Refuse a load, with the largest: a force, N, or ``MAX_X``."""
+        limit = _format_limit(key, force, MAX_X * self.loaded.paths[0].radius)
         reason = f"what load does to tumours off the axis is known up to an indentation of {MAX_X:g} outer radii"
         raise Refusal(key, value, f"up to {limit} for contact: {reason}")
 
