@@ -247,7 +247,7 @@ class PressedTissue:
             """Bound the errors of growths."""
             size = np.abs(linear) + np.abs(growth) + STIFFNESS_ERROR_PER_X * stiffening
             model_error = np.maximum(model_errors * size, growth_errors * np.abs(growth))
-            return model_error + MESH_SAFETY_FACTOR * np.abs(spread) + shape_error * np.abs(growth)
+            return np.asarray(model_error + MESH_SAFETY_FACTOR * np.abs(spread) + shape_error * np.abs(growth))
 
         stiffening = np.abs(linear[..., -1:])
         parts = linear, growth, spread
