@@ -53,8 +53,9 @@ FILM_NOTE = (
 
 
 SCAN_NOTE = (
-    "Every number of presses was tried with every pitch, each with a probe of its own. More presses say more: the rows show what "
-    "fewer cost. protocol.toml has the places of the recommended scan, which locate and survey take from this folder."
+    "Every number of presses was tried with every pitch, each with a probe of its own, quickly, and the best three "
+    "combinations once more: other rows may be worse than their scans. More presses say more. protocol.toml has the places of "
+    "the recommended scan, which locate and survey take from this folder."
 )
 
 
