@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.locating.coverage import COMMON, NARROW, simulate
-from benchmarks.locating.forward_model import SCENE_TABLES
+from benchmarks.locating.forward_model import SCENE_TABLES, compute_truth
+from benchmarks.locating.scans import COMMON, NARROW
 from geometry.common.errors import InputError
 from probe_design.design_search.scan_choices import list_scan_choices
 from probe_design.design_search.scan_trials import ScanTrials
@@ -38,7 +38,7 @@ def test_the_place_error_of_trials_is_that_of_scans_that_locate_explains() -> No
     draw, sds, distances = population.draw_tumours(count), list[float](), list[float]()
     for number in range(count):
         tumour = np.array([getattr(draw, key)[number] for key in ("x", "y", "depth", "diameter", "youngs_modulus")])
-        signals = np.append(simulate(design.scene, tumour, places)[:, 0], 0.0)
+        signals = np.append(compute_truth(tumour[None, None], places)[0, :, 0], 0.0)
         ratios = np.exp(blank + signals + 0.07 * rng.standard_normal() + 0.01 * rng.standard_normal(len(signals)))
         scan = tuple(
             Reading(x, y, ratio, 0.01, blank=is_blank)
