@@ -206,7 +206,7 @@ def test_beyond_linear_elasticity_contact_is_compared(monkeypatch: pytest.Monkey
     """The linear evaluators' rows state the load up to which they hold."""
     monkeypatch.setattr("probe_design.tradeoffs.timing.MAX_REPEATS", 0)
     monkeypatch.setattr("probe_design.tradeoffs.study.LOADED_SETTINGS", (Setting("contact", 0.1), Setting("contact", 0.004)))
-    heavy = read_scene(SCENE).replace({"load.force": 0.1})
+    heavy = read_scene(EXAMPLES / "scene.toml").replace({"load.force": 0.1})
     study = measure_tradeoff({"heavy": heavy})
     assert study.warnings == ()
     assert "contact" not in study.skipped
