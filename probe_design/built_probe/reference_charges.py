@@ -38,6 +38,7 @@ UNNAMED_BOND_LOG_SD = 0.69  # of ln of the modulus of a bond that is given by nu
 INSET_SD = 1e-4  # m: how far an electrode's edge may be from where it is drawn
 STEP = 0.02  # relative change of a number for a derivative: errors of the solver change it by about 1 %
 MAX_PIN_STRAIN = 0.05  # mean strain of a block up to which linear elasticity predicts its film's charge under a pin or ring ...
+PIN_STRAIN = 0.02  # with which a pin or ring is to be pressed: its charge is then within 3 %
 PIN_CHANGE_PER_STRAIN = 1.5  # ... within this times the strain, relative: by contact, -0.08 to -0.8 on stuck faces
 UNKNOWN_CONTACT: tuple[Load, Load] = ("frictionless", "stuck")
 
@@ -169,9 +170,20 @@ def predict_pin(
     if derivatives is None:
         derivatives = np.array([_differentiate(scene, k, contacts[-1], pressed, name) for name in names])
     bond_derivative = float(np.mean([charge.bond_derivative for charge in charges]))
-    area = math.pi * (pressed[1] ** 2 - pressed[0] ** 2)
-    strain = 1 / (area * (scene.probe.inner, scene.probe.outer)[k].youngs_modulus)
+    strain = compute_pin_strain(scene.probe, reference)
     return LoadFactor(float(logs.mean()), float(variance), np.append(derivatives, 0.0), bond_derivative, strain=strain)
+
+
+def compute_pin_strain(probe: Probe, reference: Reference) -> float:
+    """Return the mean strain of a block per force of a pin or ring on it, 1/N."""
+    inner, outer = find_pressed(probe, reference)
+    block = probe.inner if reference.on == "inner" else probe.outer
+    return 1 / (math.pi * (outer**2 - inner**2) * block.youngs_modulus)
+
+
+def find_pin_load(scene: Scene, reference: Reference) -> float:
+    """Return the load, N, up to which a pin or ring is to be pressed: any where readings are forces, which it alone carries."""
+    return PIN_STRAIN / compute_pin_strain(scene.probe, reference) if reads_film_states(scene) else math.inf
 
 
 def compute_pin_charge(scene: Scene, reference: Reference) -> float:

@@ -20,6 +20,7 @@ from probe_design.built_probe.reference_charges import (
     compute_charge_unit,
     compute_pin_charge,
     find_bond_log_sd,
+    find_pin_load,
     scale_bonds,
 )
 from solver.planning.coarse_model import CoarseModel
@@ -236,9 +237,9 @@ def _read_films(scene: Scene, reference: Reference, load: float) -> Floats:
 
 
 def find_pressing_load(scene: Scene, reference: Reference, load: float) -> float:
-    """Return the load, N, by which a reference is to be pressed: ``load``, or less where a block allows less."""
+    """Return the load, N, by which a reference is to be pressed: ``load``, or less where the reference allows less."""
     if reference.on != "tissue":
-        return load
+        return min(load, find_pin_load(scene, reference))
     return min(load, find_reference_load(build_load_rule(build_block_scene(express_by_outer_radius(scene), reference))))
 
 

@@ -20,7 +20,7 @@ from geometry.scenes.scene import Scene
 from geometry.workshop.parts import build_section_outlines
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import compute_inner_fractions, predict_blocks
-from probe_design.built_probe.reference_charges import compute_charge_unit
+from probe_design.built_probe.reference_charges import compute_charge_unit, find_pin_load
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,6 +53,7 @@ def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal
     predictions = predict_blocks(scene, bench.reference, variables=())
     limits = dict(zip(bench.blocks, predictions.list_reference_loads(), strict=True))
     load = scene.load.amplitude or min(limits.values(), default=DEFAULT_LOAD_N)
+    limits |= {item: find_pin_load(scene, item) for item in bench.reference if item.on != "tissue"}
     loads = [item.known_force or min(load, limits.get(item, load)) for item in bench.reference]
     pressed = predictions.apply_forces(loads, bench.reference, linear=False)
     sums = [math.exp(factor.log) for factor in pressed.load_factors] or [1.0] * len(loads)

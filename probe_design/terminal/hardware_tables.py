@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.common.errors import to_one_line
 from geometry.scenes.catalogue import format_modulus
+from geometry.scenes.variables import PIEZO_KEYS
 from probe_design.built_probe.calibration_record import CalibrationRecord
 from probe_design.built_probe.reading import StressReading
 from probe_design.doctor.finding import Finding
@@ -155,6 +156,8 @@ def _format_deviation(variable: str, size: float) -> str:
     """Return a deviation of a variable, given in SI units, as text in the unit of its kind."""
     if variable.endswith("poisson_ratio"):
         return f"{size:.2g}"
+    if variable.endswith(PIEZO_KEYS):
+        return f"{1e12 * size:.2g} pC/N"
     # rounded to two digits, since format_modulus shows all
     return format_modulus(float(f"{size:.2g}")) if variable.endswith("modulus") else f"{1e3 * size:.2g} mm"
 

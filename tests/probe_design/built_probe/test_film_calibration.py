@@ -25,7 +25,7 @@ from probe_design.built_probe.reference_charges import (
     predict_pin,
     scale_bonds,
 )
-from probe_design.built_probe.virtual_probe import VirtualBench
+from probe_design.built_probe.virtual_probe import VirtualBench, find_pressing_load
 from solver.results.film_charges import reads_film_states
 from tests.support.film_scenes import build_scene, read_cases
 from tests.support.hw.benches import BENCH, calibrate, check, sampled, scene
@@ -53,6 +53,15 @@ def calibration(virtual: VirtualBench) -> Calibration:
     samples = [sampled(signals) for signals in virtual.build_reference_signals(LOAD)]
     predictions = predict_blocks(virtual.drawn, FILM_BENCH.reference, variables=())
     return calibrate(virtual.drawn, FILM_BENCH, samples, predictions)
+
+
+def test_a_ring_on_a_soft_block_is_pressed_by_a_small_strain() -> None:
+    """Two per cent of the mean strain F / (A E)."""
+    soft = build_taped().replace({"probe.outer.youngs_modulus": 54e3})
+    ring = Reference(on="outer", inner_radius=6e-3, outer_radius=8e-3)
+    area = np.pi * (8e-3**2 - 6e-3**2)
+    assert find_pressing_load(soft, ring, 0.3) == pytest.approx(0.02 * area * 54e3)
+    assert find_pressing_load(soft, ring, 0.01) == 0.01
 
 
 @pytest.fixture(scope="module")
