@@ -67,6 +67,8 @@ class FieldReading:
         ln of the factor on the moduli of the films' bonds by the calibration; 0 where none was fitted.
     blank
         Whether its recording says that it is over tumour-free tissue.
+    load
+        Force that was to be pressed, N, as its recording says; None: the scene's load.
     """
 
     ratio: float
@@ -78,6 +80,7 @@ class FieldReading:
     fingerprint: Fingerprint = NO_SAMPLES
     log_bonds: float = 0.0
     blank: bool = False
+    load: float | None = None
 
 
 def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
@@ -200,6 +203,7 @@ def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldR
         fingerprint=fingerprint,
         log_bonds=0.0 if contents.get("log_bonds") is None else _get_number(contents, "log_bonds", name),
         blank=contents.get("blank") is True,
+        load=None if contents.get("load") is None else _get_number(contents, "load", name),
     )
 
 

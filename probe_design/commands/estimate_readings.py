@@ -31,9 +31,9 @@ from probe_design.built_probe.probe_identity import check_serials, clean_serial,
 from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.commands.hardware_sources import HardwareSetup, get_reading_limits
 from probe_design.data.noise import MIN_NOISE
-from probe_design.estimation.measurements import Reading, build_single_reading
+from probe_design.estimation.measurements import Reading, build_single_reading, read_force
 
-PLACE_KEYS = ("x", "y", "blank")
+PLACE_KEYS = ("x", "y", "blank", "force")
 READING_FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 mm, blank=true'"
 LOAD_EXCESS_FACTOR = 1.05  # times the scene's load: a reading under a larger load is evaluated at its own load
 
@@ -85,14 +85,16 @@ def collect_measured(
         if not os.path.isfile(path):
             raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
     measured, warnings, serials = [], [], dict[str, str | None]()
-    for path, _ in file_places:
+    for path, place in file_places:
         entry = read_result(path)
+        stated = None if "force" not in place else read_force("force", place["force"], setup.scene)
         if entry is None:
-            entry = _read_recording(path, setup, columns, rate)
+            entry = _read_recording(path, setup, columns, rate, stated)
             serials |= setup.collect_serials({})  # that of the calibration, if there is one
         serials[str(path)] = clean_serial(entry.get("serial"))
-        measured.append(parse_field_reading(entry, path.name, setup.scene))
-        expected = compute_expected_load(setup.scene)
+        reading = parse_field_reading(entry, path.name, setup.scene)
+        measured.append(reading if stated is None else replace(reading, load=stated))
+        expected = measured[-1].load or compute_expected_load(setup.scene)
         if expected is not None:  # the load of a recording is checked while reading it; the load in a JSON file is checked here
             check_expected(abs(measured[-1].force), 0.0, expected, expected, f"{path.name} shows")
         warnings += [f"{path.name}: {text}" for text in entry.get("warnings", []) if isinstance(text, str)]
@@ -117,7 +119,7 @@ def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
     return Path(name.strip()), entries
 
 
-def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: float | None) -> JsonObject:
+def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: float | None, load: float | None) -> JsonObject:
     """Return the JSON object of `read` for a recording, without the prediction.
 
     Parameters
@@ -128,6 +130,8 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
         Scene, bench and calibration.
     columns, rate
         Of a file of another program, as for ``collect_field_readings``.
+    load
+        Force that was to be pressed, N; None: as the recording states, else the scene's.
     """
     gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
     frequency = None if setup.calibration is None else setup.calibration.frequency
@@ -135,10 +139,13 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
         samples = reader.collect()
     origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
     measurement = measure_samples(samples, setup.bench, frequency)
+    if load is None and samples.source.get("load") is not None:  # as `survey` records it
+        load = read_force(f"{path.name}: load", f"{samples.source['load']} N", setup.scene)
+    scene = setup.scene if load is None else setup.scene.model_copy(update={"load": Load(force=load)})
     contents = build_reading_without_prediction(
-        measurement, setup.scene, setup.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
+        measurement, scene, setup.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
     )
-    return contents | {"blank": samples.source.get("blank") is True}  # as `survey` records it
+    return contents | {"blank": samples.source.get("blank") is True, "load": load}
 
 
 def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: dict[str, str]) -> Reading:
@@ -162,7 +169,7 @@ def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: d
     blank = {"true": True, "false": False}.get(place.get("blank", str(measured.blank)).lower())
     if blank is None:
         raise InputError("blank", place["blank"], "true or false")
-    return replace(reading, blank=blank)
+    return replace(reading, blank=blank, force=measured.load)
 
 
 def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: list[str]) -> Scene:
@@ -170,7 +177,7 @@ def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: li
 
     A line is appended to ``warnings`` if the load is replaced.
     """
-    largest_force = max(abs(reading.force) for reading in measured)
+    largest_force = max((abs(reading.force) for reading in measured if reading.load is None), default=0.0)
     force = scene.load.force
     if force is None or not math.isfinite(largest_force) or largest_force <= LOAD_EXCESS_FACTOR * force:
         return scene

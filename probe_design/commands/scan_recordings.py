@@ -72,6 +72,8 @@ def _build_reading(scene: Scene, measured: FieldReading, noise: float, place: di
     row: dict[str, object] = {"ratio": measured.ratio, "noise": noise, "blank": str(measured.blank).lower()}
     if measured.placement is not None:
         row |= {"x": f"{measured.placement[0]!r} m", "y": f"{measured.placement[1]!r} m"}
+    if measured.load is not None:
+        row["force"] = f"{measured.load!r} N"
     row |= place
     for key in ("x", "y"):
         if key not in row:

@@ -38,15 +38,17 @@ class SurveyRequest(SourceRequest):
     """Survey a tissue: read press after press, update the map, say where to press next and when to stop.
 
     DESIGN is a design file as for `locate`: probe, tissue, noise, and what is known of tumours before. The first press is the
-    baseline reading over tumour-free tissue, unless [protocol] has blank = false. Each next place is the one whose reading is
-    expected to say the most. The survey stops when no tumour is less probable than 1 %, when tumours that the protocol's scan
-    would detect with 90 % are less probable than 2 %, when no reading is expected to say more, or after --presses.
+    baseline reading over tumour-free tissue, unless [protocol] has blank = false; with [protocol] loads there is one under each.
+    Each next place, and load, is the one whose reading is expected to say the most. The survey stops when no tumour is less
+    probable than 1 %, when tumours that the protocol's scan would detect with 90 % are less probable than 2 %, when no reading is
+    expected to say more, or after --presses.
 
     \b
     probe-design survey DESIGN.toml --virtual -o out
     probe-design survey DESIGN.toml --virtual --hide tumours.toml -o out
     probe-design survey DESIGN.toml --device usb --calibration probe.toml -o out
     probe-design survey DESIGN.toml --replay "a.probe, x=30 mm, y=0 mm, blank=true" --replay "b.probe, x=4 mm, y=-8 mm" -o out
+    probe-design survey DESIGN.toml --replay "a.probe, x=4 mm, y=-8 mm, force=0.1 N" -o out
 
     -o DIR holds every raw recording (press-001.probe ...), the readings (scan.csv, which `locate --readings` reads), a map after
     each press, and the report. The same command with the same DIR continues an interrupted survey. --hide states the tumours of
@@ -183,7 +185,7 @@ class Survey:
                 tumours = draw_hidden_tumours(self.locator.prior, self.request.seed)
             self.tissue = VirtualTissue.from_scene(
                 self.design.scene, tumours, self.locator.prior.poisson_ratio, bench=self.setup.bench, noise=self.design.noise,
-                seed=self.request.seed,
+                seed=self.request.seed, forces=self.locator.loads,
             )  # fmt: skip
             if self.record.presses and self.record.extra.get("hidden") != tumours.tolist():
                 raise InputError("output", Words(f"{self.request.output} with other hidden tumours"), "a new folder")
@@ -207,30 +209,39 @@ class Survey:
             if number >= self.request.presses:
                 return Stop("presses", f"{number} presses are made (--presses)")
             if replayed is not None and number >= len(replayed):
-                return Stop("recordings", f"all {number} recordings are read; next would be {_format_place(following)}")
+                return Stop("recordings", f"all {number} recordings are read; next would be {_format_press(following)}")
             if replayed is None:
-                is_blank = self.design.protocol.blank and number == 0
-                reading, file = self._press(following, is_blank=is_blank)
+                reading, file = self._press(following)
             else:
                 reading, file = replayed[number]
             self.locator.update(reading)
             self._add(reading, file)
 
-    def _press(self, following: NextPosition, *, is_blank: bool) -> tuple[Reading, str]:
-        """Read one press, which is recorded before anything is computed from it; a flawed one is read again."""
+    def _press(self, following: NextPosition) -> tuple[Reading, str]:
+        """Read one press, which is recorded before anything is computed from it; a flawed one is read again.
+
+        The first presses are the baseline readings, one under each load, unless the protocol has none.
+        """
         from hw.common.errors import HardwareError, InvalidSource
         from probe_design.commands.hardware_sources import MAX_ATTEMPTS
+        from probe_design.locating.next_position import NextPosition
         from probe_design.terminal.console import write_message
 
         placement = self.design.scene.placement
-        place = (placement.x, placement.y) if is_blank else (following.x, following.y)
+        number, loads = len(self.record.presses), self.locator.loads
+        is_blank = self.design.protocol.blank and number < len(loads)
+        if is_blank:
+            following = NextPosition(placement.x, placement.y, 0.0, loads[number])
+        place = (following.x, following.y)
         for attempt in range(1, MAX_ATTEMPTS + 1):
             path = self.record.name_recording()
             try:
-                with self._open(place, is_blank) as reader:
+                with self._open(following, is_blank) as reader:
                     source = reader.header.source
                     source["placement"] = list(place)
                     source["blank"] = is_blank
+                    if following.force is not None:
+                        source["load"] = following.force
                     path.parent.mkdir(parents=True, exist_ok=True)
                     reader.collect(self.request.seconds or DEFAULT_PRESS_TIME_S, path)
                 return self._read(path), path.name
@@ -242,15 +253,16 @@ class Survey:
                 write_message(f"{fault}; press again")
         raise AssertionError  # the loop returns or raises
 
-    def _open(self, place: tuple[float, float], is_blank: bool) -> Reader:
-        """Open the device, after the user has moved the probe, or the virtual probe at a place."""
+    def _open(self, following: NextPosition, is_blank: bool) -> Reader:
+        """Open the device, after the user has moved the probe, or the virtual probe at a place, under its load."""
         from probe_design.commands.hardware_sources import build_device_opener, open_virtual
         from probe_design.commands.reference_readings import ask_for
 
         number = len(self.record.presses)
         if self.tissue is not None:
-            return open_virtual(self.tissue.build_press(number, place, blank=is_blank), False)
-        where = "tumour-free tissue, for the baseline reading" if is_blank else _format_place(place)
+            place = (following.x, following.y)
+            return open_virtual(self.tissue.build_press(number, place, blank=is_blank, force=following.force), False)
+        where = _format_press(following, "tumour-free tissue, for the baseline reading" if is_blank else "")
         ask_for(f"press {number + 1}", where, self.request)
         return build_device_opener(self.request)()
 
@@ -293,7 +305,7 @@ class Survey:
         self.record = self.record.add(press, extra)
         step = self._add_step()
         write_figure(draw_step(step, self._hidden), self._name_map(step))
-        what = "baseline" if reading.blank else _format_place((reading.x, reading.y))
+        what = _format_press(reading, "baseline" if reading.blank else "")
         write_message(
             f"press {step.number}, {what}: ratio {reading.ratio:.4g}; no tumour: {format_probability(step.probability_none)}"
         )
@@ -336,7 +348,8 @@ class Survey:
             path = self.request.output / SEQUENCE_FILE
             write_figure(draw_sequence(self.steps, self._hidden), path)
             text = f"Stopped after {len(self.record.presses)} presses: {stop.text}."
-            chapters = [Chapter("Press by press", (Text(text), Picture.from_file(path, "map after each press"), Text(LEGEND)))]
+            parts = (Text(text), Picture.from_file(path, "map after each press"), Text(LEGEND), self.record.build_table())
+            chapters = [Chapter("Press by press", parts)]
             files = [str(path)]
         self.record.write({key: value for key, value in self.describe(stop).items() if key != "presses"})
         return result, [*files, *(str(path) for path in write_files(result, self.request.output, chapters))]
@@ -349,7 +362,9 @@ def write_figure(figure: Any, path: Path) -> None:
     save_figure(figure, path)
 
 
-def _format_place(place: Any) -> str:
-    """Return a place as a text, mm."""
-    x, y = (place.x, place.y) if hasattr(place, "x") else place
-    return f"x = {x * 1e3:.1f} mm, y = {y * 1e3:.1f} mm"
+def _format_press(press: Reading | NextPosition, place: str = "") -> str:
+    """Return the place of a press, by default its x and y, and its force where it is not the scene's load."""
+    from probe_design.estimation.measurements import FORCE_QUANTITY
+
+    place = place or f"x = {press.x * 1e3:.1f} mm, y = {press.y * 1e3:.1f} mm"
+    return place if press.force is None else f"{place}, {FORCE_QUANTITY.format_value(press.force)}"

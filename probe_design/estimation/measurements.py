@@ -264,7 +264,7 @@ def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene,
         if row.get(key) is None:
             raise InputError(key_prefix + key, Words("missing"), POSITION_QUANTITY.allowed)
     extra = {key: row[key] for key in SCAN_QUANTITIES if row.get(key) is not None}
-    force = None if row.get("force") is None else _read_force(f"{key_prefix}force", row["force"], scene)
+    force = None if row.get("force") is None else read_force(f"{key_prefix}force", row["force"], scene)
     defaults = (None, None) if noise is None else noise(force)
     reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, *defaults)
     numbers: dict[str, Any] = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
@@ -340,13 +340,13 @@ def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noi
         noise=ratio_noise,
         stiffness_noise=ratio_noise if given_noise is None else read_noise(f"{key_prefix}stiffness_noise", given_noise),
         blank=_read_flag(f"{key_prefix}blank", entries["blank"]),
-        force=_read_force(f"{key_prefix}force", entries["force"], scene) if "force" in entries else None,
+        force=read_force(f"{key_prefix}force", entries["force"], scene) if "force" in entries else None,
         **optional_entries,
     )
 
 
-def _read_force(key: str, value: object, scene: Scene) -> float:
-    """Return the force of one reading, N, checked; the scene's load must be a press to a force, from zero."""
+def read_force(key: str, value: object, scene: Scene) -> float:
+    """Return the force of one reading, N; raise ``InputError`` where the scene's load is no press to a force from zero."""
     if scene.load.force is None or scene.load.preload:
         what = "load.preload" if scene.load.preload else "load.indentation"
         raise InputError(key, str(value), f"nothing in a scene with {what}: readings at several forces are presses from zero")

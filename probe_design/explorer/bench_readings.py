@@ -260,6 +260,8 @@ class Measuring:
     def _locate_all(self) -> None:
         """Build the map of all readings."""
         design = self.settings.design
+        if design is not None and design.protocol.loads:  # presses of the page are those under the scene's load
+            design = design.model_copy(update={"protocol": design.protocol.model_copy(update={"loads": ()})})
         self.locator = None if design is None else Locator(design, seed=self.settings.seed)
         for press in self.record.presses:
             self._locate(press.reading)

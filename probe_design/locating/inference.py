@@ -14,7 +14,7 @@ from geometry.common.arrays import Floats
 from probe_design.locating.common_errors import CHANNEL_NAMES, Rows, Sums
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
-from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
+from probe_design.locating.next_position import MAX_PARTICLES, CandidateLoad, NextPosition, build_candidates, choose_position
 from probe_design.locating.posterior import CommonSummary, find_region, summarise
 from probe_design.locating.samples import CONVERGED_SIZE, Sample
 from probe_design.locating.sampling import draw_posteriors
@@ -108,7 +108,7 @@ def infer(
         explained=p_value >= MIN_P_VALUE,
         p_value=p_value,
         residuals=residuals,
-        next=_advise(likelihood, posterior, sets, conditions.loads.main_index) if advise else None,
+        next=_advise(likelihood, posterior, sets, conditions) if advise else None,
         warnings=(),
         evaluator=conditions.loads.evaluator,
         model_error=max(float(np.hypot(model.error, model.scale_error).max()) for model in likelihood.models),
@@ -226,13 +226,15 @@ def _describe_common(
     }
 
 
-def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...], load: int) -> NextPosition:
-    """Return the best place of the next reading, under one load."""
+def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...], conditions: ScanConditions) -> NextPosition:
+    """Return the best place of the next reading, under the scene's load."""
     data = likelihood.data
     x_region, y_region = ((min(part.values), max(part.values)) for part in likelihood.prior.ranges[:2])
     variance = np.median(np.where(data.is_read, data.variance, np.inf), axis=0)
     groups = [part[np.linspace(0, len(part) - 1, MAX_PARTICLES).astype(int)] for part in sets]
-    return choose_position(likelihood, groups, posterior.probability, build_candidates((x_region, y_region)), variance, load=load)
+    weights, spreads = conditions.loads.weigh([None])
+    options = ((CandidateLoad(None, weights[0], spreads[0], variance), build_candidates((x_region, y_region))),)
+    return choose_position(likelihood, groups, posterior.probability, options)
 
 
 def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sample, ...]) -> Location:

@@ -16,10 +16,11 @@ from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
-from probe_design.locating.next_position import MAX_PARTICLES, NextPosition, build_candidates, choose_position
+from probe_design.locating.next_position import MAX_PARTICLES, CandidateLoad, NextPosition, build_candidates, choose_position
 from probe_design.locating.prior import ForwardModel, TumourPrior
 from probe_design.locating.samples import Sample
 from probe_design.locating.scan_data import MIN_READINGS, ScanConditions, ScanData
+from probe_design.locating.scan_loads import SAME_FORCE_RELATIVE
 from probe_design.locating.stopping import PlannedScan, Stop, find_stop
 from probe_design.locating.streaming import Stream
 from probe_design.populations.design_file import Design, DesignSource, read_design_source
@@ -93,6 +94,11 @@ class Locator:
         return self._likelihood.prior
 
     @property
+    def loads(self) -> tuple[float | None, ...]:
+        """Forces under which places are read, N: those of the protocol, without them None for the scene's load."""
+        return self._conditions.loads.pressed
+
+    @property
     def region(self) -> Region:
         """Where the probe presses: the population's places without their margin, ((low x, high x), (low y, high y)), m."""
         x, y = (
@@ -111,7 +117,7 @@ class Locator:
         ----------
         reading
             A ``Reading``, or the entries of a line of a scan's file: x, y, ratio, and perhaps stiffness, noise, stiffness_noise,
-            x_sd, y_sd, blank; numbers in SI units, or texts with units.
+            x_sd, y_sd, blank, force; numbers in SI units, or texts with units.
 
         Raises
         ------
@@ -140,32 +146,37 @@ class Locator:
         return infer(self._likelihood, self._conditions, self.seed, advise=False, posterior=self._posterior)
 
     def next_position(self, candidates: Floats | None = None, *, region: Region | None = None) -> NextPosition:
-        """Return the place whose reading is expected to say the most about the tumours.
+        """Return the place, and of several loads the one, whose reading is expected to say the most about the tumours.
 
         Parameters
         ----------
         candidates
-            Places of the probe's axis, m, shape (k, 2); default: a grid over the region.
+            Places of the probe's axis, m, shape (k, 2), under each load of the protocol; or with the force, N, shape (k, 3);
+            default: a grid over the region.
         region
             ((lowest x, highest x), (lowest y, highest y)), m; default: where tumours may lie.
 
         Raises
         ------
         InputError
-            No candidate lies on the tissue.
+            No candidate lies on the tissue, or a force is outside the loads at which readings are predicted.
         """
-        if candidates is None:
-            places = build_candidates(self.region if region is None else region)
-        else:
-            places = np.asarray(candidates, dtype=float).reshape(-1, 2)
-        scene = self._conditions.loads.main.scene
-        places = places[[is_on_tissue(scene, *place) for place in places.tolist()]]
-        if not len(places):
+        given = np.atleast_2d(
+            np.asarray(build_candidates(self.region if region is None else region) if candidates is None else candidates, float)
+        )
+        if given.shape[1] not in (2, 3) or not np.all(np.isfinite(given)):
+            raise InputError("candidates", Words(f"an array of shape {given.shape}"), "finite numbers of shape (k, 2) or (k, 3)")
+        loads, scene = self._conditions.loads, self._conditions.loads.main.scene
+        on_tissue = given[[is_on_tissue(scene, x, y) for x, y in given[:, :2].tolist()]]
+        if not len(on_tissue):
             raise InputError("candidates", Words("none on the tissue"), "places where the whole probe stands on the tissue")
-        return choose_position(
-            self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, places, self._next_variances,
-            load=self._conditions.loads.main_index,
-        )  # fmt: skip
+        if given.shape[1] == 2:
+            options = [(self._build_load(force), on_tissue) for force in self.loads]
+        else:
+            forces = np.unique(on_tissue[:, 2])
+            loads.check_forces(forces.tolist())
+            options = [(self._build_load(float(force)), on_tissue[on_tissue[:, 2] == force, :2]) for force in forces]
+        return choose_position(self._likelihood, self.draw_sets(MAX_PARTICLES), self._posterior.probability, options)
 
     def get_sample(self, number: int) -> Sample:
         """Return the weighted sample of the posterior of a number of tumours, 1 or more."""
@@ -179,8 +190,8 @@ class Locator:
     @cached_property
     def planned_scan(self) -> PlannedScan:
         """The scan of the design's protocol, with the tumours that it detects."""
-        variance = np.where(self._channels, self._own_variances, np.inf)
-        return PlannedScan.from_design(self.design, self._likelihood, variance, self._conditions.loads.main_index)
+        loads = [replace(self._build_load(force), variance=self._compute_own_variance(force)) for force in self.loads]
+        return PlannedScan.from_design(self.design, self._likelihood, loads)
 
     def compute_detectable_probability(self) -> float:
         """Return the probability that tumours lie there which the protocol's scan detects with a probability of 0.9."""
@@ -201,17 +212,20 @@ class Locator:
         return find_stop(self.probability_none, self.compute_detectable_probability(), following.information)
 
     def tell(self, x: Sequence[float], y: Sequence[float] | float) -> None:
-        """Take a reading into account: x is the place (x, y) in m, y the ratio or (ratio, stiffness in N/m)."""
+        """Take a reading into account: x is (x, y), m, perhaps with the force, N, y the ratio or (ratio, stiffness in N/m)."""
         values = np.atleast_1d(np.asarray(y, dtype=float)).tolist()
-        self.update(dict(zip(("x", "y", "ratio", "stiffness"), (*(float(part) for part in x), *values), strict=False)))
+        entries: dict[str, object] = dict(zip(("x", "y", "force"), map(float, x), strict=False))
+        self.update(entries | dict(zip(("ratio", "stiffness"), values, strict=False)))
 
     def tell_many(self, xs: Iterable[Sequence[float]], ys: Iterable[Sequence[float] | float]) -> None:
         """Take several readings into account, see ``tell``."""
         for x, y in zip(xs, ys, strict=True):
             self.tell(x, y)
 
-    def ask(self, n: int = 1, tell_pending: bool = True) -> tuple[float, float]:
-        """Return the place of the next reading, m; n is 1, as every reading changes the next place.
+    def ask(self, n: int = 1, tell_pending: bool = True) -> tuple[float, ...]:
+        """Return the place of the next reading, m, and, with loads of the protocol, its force, N.
+
+        n is 1, as every reading changes the next place.
 
         Raises
         ------
@@ -224,12 +238,12 @@ class Locator:
         following = self.next_position()
         if (stop := self.find_stop(following)) is not None:
             raise NoRecommendation(stop.text)
-        return following.x, following.y
+        return (following.x, following.y, *(() if following.force is None else (following.force,)))
 
-    @cached_property
-    def _own_variances(self) -> Floats:
-        """Variance of a reading of ratio and stiffness by the design's noise, shape (2,)."""
-        return np.square(self._compute_noise(None))
+    def _build_load(self, force: float | None) -> CandidateLoad:
+        """Return a load of the next reading, N; None for the scene's."""
+        weights, spreads = self._conditions.loads.weigh([force])
+        return CandidateLoad(force, weights[0], spreads[0], self._expect_variance(force))
 
     def _compute_noise(self, force: float | None) -> tuple[float, float]:
         """Return the standard deviations of a reading of ratio and stiffness at a force, N, by the design's noise."""
@@ -242,13 +256,18 @@ class Locator:
             return np.array([True, self.design.protocol.stiffness])
         return np.asarray(self._likelihood.data.is_read.any(axis=0))
 
-    @property
-    def _next_variances(self) -> Floats:
-        """Variance expected of the next reading, inf where a channel is not read, shape (2,)."""
-        data = self._likelihood.data
-        if not self.readings:
-            return np.where(self._channels, self._own_variances, np.inf)
-        return np.asarray(np.median(np.where(data.is_read, data.variance, np.inf), axis=0))
+    def _compute_own_variance(self, force: float | None) -> Floats:
+        """Return the variance of a reading at a force by the design's noise, inf where a channel is not read, shape (2,)."""
+        return np.where(self._channels, np.square(self._compute_noise(force)), np.inf)
+
+    def _expect_variance(self, force: float | None) -> Floats:
+        """Return the variance of the next reading: that of those at this force, N, if any, else by the design's noise."""
+        data, own = self._likelihood.data, self._conditions.loads.main.scene.load.force or 0.0
+        at_forces = np.array([own if part.force is None else part.force for part in self.readings])
+        chosen = np.isclose(at_forces, own if force is None else force, rtol=SAME_FORCE_RELATIVE, atol=0.0)
+        if not np.any(chosen):
+            return self._compute_own_variance(force)
+        return np.asarray(np.median(np.where(data.is_read, data.variance, np.inf)[chosen], axis=0))
 
     def _combine(self) -> Posterior:
         """Return the posterior of all numbers of tumours."""

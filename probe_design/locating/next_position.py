@@ -1,4 +1,4 @@
-"""Choose the next place of the probe: the one whose reading is expected to say the most about the tumours.
+"""Choose the next place of the probe, and its load: those whose reading is expected to say the most about the tumours.
 
 The expected information of a reading is its mutual information with the tumours: the entropy of its predictive density, a mixture
 over particles of the posterior, less the entropy of a reading when the tumours are known. Channels count by themselves and add.
@@ -33,11 +33,34 @@ class NextPosition:
         Of the probe's axis, m.
     information
         Expected information of a reading there, nats.
+    force
+        Under which it is read, N; None for the scene's load.
     """
 
     x: float
     y: float
     information: float
+    force: float | None = None
+
+
+@dataclass(frozen=True)
+class CandidateLoad:
+    """A load of the next reading.
+
+    Attributes
+    ----------
+    force
+        On the probe, N; None for the scene's load.
+    weights, spreads
+        Weights of the l loads of the models in its signal, and in the error of that, eq. LO.6, shape (l,) each.
+    variance
+        Of a reading of each channel by noise, shape (2,); inf where it is not read.
+    """
+
+    force: float | None
+    weights: Floats
+    spreads: Floats
+    variance: Floats
 
 
 def build_candidates(region: tuple[tuple[float, float], tuple[float, float]]) -> Floats:
@@ -70,9 +93,9 @@ def compute_information(means: Floats, variances: Floats, weights: Floats) -> Fl
 
 
 def choose_position(
-    likelihood: Likelihood, groups: Sequence[Floats], probability: Floats, candidates: Floats, variance: Floats, *, load: int
+    likelihood: Likelihood, groups: Sequence[Floats], probability: Floats, options: Sequence[tuple[CandidateLoad, Floats]]
 ) -> NextPosition:
-    """Return the candidate with the most expected information.
+    """Return the candidate with the most expected information, the first of those that are equal.
 
     Parameters
     ----------
@@ -82,38 +105,43 @@ def choose_position(
         Equally probable sets of tumours of each number above 0, shape (n, m, 5) each.
     probability
         Of no tumour, one and so on.
-    candidates
-        Places of the probe, m, shape (k, 2).
-    variance
-        Of a reading of each channel by noise, shape (2,); inf where it is not read.
-    load
-        Index of the load under which it is read.
+    options
+        Loads, and places of the probe under each, m, shape (k, 2).
     """
+    return max(
+        (_choose_place(likelihood, groups, probability, load, places) for load, places in options),
+        key=lambda position: position.information,
+    )
+
+
+def _choose_place(
+    likelihood: Likelihood, groups: Sequence[Floats], probability: Floats, load: CandidateLoad, candidates: Floats
+) -> NextPosition:
+    """Return the place, of candidates (k, 2), with the most expected information under one load."""
     parts: list[tuple[Floats, Floats, Floats]] = []
     for tumours, share in zip([np.zeros((1, 0, 5)), *groups], probability.tolist(), strict=True):
         count = max(1, min(len(tumours), round(MAX_PARTICLES * share)))
         if share > MIN_SHARE:
             chosen = tumours[:: len(tumours) // count][:count]
-            mean, spread = _predict_reading(likelihood, chosen, candidates, variance, load)
+            mean, spread = _predict_reading(likelihood, chosen, candidates, load)
             parts.append((mean, spread, np.full(count, share / count)))
     mean, spread, weight = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     information = np.zeros(len(candidates))
-    for channel in np.flatnonzero(np.isfinite(variance)):
+    for channel in np.flatnonzero(np.isfinite(load.variance)):
         information += compute_information(mean[:, :, channel], spread[:, :, channel], weight / weight.sum())
     best = int(np.argmax(information))
-    return NextPosition(float(candidates[best, 0]), float(candidates[best, 1]), float(information[best]))
+    return NextPosition(float(candidates[best, 0]), float(candidates[best, 1]), float(information[best]), load.force)
 
 
-def _predict_reading(
-    likelihood: Likelihood, tumours: Floats, candidates: Floats, variance: Floats, load: int
-) -> tuple[Floats, Floats]:
+def _predict_reading(likelihood: Likelihood, tumours: Floats, candidates: Floats, load: CandidateLoad) -> tuple[Floats, Floats]:
     """Return mean and variance of a reading at each candidate for sets of tumours (n, m, 5), shape (n, k, 2) each."""
-    data, k, weights = likelihood.data, len(candidates), np.eye(len(likelihood.models))[load]
+    data, k = likelihood.data, len(candidates)
     means, covariances = likelihood.solve_common(tumours)
     pose_sd = data.pose_sd.mean(axis=0) if len(data) else np.zeros(2)
     next_data = replace(
-        data, positions=candidates, values=np.zeros((k, 2)), variance=np.tile(variance, (k, 1)), pose_sd=np.tile(pose_sd, (k, 1)),
-        is_baseline=np.zeros(k, dtype=bool), weights=np.tile(weights, (k, 1)), spreads=np.zeros((k, len(weights))),
+        data, positions=candidates, values=np.zeros((k, 2)), variance=np.tile(load.variance, (k, 1)),
+        pose_sd=np.tile(pose_sd, (k, 1)), is_baseline=np.zeros(k, dtype=bool), weights=np.tile(load.weights, (k, 1)),
+        spreads=np.tile(load.spreads, (k, 1)),
     )  # fmt: skip
     following = replace(likelihood, data=next_data)
     residuals, spread = following.compute_residuals(tumours, with_scale=False)

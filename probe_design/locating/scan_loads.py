@@ -93,10 +93,13 @@ class ScanLoads:
         Tissue without tumours at each, by increasing force; one at most is linear, the first.
     main_index
         Index of the scene's own load among them.
+    pressed
+        Forces of the protocol, N, by increasing force; without them None, the scene's load.
     """
 
     nodes: tuple[TumourFree, ...]
     main_index: int = 0
+    pressed: tuple[float | None, ...] = (None,)
 
     @classmethod
     def from_design(cls, design: Design) -> ScanLoads:
@@ -127,7 +130,7 @@ class ScanLoads:
         nodes = sorted((main, *map(TumourFree.from_scene, scenes)), key=lambda node: node.scene.load.force or 0.0)
         linear = [node for node in nodes if node.is_linear]  # alike but for their load: the scene's own or the largest stays
         kept = [main if main.is_linear else linear[-1], *nodes[len(linear) :]] if linear else nodes
-        return cls(tuple(kept), next(index for index, node in enumerate(kept) if node is main))
+        return cls(tuple(kept), next(index for index, node in enumerate(kept) if node is main), tuple(sorted(set(loads))))
 
     @property
     def main(self) -> TumourFree:

@@ -1,19 +1,22 @@
 """Decide when a survey may stop.
 
 It stops where no tumour is improbable; where it is improbable that tumours lie there which the whole scan of the protocol, a grid
-of its positions along x and y, would detect with a probability of 0.9 (the detector of eq. PO.4); or where no further reading is
-expected to say anything.
+of its positions along x and y under each of its loads, would detect with a probability of 0.9 (the detector of eq. PO.4); or
+where no further reading is expected to say anything.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from geometry.common.arrays import Floats
+from probe_design.locating.common_errors import Rows
 from probe_design.locating.likelihood import Likelihood
+from probe_design.locating.next_position import CandidateLoad
 from probe_design.locating.prior import ForwardModel
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, whiten
@@ -80,10 +83,12 @@ class PlannedScan:
 
     Attributes
     ----------
-    model
-        Predicts signals.
+    models
+        Predict signals, one at each load of the tables, shape (l,).
+    weights
+        Weights of these in the signals under each load of the protocol, shape (p, l).
     positions
-        Of the readings, m, shape (k, 2).
+        Of the readings under each load, m, shape (k, 2).
     channels
         Indices of those that are read.
     detector
@@ -92,14 +97,15 @@ class PlannedScan:
         Deflection of the readings, above which tumours are detected with a probability of 0.9; inf if none are.
     """
 
-    model: ForwardModel
+    models: tuple[ForwardModel, ...]
+    weights: Floats
     positions: Floats
     channels: tuple[int, ...]
     detector: Detector
     deflection: float
 
     @classmethod
-    def from_design(cls, design: Design, likelihood: Likelihood, variance: Floats, load: int) -> PlannedScan:
+    def from_design(cls, design: Design, likelihood: Likelihood, loads: Sequence[CandidateLoad]) -> PlannedScan:
         """Train the detector on single tumours of the population, under one load.
 
         Parameters
@@ -108,40 +114,43 @@ class PlannedScan:
             For its protocol.
         likelihood
             For its models and common errors.
-        variance
-            Of a reading by noise, shape (2,).
-        load
-            Index of the load of all readings.
+        loads
+            Under each of which every place is read.
         """
         lines = design.protocol.places
         chosen = lines[np.unique(np.linspace(0, len(lines) - 1, min(len(lines), MAX_LINE_POSITIONS)).round().astype(int))]
         positions = np.stack(np.meshgrid(chosen, chosen), axis=-1).reshape(-1, 2)
-        channels, k = tuple(np.flatnonzero(np.isfinite(variance)).tolist()), len(positions) + design.protocol.blank
-        # common errors of the readings without tumours: one row for each reading, channel by channel
-        common = np.repeat(likelihood.common_errors.constant[:, load, channels], k, axis=1)
-        covariance = np.diag(np.repeat(variance[list(channels)], k)) + common.T @ common
+        variance, weights = (np.stack([getattr(load, name) for load in loads]) for name in ("variance", "weights"))
+        channels, k = tuple(np.flatnonzero(np.isfinite(variance[0])).tolist()), len(positions) + design.protocol.blank
+        # common errors of the readings without tumours: one row for each reading, load by load, channel by channel
+        constant = Rows.from_errors(likelihood.common_errors, weights).constant[:, :, list(channels)]
+        common = np.repeat(constant.reshape(len(constant), -1), k, axis=1)
+        covariance = np.diag(np.repeat(variance[:, list(channels)], k)) + common.T @ common
         prior = likelihood.prior
         tumours = prior.transform(prior.draw(REFERENCE_TUMOURS, 1, 2))
         tumours = tumours[prior.find_allowed(tumours)]
         untrained = Detector(np.eye(1), np.zeros((1, 1)), 0.5, 0.0, 0.5, 0.0)
-        draft = cls(likelihood.models[load], positions, channels, untrained, np.inf)
+        draft = cls(likelihood.models, weights, positions, channels, untrained, np.inf)
         signals = draft._predict(tumours, design.protocol.blank)
         detector = Detector.train(signals, covariance, design.protocol.false_alarm, blanks=FREE_SCANS)
         probabilities = detector.compute_probabilities(signals, scans=SCANS_PER_TUMOUR)
         deflections = np.linalg.norm(whiten(detector.factor, signals), axis=1)
-        return cls(draft.model, positions, channels, detector, _find_crossing(deflections, probabilities))
+        return replace(draft, detector=detector, deflection=_find_crossing(deflections, probabilities))
 
     def compute_detected_fraction(self, tumours: Floats) -> float:
         """Return the fraction of sets of tumours (n, m, 5) that the scan detects with a probability of 0.9 or more."""
-        has_baseline = len(self.detector.factor) > len(self.channels) * len(self.positions)
+        has_baseline = len(self.detector.factor) > len(self.weights) * len(self.channels) * len(self.positions)
         deflections = np.linalg.norm(whiten(self.detector.factor, self._predict(tumours, has_baseline)), axis=1)
         return float(np.mean(deflections >= self.deflection))
 
     def _predict(self, tumours: Floats, has_baseline: bool) -> Floats:
-        """Return the signals channel by channel, each with that of the baseline reading, 0; shape (n, m)."""
-        signal = self.model.predict(tumours, self.positions)
+        """Return the signals load by load, channel by channel, with those of the baseline readings, 0; shape (n, m)."""
+        signals = np.zeros((len(self.weights), len(tumours), len(self.positions), 2))
+        for model, weights in zip(self.models, self.weights.T, strict=True):
+            if np.any(weights):
+                signals += weights[:, None, None, None] * model.predict(tumours, self.positions)
         blank = np.zeros((len(tumours), int(has_baseline)))
-        return np.hstack([part for channel in self.channels for part in (signal[:, :, channel], blank)])
+        return np.hstack([part for signal in signals for channel in self.channels for part in (signal[:, :, channel], blank)])
 
 
 def _find_crossing(deflections: Floats, probabilities: Floats) -> float:

@@ -17,6 +17,7 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.estimation.measurements import Reading
 from probe_design.populations.design_file import Design
+from probe_design.reporting.table import Table
 
 RECORD_FILE, SCAN_FILE = "survey.json", "scan.csv"
 MAX_ATTEMPTS = 100  # recordings of one press
@@ -117,6 +118,19 @@ class SurveyRecord:
         record.write(record.extra)
         return record
 
+    def build_table(self) -> Table:
+        """Return the presses as a table, with their forces where they have one."""
+        has_force = any(press.reading.force is not None for press in self.presses)
+        names = ("press", "x, mm", "y, mm", *["force, mN"] * has_force, "ratio", "sd, %", "P(no tumour)", "recording")
+        rows = []
+        for number, press in enumerate(self.presses, start=1):
+            reading = press.reading
+            force = "" if reading.force is None else f"{1e3 * reading.force:.4g}"
+            place = ("baseline", "") if reading.blank else (f"{1e3 * reading.x:.1f}", f"{1e3 * reading.y:.1f}")
+            numbers = (f"{reading.ratio:.4g}", f"{100 * reading.noise:.2g}", f"{press.probability[0]:.2g}")
+            rows.append((str(number), *place, *[force] * has_force, *numbers, press.file))
+        return Table(names, tuple(rows))
+
     def write(self, extra: JsonObject) -> None:
         """Write the record, with further entries, and the scan's file for `locate`."""
         contents: dict[str, Any] = {"settings": self.settings, "presses": [press.as_dict() for press in self.presses]} | extra
@@ -126,10 +140,13 @@ class SurveyRecord:
 
 
 def format_scan(readings: Sequence[Reading]) -> str:
-    """Return readings as a scan's .csv file."""
+    """Return readings as a scan's .csv file; it states forces where a reading has one."""
+    has_force = any(part.force is not None for part in readings)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("x", "y", "ratio", "noise", "blank"))
+    writer.writerow(("x", "y", "ratio", "noise", "blank", *["force"] * has_force))
     for part in readings:
-        writer.writerow((f"{part.x!r} m", f"{part.y!r} m", repr(part.ratio), repr(part.noise), str(part.blank).lower()))
+        force = "" if part.force is None else f"{part.force!r} N"
+        row = (f"{part.x!r} m", f"{part.y!r} m", repr(part.ratio), repr(part.noise), str(part.blank).lower())
+        writer.writerow((*row, *[force] * has_force))
     return text.getvalue()

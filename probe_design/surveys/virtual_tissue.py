@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_tables import Inclusion
+from geometry.scenes.scene_tables import Inclusion, Load
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.reference_charges import compute_charge_unit
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
@@ -48,10 +48,8 @@ class VirtualTissue:
 
     Attributes
     ----------
-    scene
-        Probe and tissue without tumours.
-    sampler
-        The probe on it.
+    samplers
+        The probe on the tissue without tumours, by the force of a press, N; None is the scene's load.
     tumours
         Hidden ones, shape (m, 5).
     poisson_ratio
@@ -60,8 +58,7 @@ class VirtualTissue:
         Of the measurement: noise of each press by the design file, and of the samples.
     """
 
-    scene: Scene
-    sampler: LinearEffects | LoadedEffects
+    samplers: Mapping[float | None, LinearEffects | LoadedEffects]
     tumours: Floats
     poisson_ratio: float
     bench: Bench
@@ -70,13 +67,18 @@ class VirtualTissue:
 
     @classmethod
     def from_scene(
-        cls, scene: Scene, tumours: Floats, poisson_ratio: float, *, bench: Bench, noise: NoiseModel, seed: int
-    ) -> VirtualTissue:
-        """Solve the probe on the tissue without tumours."""
+        cls, scene: Scene, tumours: Floats, poisson_ratio: float, *, bench: Bench, noise: NoiseModel, seed: int,
+        forces: Sequence[float | None] = (None,),
+    ) -> VirtualTissue:  # fmt: skip
+        """Solve the probe on the tissue without tumours under each of ``forces``, N; None is the scene's load."""
         free = scene.model_copy(update={"inclusion": ()})
-        return cls(free, choose_sampler(free), tumours, poisson_ratio, bench, noise, seed)
+        loaded = {force: free if force is None else free.model_copy(update={"load": Load(force=force)}) for force in forces}
+        samplers = {force: choose_sampler(part) for force, part in loaded.items()}
+        return cls(samplers, tumours, poisson_ratio, bench, noise, seed)
 
-    def build_press(self, number: int, place: tuple[float, float], *, blank: bool) -> Callable[[Floats], Floats]:
+    def build_press(
+        self, number: int, place: tuple[float, float], *, blank: bool, force: float | None = None
+    ) -> Callable[[Floats], Floats]:
         """Return the signals of one press as a function of time.
 
         Parameters
@@ -87,25 +89,28 @@ class VirtualTissue:
             Of the probe's axis, m, to which it comes but for the pose error.
         blank
             Whether the press is over tissue without tumours.
+        force
+            Of the press, N, one of ``samplers``.
         """
+        sampler = self.samplers[force]
         rng = np.random.default_rng((self.seed, 40, number))
         x, y = np.asarray(place) + self.noise.pose * rng.standard_normal(2)
         totals = (
-            self._compute_totals(float(x), float(y))
+            self._compute_totals(sampler, float(x), float(y))
             if len(self.tumours) and not blank
-            else stack_totals(self.scene, self.sampler.films)
+            else stack_totals(sampler.scene, sampler.films)
         )
-        indentation = float(self.scene.load.find_indentation(totals[:2].sum()))
+        indentation = float(sampler.scene.load.find_indentation(totals[:2].sum()))
         # noise of pressing: the inner film against the outer one
         spread = np.hypot(self.noise.white, self.noise.tilt) * rng.standard_normal() * np.array([0.5, -0.5])
         forces = totals[:2] * indentation
-        read = forces if len(totals) == 2 else totals[2:] * indentation / compute_charge_unit(self.scene)
+        read = forces if len(totals) == 2 else totals[2:] * indentation / compute_charge_unit(sampler.scene)
         return build_signals(
-            BuiltProperties(), self.bench, self.scene, read * np.exp(spread), [self.seed, number], load=float(forces.sum())
+            BuiltProperties(), self.bench, sampler.scene, read * np.exp(spread), [self.seed, number], load=float(forces.sum())
         )
 
-    def _compute_totals(self, x: float, y: float) -> Floats:
+    def _compute_totals(self, sampler: LinearEffects | LoadedEffects, x: float, y: float) -> Floats:
         """Return forces on the films per indentation, and charges where they are read, at a place, shape (2 or 4,)."""
         tumour_x, tumour_y, depth, diameter, modulus = self.tumours.T[:, None]
         spheres = Tumours(tumour_x - x, tumour_y - y, depth, diameter, modulus, self.poisson_ratio)
-        return np.asarray(stack_totals(self.scene, self.sampler.read_sets(spheres))[0])
+        return np.asarray(stack_totals(sampler.scene, sampler.read_sets(spheres))[0])
