@@ -204,4 +204,16 @@ def _collect_readings(
     noise, stiffness, stiffness_noise = noise_and_stiffness
     if readings is None:
         return build_single_reading(scene, ratio, noise, stiffness, stiffness_noise)
-    return read_readings(Path(readings), scene, noise, stiffness_noise) if isinstance(readings, Path | str) else readings
+    source = check_readings_source(readings)
+    return read_readings(source, scene, noise, stiffness_noise) if isinstance(source, Path) else source
+
+
+def check_readings_source(readings: object) -> tuple[Reading, ...] | Path:
+    """Return readings, or the path of their file; raise ``InputError`` for anything else."""
+    from probe_design.estimation.measurements import Reading
+
+    if isinstance(readings, Path | str):
+        return Path(readings)
+    if isinstance(readings, tuple | list) and all(isinstance(reading, Reading) for reading in readings):
+        return tuple(readings)
+    raise InputError("readings", readings, "a tuple of Reading, or the name of a .toml or .csv file")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
 from geometry.common.errors import InputError, Words
+from probe_design.commands.estimate import check_readings_source
 from probe_design.commands.fields import AnyProbe, LimitedRequest, Picture
 from probe_design.commands.output import check_picture, print_result
 from probe_design.commands.request import Number, Option, use_request
@@ -44,7 +45,11 @@ class LocateRequest(LimitedRequest):
     its pose. --outliers states the fraction of wild readings that is expected: these then count less, and intervals widen.
     """  # noqa: D301
 
-    design: Annotated[Path, Option("Design file, or folder of optimize.", is_argument=True)]
+    design: Annotated[
+        Path | Any,
+        Field(description="a Design, its tables, or the name of a design file"),  # which ``read_locate_design`` checks
+        Option("Design file, or folder of optimize.", is_argument=True),
+    ]
     readings_file: Annotated[Path | None, Option("Readings of the scan: a .toml or .csv file, see below.", "--readings")] = None
     reading: Annotated[
         tuple[str, ...],
@@ -144,7 +149,7 @@ def locate(
     """
     from probe_design.locating.run import run_locate
 
-    return run_locate(read_locate_design(design), _convert_to_path(readings), outliers, seed, advise=advise)
+    return run_locate(read_locate_design(design), check_readings_source(readings), outliers, seed, advise=advise)
 
 
 def read_locate_design(source: DesignSource) -> Design:
@@ -156,8 +161,3 @@ def read_locate_design(source: DesignSource) -> Design:
         allowed = "a design file, with [population] and [noise]; `probe-design optimize --template` prints one"
         raise InputError("design", Words("a scene file"), allowed)
     return design
-
-
-def _convert_to_path(readings: tuple[Reading, ...] | Path | str) -> tuple[Reading, ...] | Path:
-    """Return readings, or the path of their file."""
-    return Path(readings) if isinstance(readings, str) else readings

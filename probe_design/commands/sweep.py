@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from geometry.common.errors import MissingLibrary
-from geometry.scenes.scene_file import read_scene
+from geometry.common.errors import InputError, MissingLibrary
+from geometry.scenes.scene_file import load_scene, read_scene
 from probe_design.commands.fields import LimitedRequest, Linear, Memory, Time, replace_limits
 from probe_design.commands.optimize import Stages, ignore_stage
 from probe_design.commands.output import print_json, print_result
@@ -118,7 +118,7 @@ class TradeoffRequest(LimitedRequest):
         warn((*study.warnings, *(_describe_broken_row(row) for row in study.understated_rows)))
 
 
-@use_request(TradeoffRequest)
+@use_request(TradeoffRequest, checks=False)
 def tradeoff(
     scenes: Mapping[str, Scene] | Sequence[Path | str] = (), *, solid: bool = False, linear: bool = False,
     progress: Stages | None = None,
@@ -144,7 +144,13 @@ def tradeoff(
     """
     from probe_design.tradeoffs.study import measure_tradeoff
 
-    named = dict(scenes) if isinstance(scenes, Mapping) else _read_scenes([Path(scene) for scene in scenes])
+    TradeoffRequest.build({"output": Path("none"), "solid": solid, "linear": linear})  # which checks these
+    if isinstance(scenes, Mapping):
+        named = {str(name): load_scene(scene) for name, scene in scenes.items()}
+    elif isinstance(scenes, tuple | list) and all(isinstance(scene, Path | str) for scene in scenes):
+        named = _read_scenes([Path(scene) for scene in scenes])
+    else:
+        raise InputError("scenes", scenes, "a mapping from names to scenes, or a list of the names of scene files")
     return measure_tradeoff(named, solid, progress or ignore_stage, linear=linear)
 
 

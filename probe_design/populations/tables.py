@@ -161,7 +161,7 @@ class Protocol(Frozen):
     loads: Annotated[tuple[Annotated[float, FORCE_QUANTITY], ...], Field(strict=False, max_length=MAX_LOADS)] = Field(
         default=(),
         description=f"a list of up to {MAX_LOADS} forces under each of which every place is read, or the largest that limits "
-        "allow; left out: one reading under that; `locate` predicts readings under these loads, the scene's, and between",
+        "allow; left out: under that; `locate` predicts readings under these loads, the scene's, and between; `survey` chooses",
         examples=[["0.1 N", "0.3 N"]],
     )
     observable: Observable | None = Field(

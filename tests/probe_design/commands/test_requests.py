@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import shlex
+from pathlib import Path
 from typing import Any
 
 import click
@@ -17,6 +18,7 @@ from probe_design.commands.main import cli
 from probe_design.commands.names import COMMANDS
 from probe_design.commands.options import wrap_line
 from probe_design.commands.request import list_fields
+from probe_design.populations.design_file import read_builtin_design
 from tests.support.paths import SCENE
 from tests.support.program import refused, run, started
 
@@ -100,6 +102,25 @@ def test_python_refuses_what_the_command_line_refuses(function: str, keywords: d
     with pytest.raises(InputError) as refusal:
         getattr(probe_design, function)(**subject, **keywords)
     assert str(refusal.value).startswith(words)
+
+
+def test_python_takes_objects_in_place_of_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the signatures say: what is refused is what comes after the design, and scenes reach the study by their names."""
+    design = read_builtin_design()
+    population = {"depth": [9e-3, 20e-3], "diameter": [5e-3, 8e-3], "object": [16e3, 32e3]}
+    for source in (design, {"scene": design.scene, "population": population}, None):
+        with pytest.raises(InputError, match="readings = 3: allowed: a tuple of Reading"):
+            probe_design.locate(source, readings=3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="design = 3: allowed: a Design or Scene"):
+        probe_design.locate(3, readings=())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="readings = 3"):
+        probe_design.estimate(SCENE, readings=3)  # type: ignore[arg-type]
+    monkeypatch.setattr("probe_design.tradeoffs.study.measure_tradeoff", lambda named, *_, **__: list(named))
+    assert probe_design.tradeoff({"mine": design.scene}) == ["mine"]  # type: ignore[comparison-overlap]
+    assert probe_design.tradeoff([SCENE]) == [Path(SCENE).stem]  # type: ignore[comparison-overlap, list-item]
+    for wrong, words in (([3], "scenes = "), ({"mine": 3}, "scene = 3"), (SCENE, "scenes = ")):
+        with pytest.raises(InputError, match=words):
+            probe_design.tradeoff(wrong)  # type: ignore[arg-type]
 
 
 def test_python_takes_texts_with_units() -> None:

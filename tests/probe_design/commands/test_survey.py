@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -44,9 +45,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def survey(place: Path, presses: int, output: str) -> JsonObject:
+def survey(place: Path, presses: int, output: str, design: str = "design.toml") -> JsonObject:
     words = ("--virtual", "--hide", "hide.toml", "--presses", str(presses), "-o", output, "--json")
-    ended = run("survey", "design.toml", *words, cwd=place)
+    ended = run("survey", design, *words, cwd=place)
     assert ended.returncode == 0, ended.stderr
     result: JsonObject = json.loads(ended.stdout)
     return result
@@ -76,6 +77,29 @@ def test_survey_continues_as_if_it_had_not_been_interrupted(place: Path) -> None
     results = [json.loads(ended.stdout) for ended in (read_again, by_file)]
     assert results[0]["probability"] == pytest.approx(results[1]["probability"], rel=1e-6)
     assert results[0]["probability"][0] == pytest.approx(whole["probability"][0], rel=0.3)
+
+
+@pytest.mark.slow
+def test_survey_under_two_loads_locates_the_hidden_tumour(place: Path) -> None:
+    """There is a baseline reading under each; recordings state their loads; it continues; the tumour lies where it is hidden."""
+    text = (place / "design.toml").read_text().replace("blank = true", 'blank = true\nloads = ["10 mN", "2 mN"]')
+    (place / "loads.toml").write_text(text)
+    whole, _ = (survey(place, presses, output, "loads.toml") for presses, output in ((25, "loads"), (3, "loads-parts")))
+    assert survey(place, 25, "loads-parts", "loads.toml")["probability"] == whole["probability"]
+    scans = [(place / name / "scan.csv").read_text() for name in ("loads", "loads-parts")]
+    assert scans[0] == scans[1]
+    rows = list(csv.DictReader(scans[0].splitlines()))
+    assert [row["force"] for row in rows[:2]] == ["0.002 N", "0.01 N"]
+    assert [row["blank"] for row in rows[:3]] == ["true", "true", "false"]
+    assert whole["stop"]["reason"] == "tumour"
+    for name, truth in (("x", 4e-3), ("y", -5e-3), ("depth", 9e-3), ("diameter", 10e-3)):
+        low, high = whole["tumours"][0][name]["interval_90"]
+        assert low < truth < high, name
+    assert "force, mN" in (place / "loads" / "report.html").read_text()
+    words = [word for k in range(1, len(rows) + 1) for word in ("--reading", f"loads/press-{k:03d}.probe")]
+    ended = [run("locate", "loads.toml", *part, "--json", cwd=place) for part in (words, ("--readings", "loads/scan.csv"))]
+    results = [json.loads(part.stdout)["probability"] for part in ended]
+    assert results[0] == pytest.approx(results[1], rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,9 @@ TRUTH = np.array([[[3.1e-3, -5.4e-3, 9.0e-3, 10e-3, 26e3]]])
 PLACES = [(30e-3, 0.0), *((x, y) for y in np.linspace(-16e-3, 16e-3, 5) for x in np.linspace(-16e-3, 16e-3, 5))]
 
 
-def design(tumours: int) -> Design:
+def design(tumours: int, loads: tuple[float, ...] = (), white: float = 0.01, charge: float = 0.0) -> Design:
     tables = {"scene": str(ROOT / "examples" / "scene.toml"), "population": POPULATION | {"tumours": tumours}}
-    return design_from_dict(tables | {"noise": {"white": 0.01, "charge": 0.0}})
+    return design_from_dict(tables | {"noise": {"white": white, "charge": charge}, "protocol": {"loads": loads}})
 
 
 @cache
@@ -118,6 +118,33 @@ def test_ask_and_tell_until_a_tumour_is_certain() -> None:
     assert len(subject.readings) > 2
     with pytest.raises(InputError, match="ratio"):
         subject.tell((0.0, 0.0), -1.0)
+
+
+def test_next_load_is_the_one_that_says_more() -> None:
+    """Two loads say the same in linear elasticity, but for the noise of charges, which counts the less under the heavier."""
+    chosen = {}
+    for charge in (0.0, 2e-15):
+        subject = Locator(design(1, (8e-3, 4e-3), charge=charge), model=StandInModel())
+        subject.update({"x": 0.03, "y": 0.0, "ratio": float(np.exp(logarithms()[0])), "blank": True, "force": 4e-3})
+        chosen[charge] = subject.next_position()
+        light, heavy = (subject.next_position([[4e-3, -4e-3, force]]) for force in (4e-3, 8e-3))
+        assert (light.force, heavy.force) == (4e-3, 8e-3)
+        assert (heavy.information > light.information) == (charge > 0)
+        assert subject.ask()[2] == chosen[charge].force
+    assert (chosen[0.0].force, chosen[2e-15].force) == (4e-3, 8e-3)
+    with pytest.raises(InputError, match="force"):
+        subject.next_position([[4e-3, -4e-3, 50.0]])
+    with pytest.raises(InputError, match="shape"):
+        subject.next_position([[4e-3, -4e-3, 4e-3, 0.0]])
+
+
+def test_a_scan_under_two_equal_loads_detects_like_readings_with_half_the_variance() -> None:
+    twice, exact = (
+        Locator(known, model=StandInModel()) for known in (design(1, (4e-3, 8e-3)), design(1, white=0.01 / np.sqrt(2)))
+    )
+    fractions = [part.compute_detectable_probability() for part in (twice, exact, locator(1, 0))]
+    assert fractions[0] == pytest.approx(fractions[1], abs=0.03)
+    assert fractions[2] < fractions[0] - 0.03
 
 
 def test_reasons_to_stop() -> None:
