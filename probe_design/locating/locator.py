@@ -262,9 +262,9 @@ class Locator:
 
     def _expect_variance(self, force: float | None) -> Floats:
         """Return the variance of the next reading: that of those at this force, N, if any, else by the design's noise."""
-        data, own = self._likelihood.data, self._conditions.loads.main.scene.load.force or 0.0
-        at_forces = np.array([own if part.force is None else part.force for part in self.readings])
-        chosen = np.isclose(at_forces, own if force is None else force, rtol=SAME_FORCE_RELATIVE, atol=0.0)
+        data, scene_force = self._likelihood.data, self._conditions.loads.main.scene.load.force or 0.0
+        at_forces = np.array([scene_force if part.force is None else part.force for part in self.readings])
+        chosen = np.isclose(at_forces, scene_force if force is None else force, rtol=SAME_FORCE_RELATIVE, atol=0.0)
         if not np.any(chosen):
             return self._compute_own_variance(force)
         return np.asarray(np.median(np.where(data.is_read, data.variance, np.inf)[chosen], axis=0))
