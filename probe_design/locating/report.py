@@ -9,6 +9,7 @@ from pathlib import Path
 from geometry.common.files import write_together
 from geometry.provenance.block import build_provenance
 from geometry.scenes.units import MM_PER_M
+from probe_design.estimation.measurements import FORCE_QUANTITY
 from probe_design.locating.figures import LEGENDS, draw_fit, draw_marginals, draw_plan, draw_section
 from probe_design.locating.location import Location, NumberResult
 from probe_design.locating.posterior import Summary
@@ -112,7 +113,8 @@ def list_lines(result: Location) -> Iterator[str]:
     yield CONDITION
     if result.next is not None:
         x, y = result.next.x * MM_PER_M, result.next.y * MM_PER_M
-        yield f"next: x = {x:.3g} mm, y = {y:.3g} mm, expected information {result.next.information:.2g} nats"
+        force = "" if result.next.force is None else f", {FORCE_QUANTITY.format_value(result.next.force)}"
+        yield f"next: x = {x:.3g} mm, y = {y:.3g} mm{force}, expected information {result.next.information:.2g} nats"
 
 
 def list_unlearnt(result: Location) -> list[str]:

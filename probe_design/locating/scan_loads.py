@@ -19,7 +19,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Load
 from probe_design.populations.design_file import Design
@@ -127,7 +127,12 @@ class ScanLoads:
             raise InputError("protocol.loads", Words(f"{len(loads)} forces"), allowed)
         others = [load for load in sorted(set(loads)) if abs(load - force) > SAME_FORCE_RELATIVE * force]
         scenes = [scene.model_copy(update={"load": Load(force=load)}) for load in others]
-        nodes = sorted((main, *map(TumourFree.from_scene, scenes)), key=lambda node: node.scene.load.force or 0.0)
+        try:
+            loaded = [TumourFree.from_scene(part) for part in scenes]
+        except Refusal as fault:  # names the scene's load
+            key = "protocol.loads" if fault.key.startswith("load") else fault.key
+            raise Refusal(key, fault.value, fault.allowed) from None
+        nodes = sorted((main, *loaded), key=lambda node: node.scene.load.force or 0.0)
         linear = [node for node in nodes if node.is_linear]  # alike but for their load: the scene's own or the largest stays
         kept = [main if main.is_linear else linear[-1], *nodes[len(linear) :]] if linear else nodes
         return cls(tuple(kept), next(index for index, node in enumerate(kept) if node is main), tuple(sorted(set(loads))))
