@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from geometry.common.errors import ProbeError
 from geometry.common.resources import Limits, get_limits, start_clock, use_limits
@@ -18,14 +18,19 @@ from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan
-from solver.evaluation import evaluate
+from solver.evaluation import evaluate, find_doubts
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
+from solver.results.lazy_sequence import LazySequence
 from solver.results.refusals import is_round
 from solver.results.result import Result
+
+if TYPE_CHECKING:
+    from solver.closed_form.evaluator import SolvedScene
 
 AXISYMMETRIC, CLOSED_FORM = "axisymmetric", "closed-form"
 T = TypeVar("T")
 ResultOrError = Result | ProbeError
+_Joint = ResultOrError | Callable[[], ResultOrError] | None  # a result, what builds it, or None: to be evaluated alone
 
 
 @dataclass(frozen=True)
@@ -46,10 +51,11 @@ def evaluate_many(
     *,
     linear: bool = False,
     limits: Limits | None = None,
-) -> list[Result | ProbeError]:
+) -> Sequence[Result | ProbeError]:
     """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
 
-    ``closed-form`` computes scenes of one structure on arrays, bit for bit as one by one. ``axisymmetric``, also where ``auto``
+    ``closed-form`` computes scenes of one structure on arrays, bit for bit as one by one, and builds each result when it is read
+    from the sequence; load limits are those of formulas, without a mesh. ``axisymmetric``, also where ``auto``
     chooses it, computes scenes that differ only in the target's modulus and the load from one curve, which agrees with single
     results within the ``error_estimate`` of both. Results that are computed together share ``seconds`` evenly.
 
@@ -84,30 +90,45 @@ def evaluate_many(
     with use_limits(limits):
         checked = [_catch_error(partial(_read_and_check, scene)) for scene in scenes]
         valid_scenes = [item for item in checked if isinstance(item, Scene)]
-        joint_results = iter(evaluate_together(valid_scenes, evaluator, accuracy, progress, linear=linear))
+        request = _Request(evaluator, accuracy, progress, linear)
+        joint_results = iter(_evaluate_jointly(valid_scenes, request))
 
-        def complete(scene: Scene) -> ResultOrError:
-            """Return the result of a scene with its provenance, or its error."""
-            result = next(joint_results)
-            if result is None:  # it could not be computed together with others
-                return _catch_error(lambda: evaluate(scene, evaluator, accuracy, progress, linear=linear))
+        def complete(scene: Scene, result: ResultOrError | Callable[[], ResultOrError]) -> ResultOrError:
+            """Return the result of a scene with its doubts and its provenance, or its error."""
+            result = result() if callable(result) else result
             if isinstance(result, ProbeError):
                 return result
-            return replace(result, provenance=build_provenance(scene, evaluator=evaluator, accuracy=accuracy))
+            record = build_provenance(scene, evaluator=evaluator, accuracy=accuracy)
+            return replace(result, warnings=(*find_doubts(scene), *result.warnings), provenance=record)
 
-        return [complete(item) if isinstance(item, Scene) else item for item in checked]
+        def prepare(item: Scene | ProbeError) -> Callable[[], ResultOrError]:
+            """Return what builds the result of a scene; a scene that cannot be computed with others is evaluated at once."""
+            if isinstance(item, ProbeError):
+                return lambda: item
+            result = next(joint_results)
+            if result is not None:
+                return partial(complete, item, result)
+            alone = _catch_error(lambda: evaluate(item, evaluator, accuracy, progress, linear=linear))
+            return lambda: alone
+
+        return LazySequence([prepare(item) for item in checked])
 
 
 def evaluate_together(
     scenes: Sequence[Scene], evaluator: str, accuracy: float, progress: ProgressCallback | None = None, *, linear: bool = False
 ) -> list[ResultOrError | None]:
     """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
-    request = _Request(evaluator, accuracy, progress, linear)
-    if evaluator == CLOSED_FORM or (evaluator == AXISYMMETRIC and len(scenes) > 1):
-        return _evaluate_by_name(
-            scenes, request
-        )  # closed-form also for a single scene, so that load limits are the same for many
-    return _evaluate_shared_designs(scenes, request) if evaluator == evaluators.AUTO else [None] * len(scenes)
+    results = _evaluate_jointly(scenes, _Request(evaluator, accuracy, progress, linear))
+    return [result() if callable(result) else result for result in results]
+
+
+def _evaluate_jointly(scenes: Sequence[Scene], request: _Request) -> Sequence[_Joint]:
+    """Evaluate the scenes that can be computed together; a result of the formulas is a function that builds it."""
+    if request.evaluator == CLOSED_FORM:
+        return _evaluate_formulas(scenes, request)  # also a single scene, so that load limits are the same for many
+    if request.evaluator == AXISYMMETRIC and len(scenes) > 1:
+        return _evaluate_axisymmetric(scenes, request)
+    return _evaluate_shared_designs(scenes, request) if request.evaluator == evaluators.AUTO else [None] * len(scenes)
 
 
 def _read_and_check(scene: Scene | Path | str) -> Scene:
@@ -117,19 +138,38 @@ def _read_and_check(scene: Scene | Path | str) -> Scene:
     return valid_scene
 
 
-def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError | None]:
-    """Evaluate scenes with the named evaluator, all at once, and warn of loads beyond linear elasticity."""
+def _evaluate_formulas(scenes: Sequence[Scene], request: _Request) -> list[_Joint]:
+    """Evaluate scenes with ``closed-form`` on arrays; return a refusal, or a function that builds the result."""
+    from solver.closed_form.evaluator import create_evaluator
     from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
-    film_evaluator, formulas = evaluators.evaluator(request.evaluator, request.progress), request.evaluator == CLOSED_FORM
+    start = perf_counter()
+    solved = create_evaluator().solve_arrays(scenes)
+    seconds_each = (perf_counter() - start) / max(len(scenes), 1)
+
+    def build(item: SolvedScene) -> Result:
+        """Build a result with load limits, and with a warning where the load is beyond them."""
+        with start_clock():
+            solution = item.build_solution(request.accuracy)
+            result = solution.build_result(CLOSED_FORM, item.scene, seconds_each)
+            # by formulas: there may be thousands of scenes, so that none is meshed
+            rule = build_rule_from_formulas(item.scene, result)
+            return add_load_warning(result, item.scene, request.accuracy, rule, "formulas")
+
+    return [item if isinstance(item, ProbeError) else partial(_catch_error, partial(build, item)) for item in solved]
+
+
+def _evaluate_axisymmetric(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError]:
+    """Evaluate scenes with ``axisymmetric``, all at once, and warn of loads beyond linear elasticity."""
+    from solver.planning.load_check import add_load_warning
+
+    film_evaluator = evaluators.evaluator(AXISYMMETRIC, request.progress)
     assert isinstance(film_evaluator, FilmEvaluator)
     results = film_evaluator.evaluate_many(scenes, request.accuracy)
 
     def add_warning(result: Result, scene: Scene) -> Result:
         """Add load limits, and a warning beyond the linear limit."""
         with start_clock():
-            if formulas and result.stiffness is not None:  # there may be thousands of scenes: do not mesh each of them
-                return add_load_warning(result, scene, request.accuracy, build_rule_from_formulas(scene, result), "formulas")
             return add_load_warning(result, scene, request.accuracy)
 
     return [

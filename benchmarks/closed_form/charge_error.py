@@ -67,9 +67,9 @@ def build_charge_row(solved: ChargedScene, *, with_stated: bool = True) -> Error
     if with_stated:
         if isinstance(evaluator.compute_films([scene])[0], InputError):
             return None
-        errors = state_charge_errors(scene, shape, products, derivatives)
+        errors = state_charge_errors(scene, shape, values, products, derivatives)
         stated = np.array([errors.log_ratio, *errors.log_totals, errors.sensitivity])
-    features = compute_charge_features(scene, shape, products, derivatives)
+    features = compute_charge_features(scene, shape, values, products, derivatives)
     charges, exact = products[2:].sum(axis=1), solved.result
     true = np.array([exact["charge_inner"], exact["charge_outer"]]) / (scene.load.indentation or math.nan)
     quotient = true[0] / true[1] * charges[1] / charges[0]

@@ -90,17 +90,18 @@ def build_row(solved: SolvedScene, *, with_stated: bool = True) -> ErrorRow | No
     """Return the errors of a scene; None where it is refused, the formulas break down, or its stated error is too large."""
     if ClosedForm().refusal(solved.scene) is not None:
         return None
-    scene, (shape, values) = solved.scene, build_parameters(solved.scene)
-    forces, derivative = (part[0, :2] for part in solve_columns(shape, values[:, None])[:2])
+    shape, values = build_parameters(solved.scene)
+    columns = values[:, None]
+    products, derivatives = (part[:, :2] for part in solve_columns(shape, columns)[:2])
+    forces, derivative = products[0], derivatives[0]
     if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0)):
         return None
-    features = compute_features(scene, shape, forces, derivative)
+    features = {name: float(value[0]) for name, value in compute_features(shape, columns, products, derivatives).items()}
     stated = None
     if with_stated:
-        errors = state_errors(scene, shape, forces, derivative)
-        if errors.largest > MAX_LOG_ERROR:
+        stated = state_errors(shape, columns, products, derivatives)[0]
+        if stated[:-1].max() > MAX_LOG_ERROR:
             return None
-        stated = np.array([errors.log_ratio, *errors.log_totals, errors.log_stiffness, errors.sensitivity])
     return ErrorRow(classify(shape), features, _compute_true(solved, forces, derivative), stated)
 
 

@@ -27,7 +27,7 @@ CHARGE_QUANTITIES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log
 MAX_EXPONENT = 20.0  # beyond it a charge is far below its error
 
 
-def state_charge_errors(scene: Scene, shape: Shape, products: Floats, derivatives: Floats) -> StatedErrors:
+def state_charge_errors(scene: Scene, shape: Shape, values: Floats, products: Floats, derivatives: Floats) -> StatedErrors:
     """Return the 95 % quantiles of the errors of a scene's charges; ``log_totals`` holds relative errors.
 
     Parameters
@@ -36,12 +36,14 @@ def state_charge_errors(scene: Scene, shape: Shape, products: Floats, derivative
         The scene, with films.
     shape
         Its structure.
+    values
+        Its parameters, see ``designs.build_parameters``, shape (parameters,).
     products
         Forces, N/m, and charges, C/m, shape (4, 2); positive total forces.
     derivatives
         Their derivatives by the logarithm of the target's modulus, shape (4, 2).
     """
-    table, features = _read_table(), compute_charge_features(scene, shape, products, derivatives)
+    table, features = _read_table(), compute_charge_features(scene, shape, values, products, derivatives)
     kind = classify(shape)
     kinds = [kind] if kind in CHARGE_CLASSES else CHARGE_CLASSES
     exponents = [
@@ -69,7 +71,9 @@ def _read_table() -> dict[str, dict[str, dict[str, float]]]:
     return {key: document[key] for key in ("weights", "constants")}
 
 
-def compute_charge_features(scene: Scene, shape: Shape, products: Floats, derivatives: Floats) -> dict[str, float]:
+def compute_charge_features(
+    scene: Scene, shape: Shape, values: Floats, products: Floats, derivatives: Floats
+) -> dict[str, float]:
     """Return the features of the charges' errors: those of the forces, and some of the inner and of the outer film.
 
     - thick stack: height of film and bonds over the block's width, which membranes neglect;
@@ -83,7 +87,8 @@ def compute_charge_features(scene: Scene, shape: Shape, products: Floats, deriva
     """
     probe, film = scene.probe, scene.probe.film
     assert film is not None
-    features = compute_features(scene, shape, products[:2], derivatives[:2])
+    shared = compute_features(shape, values[:, None], products[None, :2], derivatives[None, :2])
+    features = {key: float(feature[0]) for key, feature in shared.items()}
     forces, charges = products[:2].sum(axis=1), products[2:]
     totals = charges.sum(axis=1)
     widths = probe.inner_radius, probe.tube_radius - probe.hole_radius

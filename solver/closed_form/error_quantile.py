@@ -21,9 +21,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Probe
-from geometry.scenes.scene import Scene
-from solver.closed_form.designs import Shape
-from solver.closed_form.lateral_boundary import compute_side_radius
+from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, Shape, split_parameters
 from solver.results.detail_compliance import FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound
 
@@ -64,6 +62,12 @@ class StatedErrors:
     log_stiffness: float
     sensitivity: float
 
+    @classmethod
+    def from_row(cls, row: Floats) -> StatedErrors:
+        """Return the errors of one scene, a row of ``state_errors``."""
+        ratio, inner, outer, stiffness, sensitivity = row.tolist()
+        return cls(ratio, np.array([inner, outer]), stiffness, sensitivity)
+
     @property
     def largest(self) -> float:
         """The largest of the errors of the logarithms of ratio, totals and stiffness."""
@@ -96,28 +100,26 @@ class StatedErrors:
         return errors
 
 
-def state_errors(scene: Scene, shape: Shape, forces: Floats, derivatives: Floats) -> StatedErrors:
-    """Return the 95 % quantiles of the formulas' errors for a scene (eq. CF.19).
+def state_errors(shape: Shape, values: Floats, forces: Floats, derivatives: Floats) -> Floats:
+    """Return the 95 % quantiles of the formulas' errors for n scenes of one structure (eq. CF.19), shape (n, 5): ``QUANTITIES``.
+
+    Each operation is on one scene's numbers, so that a scene's errors do not depend on the scenes beside it.
 
     Parameters
     ----------
-    scene
-        The scene.
     shape
-        Its structure.
+        Their structure.
+    values
+        Their parameters, see ``designs.build_parameters``, shape (parameters, n).
     forces
-        N/m, shape (2, 2); positive totals.
+        N/m, shape (n, 2, 2); positive totals.
     derivatives
-        Their derivatives by the logarithm of the target's modulus, shape (2, 2).
+        Their derivatives by the logarithm of the target's modulus, shape (n, 2, 2).
     """
-    table, features = _read_table(), compute_features(scene, shape, forces, derivatives)
-    exponents = {
-        name: table["constants"][classify(shape)][name]
-        + sum(weight * features[key] for key, weight in table["weights"][name].items())
-        for name in QUANTITIES
-    }
-    ratio, inner, outer, stiffness, sensitivity = (math.exp(exponents[name]) for name in QUANTITIES)
-    return StatedErrors(ratio, np.array([inner, outer]), stiffness, sensitivity)
+    table, features = _read_table(), compute_features(shape, values, forces, derivatives)
+    constants, weights = table["constants"][classify(shape)], table["weights"]
+    exponents = [constants[name] + sum(weight * features[key] for key, weight in weights[name].items()) for name in QUANTITIES]
+    return np.stack([np.exp(exponent) for exponent in exponents], axis=1)
 
 
 @cache
@@ -127,8 +129,8 @@ def _read_table() -> dict[str, dict[str, dict[str, float]]]:
     return {key: document[key] for key in ("weights", "constants")}
 
 
-def compute_features(scene: Scene, shape: Shape, forces: Floats, derivatives: Floats) -> dict[str, float]:
-    """Return the features of eq. CF.19: each is large, or small, where one of the approximations is rough.
+def compute_features(shape: Shape, values: Floats, forces: Floats, derivatives: Floats) -> dict[str, Floats]:
+    """Return the features of eq. CF.19, each of shape (n,): large, or small, where one of the approximations is rough.
 
     - soft tube: how stiff the tissue's surface is compared with the tube, whose end few functions describe;
     - thin wall, unequal radii, unequal heights: shapes of the blocks under which tractions are steep;
@@ -140,30 +142,30 @@ def compute_features(scene: Scene, shape: Shape, forces: Floats, derivatives: Fl
 
     See ``state_errors`` for the arguments.
     """
-    probe, tissue = scene.probe, scene.tissue
-    radius, wall = probe.tube_radius, probe.tube_radius - probe.hole_radius
-    layers = (*tissue.layer, tissue)
-    modulus = layers[0].youngs_modulus / (1 - layers[0].poisson_ratio ** 2)
-    softness = modulus / probe.outer.youngs_modulus * min(probe.tube_height / wall, 1.0)
-    sizes = [(body.diameter or 0.0, body.depth) for body in scene.inclusion]
-    totals = forces.sum(axis=1)
+    inner_radius, gap, radius, inner_height, outer_height, _, _, tube_modulus, _ = values[: len(PROBE_PARAMETERS)]
+    depth, side, *own_material = values[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
+    bodies, layers, _ = split_parameters(shape, values)
+    wall, none = radius - (inner_radius + gap), np.zeros(values.shape[1])
+    first_modulus, first_poisson = layers[0][1:] if len(layers) else own_material
+    softness = first_modulus / (1 - first_poisson**2) / tube_modulus * np.minimum(outer_height / wall, 1.0)
+    softest = np.minimum.reduce([own_material[0], *(layer[1] for layer in layers)])
+    totals = forces.sum(axis=2)
     features = {
-        "soft tube": math.log(0.1 + softness / (1 + softness)),
-        "thin wall": math.log(0.001 + wall / radius),
-        "unequal radii": math.log(probe.inner_radius / radius) ** 2,
-        "unequal heights": abs(math.log(probe.core_height / probe.tube_height)),
-        "thin cover": math.log1p(max((size / (depth - size / 2) for size, depth in sizes), default=0.0)),
-        "large tumour": math.log1p(max((size / radius for size, _ in sizes), default=0.0)),
-        "opposed forces": math.log(float((np.abs(forces).sum(axis=1) / totals).max())),
-        "softer layers": math.log(min(layers[0].youngs_modulus / min(layer.youngs_modulus for layer in layers), MAX_SOFTNESS)),
-        "far sides": 0.0,
-        "near sides": 0.0,
-        "target": math.log(1e-7 + float(np.abs(derivatives.sum(axis=1) / totals).sum())),
+        "soft tube": np.log(0.1 + softness / (1 + softness)),
+        "thin wall": np.log(0.001 + wall / radius),
+        "unequal radii": np.log(inner_radius / radius) ** 2,
+        "unequal heights": np.abs(np.log(inner_height / outer_height)),
+        "thin cover": np.log1p(np.maximum.reduce([none, *(2 * body[0] / (body[1] - body[0]) for body in bodies)])),
+        "large tumour": np.log1p(np.maximum.reduce([none, *(2 * body[0] / radius for body in bodies)])),
+        "opposed forces": np.log((np.abs(forces).sum(axis=2) / totals).max(axis=1)),
+        "softer layers": np.log(np.minimum(first_modulus / softest, MAX_SOFTNESS)),
+        "far sides": none,
+        "near sides": none,
+        "target": np.log(1e-7 + np.abs(derivatives.sum(axis=2) / totals).sum(axis=1)),
     }
-    if tissue.shape != "half-space":
-        side = compute_side_radius(tissue)
+    if shape.bounded:
         if shape.side_nodes:
-            features["near sides"] = math.log1p(radius / side)
+            features["near sides"] = np.log1p(radius / side)
         else:
-            features["far sides"] = math.log1p(10 * tissue.depth * radius / side**2)
+            features["far sides"] = np.log1p(10 * depth * radius / side**2)
     return features

@@ -12,10 +12,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.common.resources import LimitReached, get_limits, start_clock, use_limits
 from geometry.scenes.probe import Material
@@ -78,7 +79,7 @@ class ClosedForm(FilmEvaluator):
             return "equivalent-inclusion or solid for an ellipsoid"
         if any(body.depth - body.diameter / 2 < MIN_COVER_DIAMETERS * body.diameter for body in scene.inclusion if body.diameter):
             return f"axisymmetric for an inclusion covered by less than {MIN_COVER_DIAMETERS:g} of its diameter"
-        if any(_is_near_interface(body, scene) for body in scene.inclusion):
+        if scene.tissue.layer and any(_is_near_interface(body, scene) for body in scene.inclusion):
             return (
                 "axisymmetric or solid for an inclusion nearer to an interface of layers than "
                 f"{MIN_COVER_DIAMETERS:g} of its diameter"
@@ -88,7 +89,7 @@ class ClosedForm(FilmEvaluator):
                 return f"axisymmetric for tissue thinner than {MIN_DEPTH_OUTER_RADII:g} outer radii"
             if compute_side_radius(scene.tissue) < MIN_SIDE_OUTER_RADII * scene.probe.tube_radius:
                 return f"axisymmetric or solid for tissue whose sides are within {MIN_SIDE_OUTER_RADII:g} outer radii"
-        if compute_squeeze(scene) > MAX_SQUEEZE:
+        if scene.tissue.layer and compute_squeeze(scene) > MAX_SQUEEZE:
             return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"
         return _explain_incompressible_refusal(scene)
 
@@ -113,58 +114,120 @@ class ClosedForm(FilmEvaluator):
     @use_own_workspace
     def solve_many(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[FilmSolution | InputError]:
         """Solve each scene at its accuracy, or return its refusal; scenes of one structure are solved at once."""
+        pairs = zip(self.solve_arrays(scenes), accuracies, strict=True)
+        return [item if isinstance(item, InputError) else item.build_solution(accuracy) for item, accuracy in pairs]
+
+    def solve_arrays(self, scenes: Sequence[Scene]) -> list[SolvedScene | InputError]:
+        """Return each scene's place in arrays of results, or its refusal; limits of time are for all scenes together.
+
+        Where all together take too long, each is solved alone, within its own limit.
+        """
         try:
             with use_limits(replace(get_limits(), seconds=len(scenes) * get_limits().seconds)), start_clock():
-                solutions = self.compute_films(scenes)
+                return self._solve_groups(scenes)
         except LimitReached:
-            return super().solve_many(scenes, accuracies)
-        pairs = zip(solutions, accuracies, strict=True)
-        return [
-            solution if isinstance(solution, InputError) else _build_solution([solution], accuracy)
-            for solution, accuracy in pairs
-        ]
+            return [self._solve_or_refuse_alone(scene) for scene in scenes]
+
+    def _solve_or_refuse_alone(self, scene: Scene) -> SolvedScene | InputError:
+        """Solve one scene on arrays of length one, or return its refusal."""
+        try:
+            with start_clock():
+                return self._solve_groups([scene])[0]
+        except InputError as fault:
+            return fault
 
     @use_own_workspace
     def compute_films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
         """Return the film forces of each scene with their errors, or its refusal; scenes of one structure are solved at once."""
-        solutions: dict[int, ClosedFormForces | InputError] = {}
+        return [item if isinstance(item, InputError) else item.build_forces() for item in self._solve_groups(scenes)]
+
+    def _solve_groups(self, scenes: Sequence[Scene]) -> list[SolvedScene | InputError]:
+        """Solve scenes of one structure at once; a scene is refused, too, where the formulas break down."""
+        solved: dict[int, SolvedScene | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
             reason = self.refusal(scene)
             if reason is not None:
-                solutions[place] = Refusal("evaluator", self.name, reason)
+                solved[place] = Refusal("evaluator", self.name, reason)
                 continue
             shape, values = build_parameters(scene)
             groups[shape].append((place, values))
         for shape, group in groups.items():
-            solved = solve_columns(shape, np.column_stack([values for _, values in group]))
-            for (place, _), *arrays in zip(group, *solved, strict=True):
-                solutions[place] = self._build_forces(scenes[place], shape, *arrays)
-        return [solutions[place] for place in range(len(scenes))]
+            arrays = SolvedArrays.from_values(shape, np.column_stack([values for _, values in group]))
+            for column, ((place, _), holds) in enumerate(zip(group, arrays.find_valid().tolist(), strict=True)):
+                solved[place] = (
+                    SolvedScene(scenes[place], arrays, column)
+                    if holds
+                    else Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
+                )
+        return [solved[place] for place in range(len(scenes))]
 
-    def _build_forces(
-        self, scene: Scene, shape: Shape, products: Floats, derivatives: Floats, residual: float
-    ) -> ClosedFormForces | InputError:
-        """Return a scene's film forces with their errors, or the refusal where the formulas break down.
 
-        ``products`` and ``derivatives`` are a design's of ``solve_columns``, ``residual`` is that of eq. CF.12.
-        """
-        forces, derivative = products[:2], derivatives[:2]
-        totals = forces.sum(axis=1)
-        if not (np.all(np.isfinite(products)) and np.all(totals > 0) and residual < MAX_RESIDUAL):
-            return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
-        errors = state_errors(scene, shape, forces, derivative)
-        if errors.largest > MAX_LOG_ERROR:
-            return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
-        errors = errors.add_details(scene.probe, forces, films=shape.films)
+@dataclass(frozen=True)
+class SolvedArrays:
+    """Results of the formulas for n scenes of one structure.
+
+    Attributes
+    ----------
+    shape
+        The structure.
+    values
+        Parameters, see ``designs.build_parameters``, shape (parameters, n).
+    products, derivatives, residuals
+        See ``solve_columns``.
+    errors
+        95 % quantiles of the errors, see ``state_errors``, shape (n, 5); they mean nothing where the formulas break down.
+    """
+
+    shape: Shape
+    values: Floats
+    products: Floats
+    derivatives: Floats
+    residuals: Floats
+    errors: Floats
+
+    @classmethod
+    def from_values(cls, shape: Shape, values: Floats) -> SolvedArrays:
+        """Solve the scenes with these parameters."""
+        products, derivatives, residuals = solve_columns(shape, values)
+        with np.errstate(all="ignore"):  # of scenes for which the formulas break down
+            errors = state_errors(shape, values, products[:, :2], derivatives[:, :2])
+        return cls(shape, values, products, derivatives, residuals, errors)
+
+    def find_valid(self) -> Bools:
+        """Return for which scenes the formulas hold, shape (n,)."""
+        with np.errstate(invalid="ignore"):
+            positive = (self.products[:, :2].sum(axis=2) > 0).all(axis=1)
+            exact = np.isfinite(self.products).all(axis=(1, 2)) & (self.residuals < MAX_RESIDUAL)
+            return np.asarray(positive & exact & ~(self.errors[:, :-1].max(axis=1) > MAX_LOG_ERROR))
+
+
+class SolvedScene(NamedTuple):
+    """A scene and its place among ``SolvedArrays``."""
+
+    scene: Scene
+    arrays: SolvedArrays
+    column: int
+
+    def build_forces(self) -> ClosedFormForces:
+        """Return the scene's film forces with their errors."""
+        scene, arrays, k = self
+        shape, products, derivatives = arrays.shape, arrays.products[k], arrays.derivatives[k]
+        forces = products[:2]
+        errors = StatedErrors.from_row(arrays.errors[k]).add_details(scene.probe, forces, films=shape.films)
         has_target = scene.target is not None
         charges = None
         if shape.films:
-            stated = state_charge_errors(scene, shape, products, derivatives)
+            stated = state_charge_errors(scene, shape, arrays.values[:, k], products, derivatives)
             bound = Bound(stated.log_totals * np.abs(products[2:].sum(axis=1)), stated.log_ratio)
             charges = FilmForces(products[2:], bound, derivatives[2:] if has_target else None, stated.sensitivity)
-        films = FilmForces(forces, errors.compute_bound(totals), derivative if has_target else None, errors.sensitivity, charges)
-        return ClosedFormForces(films, errors, float(residual))
+        bound, derivative = errors.compute_bound(forces.sum(axis=1)), derivatives[:2] if has_target else None
+        films = FilmForces(forces, bound, derivative, errors.sensitivity, charges)
+        return ClosedFormForces(films, errors, float(arrays.residuals[k]))
+
+    def build_solution(self, accuracy: float) -> FilmSolution:
+        """Return the scene's solution, with a warning where its largest error is above ``accuracy``."""
+        return _build_solution([self.build_forces()], accuracy)
 
 
 def _build_solution(solutions: Sequence[ClosedFormForces], accuracy: float) -> FilmSolution:

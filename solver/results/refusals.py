@@ -41,12 +41,13 @@ def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
         yield "solid", "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):
         yield "solid", "solid for an inclusion that is neither sphere nor ellipsoid"
+    if not scene.tissue.layer:
+        return
     symmetric = is_round(scene)  # then ``axisymmetric`` takes it
     if any(_is_crossed(scene, body) for body in scene.inclusion if body.surface is None):
         text = f"{'axisymmetric' if symmetric else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
         yield "crossed sphere" if symmetric else "crossed", text
-    if scene.tissue.layer:
-        yield "layers", f"{'axisymmetric' if symmetric else 'equivalent-inclusion'} for layers of tissue"
+    yield "layers", f"{'axisymmetric' if symmetric else 'equivalent-inclusion'} for layers of tissue"
 
 
 def _is_crossed(scene: Scene, body: Inclusion) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
+from geometry.common.errors import Refusal
 from geometry.common.resources import LimitReached, Limits
+from geometry.provenance.block import record_command
 from geometry.scenes.scene_tables import Load
 from solver import Result, evaluate, evaluate_many
 from solver.linalg.cholesky import Factor, Pattern, factorise
@@ -89,7 +92,10 @@ def test_a_mixture_is_answered_as_one_by_one(evaluator: str, linear: bool) -> No
 
 
 def test_formulas_answer_a_mixture_to_the_last_bit() -> None:
-    scenes = mixture()
+    """Also films, and what is probably a mistake."""
+    doubtful = with_gap(1.01 * OURS.probe.inner_radius)
+    scenes = [*mixture(), doubtful, SCENE.with_name("films.toml")]
+    assert any(note.kind == "doubt" for note in evaluate(doubtful, "closed-form", ACCURACY).warnings)
     for result, scene in zip(evaluate_many(scenes, "closed-form", ACCURACY), scenes, strict=True):
         single = alone(scene, "closed-form", False)
         if isinstance(single, str):
@@ -100,6 +106,22 @@ def test_formulas_answer_a_mixture_to_the_last_bit() -> None:
             if result.load_limits is not None and single.load_limits is not None:  # of thousands no mesh is made for each
                 assert {limit["known"] for limit in (result.as_dict()["load_limits"] or {}).values() if limit} == {"formulas"}
                 assert result.linear_limit_load.force <= 1.02 * single.linear_limit_load.force  # type: ignore[union-attr]
+
+
+def test_formulas_build_a_result_when_it_is_read_as_it_would_have_been_at_once() -> None:
+    """With the command line of the call in its provenance, once, and pickled as a list."""
+    with record_command(["evaluate", "many"]):
+        results = evaluate_many([*mixture()[:3], with_load(force=1e9)], "closed-form")
+    first = results[0]
+    assert isinstance(first, Result)
+    assert first.provenance is not None
+    assert first.provenance["command"] == ["evaluate", "many"]
+    assert results[-4] is first
+    assert [type(item) for item in results[1:]] == [Result, Result, Refusal]
+    single = evaluate_many([OURS], "closed-form")
+    assert pickle.loads(pickle.dumps(single)) == single
+    with pytest.raises(IndexError):
+        results[4]
 
 
 def without_limits(result: Result) -> Result:
@@ -145,4 +167,4 @@ def test_what_is_wrong_for_all_is_said_at_once() -> None:
         evaluate_many([OURS], accuracy=2.0)
     with pytest.raises(InputError, match="evaluator"):
         evaluate_many([OURS], "closed")
-    assert evaluate_many([]) == []
+    assert list(evaluate_many([])) == []
