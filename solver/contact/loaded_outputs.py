@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from geometry.common.arrays import Floats
+from solver.contact.corner_check import CornerCheck, is_near_wall
 from solver.contact.path import Path
 from solver.contact.states import Outputs, PathPoint
 from solver.results.film_forces import Bound, FilmForces
@@ -28,6 +29,11 @@ class MeshDifferences:
         """Return the larger of both values of each difference (``a | b``)."""
         outputs = np.maximum(self.outputs, other.outputs)
         return MeshDifferences(outputs, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
+
+    def add(self, other: MeshDifferences, factor: float) -> MeshDifferences:
+        """Return the sum with another one times a factor."""
+        log_ratio, sensitivity = self.log_ratio + factor * other.log_ratio, self.sensitivity + factor * other.sensitivity
+        return MeshDifferences(self.outputs + factor * other.outputs, log_ratio, sensitivity)
 
 
 NO_DIFFERENCES = MeshDifferences(np.zeros(2), 0.0, 0.0)
@@ -51,6 +57,8 @@ class LoadedOutputs:
         Minimum error bounds of outputs and log-sensitivity, relative.
     known
         Mesh differences on a part of the load path that was not computed.
+    corner_check
+        The load path with fine corners; None where tissue does not fold onto a sharp corner or ``known`` includes it.
     """
 
     paths: tuple[Path, Path]
@@ -59,6 +67,7 @@ class LoadedOutputs:
     corrected: bool
     min_errors: tuple[float, float]
     known: MeshDifferences = NO_DIFFERENCES
+    corner_check: CornerCheck | None = None
 
     def select(self, point: PathPoint) -> Outputs:
         """Return the film forces at a point of a path, or the charges."""
@@ -134,17 +143,29 @@ class LoadedOutputs:
         return value + exact - rest_sensitivity
 
     def compute_differences(self, until: float) -> MeshDifferences:
-        """Return the maximum differences of both meshes up to the indentation ``until``, m."""
-        places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
-        places = places[(places > 0) & (places <= until)]
+        """Return the maximum differences of both meshes up to the indentation ``until``, m.
+
+        Where tissue comes near a wall, the difference to fine corners is added, so that it counts once in a bound.
+        """
+        differences = self._compare(*self.paths, until, until) | self.known
+        if self.corner_check is None or not is_near_wall(self.paths[1], until):
+            return differences
+        reached = self.corner_check.press(until)
+        if reached == 0:
+            return differences
+        # what is not reached is extrapolated in proportion to the indentation
+        corners = self._compare(self.corner_check.path, self.paths[1], reached, until)
+        return differences.add(corners, until / reached / MESH_SAFETY_FACTOR)
+
+    def _compare(self, coarse: Path, fine: Path, reached: float, until: float) -> MeshDifferences:
+        """Return the maximum differences of two paths up to the indentation ``reached``, m, of ``until``."""
+        places = np.unique([reached, *(point.indentation for path in (coarse, fine) for point in path.points)])
+        places = places[(places > 0) & (places <= reached)]
         # outputs and log-sensitivities of the coarser and the finer mesh
-        (outputs, first), (second_outputs, second) = (self._interpolate(path, places) for path in self.paths)
+        (outputs, first), (second_outputs, second) = (self._interpolate(path, places) for path in (coarse, fine))
         log_ratios, size = np.log(np.abs(outputs / second_outputs)), self.find_max_sensitivity(until)
         sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
-        return (
-            MeshDifferences(np.abs(log_ratios).max(axis=1), float(np.abs(log_ratios[0] - log_ratios[1]).max()), sensitivity)
-            | self.known
-        )
+        return MeshDifferences(np.abs(log_ratios).max(axis=1), float(np.abs(log_ratios[0] - log_ratios[1]).max()), sensitivity)
 
     def find_max_sensitivity(self, until: float) -> float:
         """Return the maximum magnitude of the log-sensitivity up to the indentation ``until``, m."""

@@ -14,6 +14,7 @@ from geometry.meridian.section import Body, Section
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
+from solver.contact.corner_check import CORNER_FINENESS, CornerCheck
 from solver.contact.loaded_outputs import NO_DIFFERENCES, LoadedOutputs, MeshDifferences
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
@@ -77,6 +78,8 @@ class LoadedScene:
         Whether lines that touch have twice the usual number of contact points.
     finenesses
         Of the meshes from which ``paths`` are taken, rising.
+    corner_check
+        The load path with fine corners; see ``LoadedOutputs``.
     """
 
     scene: Scene
@@ -86,6 +89,7 @@ class LoadedScene:
     known: tuple[MeshDifferences, ...] = ()
     dense: bool = False
     finenesses: tuple[MeridianFineness, ...] = MESH_FINENESSES
+    corner_check: CornerCheck | None = None
 
     @classmethod
     def from_scene(cls, scene: Scene, accuracy: float, finenesses: tuple[MeridianFineness, ...] = MESH_FINENESSES) -> LoadedScene:
@@ -100,7 +104,8 @@ class LoadedScene:
         """
         linear = compute_converged_forces(_tie_faces(scene), LINEAR_SHARE * accuracy)
         first, second = (build_path(scene, linear, fineness) for fineness in finenesses[:2])
-        return cls(scene, accuracy, linear, (first, second), finenesses=finenesses)
+        check = _prepare_check(scene, linear)
+        return cls(scene, accuracy, linear, (first, second), finenesses=finenesses, corner_check=check)
 
     @property
     def may_open(self) -> bool:
@@ -124,7 +129,8 @@ class LoadedScene:
         if self.dense or self.scene.contact.interface != "bonded":
             return None
         first, second = (build_path(self.scene, self.linear, path.model.mesh.layout.fineness, True) for path in self.paths)
-        return replace(self, paths=(first, second), dense=True)
+        check = _prepare_check(self.scene, self.linear, True)
+        return replace(self, paths=(first, second), dense=True, corner_check=check)
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
         """Return the scene at rest with another Young's modulus of the target, Pa; ``linear`` are its linear film forces."""
@@ -132,7 +138,8 @@ class LoadedScene:
         scene = self.scene.model_copy(update={"inclusion": (body,)})
         rest_films = None if self.may_open else linear.films[0]
         first, second = (Path(path.model.with_modulus(modulus), True, rest_films) for path in self.paths)
-        return LoadedScene(scene, self.accuracy, linear, (first, second), dense=self.dense)
+        check = _prepare_check(scene, linear, self.dense)
+        return LoadedScene(scene, self.accuracy, linear, (first, second), dense=self.dense, corner_check=check)
 
     def press_to_scene_load(self) -> LoadedForces:
         """Press the probe to the scene's load, or to its preload, whose tangent response is returned; see ``Load``.
@@ -217,7 +224,15 @@ class LoadedScene:
         films = (linear, *([] if linear.charges is None else [linear.charges]))
         known = self.known or (NO_DIFFERENCES,) * len(films)
         return tuple(
-            LoadedOutputs(self.paths, values, values is not linear, not self.may_open, self.min_errors, differences)
+            LoadedOutputs(
+                self.paths,
+                values,
+                values is not linear,
+                not self.may_open,
+                self.min_errors,
+                differences,
+                self.corner_check,
+            )
             for values, differences in zip(films, known, strict=True)
         )
 
@@ -296,7 +311,8 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
         and not neighbour.scene.load.preload
         and last > SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit
     ):
-        loaded = replace(rest_scene, known=tuple(outputs.compute_differences(last) for outputs in neighbour.outputs))
+        known = tuple(outputs.compute_differences(last) for outputs in neighbour.outputs)
+        loaded = replace(rest_scene, known=known, corner_check=None)  # which they include
         try:
             for path, neighbour_path in zip(loaded.paths, neighbour.paths, strict=True):
                 path.seed(neighbour_path.last.equilibrium.state)
@@ -323,6 +339,13 @@ def build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dens
         films=rest_model.films,
     )
     return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0])
+
+
+def _prepare_check(scene: Scene, linear: Converged, dense: bool = False) -> CornerCheck | None:
+    """Return the check of corners onto which tissue folds: those of sharp edges beside faces that are bonded."""
+    if scene.contact.interface != "bonded" or scene.contact.edge_radius > 0:
+        return None
+    return CornerCheck(lambda: build_path(scene, linear, CORNER_FINENESS, dense))
 
 
 def _tie_faces(scene: Scene) -> Scene:

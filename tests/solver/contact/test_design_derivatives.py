@@ -18,6 +18,7 @@ from solver.contact.loaded_scene import LoadedScene
 from tests.support.paths import SCENE
 
 FORCE, ACCURACY = 0.08, 0.01  # N: the charges' ratio is then 4 % from its linear limit
+COARSE_ACCURACY = 0.03  # of evaluations: a finer mesh on one side of a difference would add its own
 NUMBERS = ("probe.gap", "probe.film.bond_to_base.youngs_modulus", "probe.outer.poisson_ratio")
 
 
@@ -38,7 +39,7 @@ def press() -> tuple[LoadedScene, LoadedDerivatives]:
 
 def compute_logs(scene: Scene) -> Floats:
     """ln of stresses' and charges' ratios and of both charges by ``evaluate``."""
-    result = ContactEvaluator().evaluate(scene, ACCURACY)
+    result = ContactEvaluator().evaluate(scene, COARSE_ACCURACY)
     values = (result.ratio, result.charge_ratio, result.charge_inner, result.charge_outer)
     assert None not in values
     return np.log(np.abs(np.array(values, dtype=float)))
