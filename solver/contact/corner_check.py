@@ -50,15 +50,15 @@ class CornerCheck:
 
 def is_near_wall(path: Path, until: float) -> bool:
     """Return whether tissue touches a wall or comes near it on a path up to the indentation ``until``, m."""
-    distances = _list_distances(path, 0)
+    rest_gaps = _list_gaps(path, 0)
     return any(
-        near < NEAR_WALL_RELATIVE * far
+        gap < NEAR_WALL_RELATIVE * rest_gap
         for number, point in enumerate(path.points)
         if point.indentation <= until * (1 + FORCE_MARGIN)
-        for near, far in zip(_list_distances(path, number), distances, strict=True)
+        for gap, rest_gap in zip(_list_gaps(path, number), rest_gaps, strict=True)
     )
 
 
-def _list_distances(path: Path, number: int) -> list[float]:
+def _list_gaps(path: Path, number: int) -> list[float]:
     """Return the smallest gap between each wall and the tissue beside it at a point of a path, m."""
     return [touch.min_gap for touch in path.points[number].equilibrium.equations.touches[1:]]
