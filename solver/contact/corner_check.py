@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+from geometry.common.errors import SolveError
 from geometry.meridian.mesh_lines import MeridianFineness
 from solver.contact.path import Path
-from solver.contact.states import StoppedError
 
 CORNER_FINENESS = MeridianFineness(1, 1, 2)
 # of the first contact point's distance at rest. Fine corners touch at 0.09 outer radii, where coarse ones are at 0.4 to 0.6 of it
@@ -40,11 +40,15 @@ class CornerCheck:
         return self.build()
 
     def press(self, indentation: float) -> float:
-        """Press to an indentation, m, and return the one that was reached: no step may converge beyond it."""
+        """Press to an indentation, m, and return the one that was reached: no step may converge beyond it, or none at all."""
         try:
-            self.path.press_to_indentation(indentation)
-        except StoppedError:
-            return min(indentation, self.path.last.indentation)
+            path = self.path
+        except SolveError:
+            return 0.0
+        try:
+            path.press_to_indentation(indentation)
+        except SolveError:
+            return min(indentation, path.last.indentation)
         return indentation
 
 
