@@ -35,20 +35,28 @@ def heavy(tmp_path: Path) -> Path:
 BY_CONTACT = ("evaluate", "curve", "estimate", "scan", "detectability")  # which answers beyond linear elasticity what it can take
 
 
-@pytest.mark.parametrize(
-    "command",
-    slow_unless(
-        lambda command: command not in ("calibrate", "check"),
-        [command for command in COMMAND_LINES if command not in (*BY_CONTACT, "read")],  # read predicts by contact
-    ),
-)
-def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
+@pytest.mark.parametrize("command", ["calibrate", "check", "tradeoff"])
+def test_a_load_beyond_contact_is_refused_with_what_is_allowed(
     command: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    message = refused(command, heavy, *COMMAND_LINES[command])
-    assert "allowed: up to 0.0" in message
-    assert "load" in message
+    heavy.write_text(heavy.read_text().replace('"70 mN"', '"5 N"'))
+    ended = run(command, heavy, *COMMAND_LINES[command])
+    assert ended.returncode == 2
+    message = ended.stderr.splitlines()[-1]  # tradeoff's progress comes first
+    assert "load.force = 5 N: allowed: " in message
+    assert " N " in message.split("allowed: ")[-1]
+
+
+@pytest.mark.slow
+def test_a_virtual_probe_that_is_as_drawn_is_within_tolerance(
+    heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The blocks are pressed beyond linear elasticity."""
+    monkeypatch.chdir(tmp_path)
+    assert run("calibrate", heavy, *COMMAND_LINES["calibrate"]).returncode == 0
+    checked = json.loads(run("check", heavy, *COMMAND_LINES["check"], "--calibration", "probe.toml", "--json").stdout)
+    assert checked["p_value"] > 0.01
 
 
 @pytest.mark.parametrize("command", slow_unless(lambda command: command == "evaluate", BY_CONTACT))

@@ -85,7 +85,7 @@ def test_readings_at_three_forces_add_up_and_between_two_loads_are_interpolated(
     check_truth(several)
     for name in ("x", "y", "depth", "diameter"):
         narrow, wide = (np.ptp(part.tumours[0].quantities[name].interval_90) for part in (several, single))
-        assert narrow < 0.85 * wide, name
+        assert narrow < 0.9 * wide, name  # noise alone would give 1 / sqrt(3), errors that are common to the readings give 1
     # what lies between is known less well than what is on a load, by an eighth of what the load changes
     (weights,), (spreads,) = ScanLoads.from_scene(scene, (lightest,)).weigh([0.0966])
     assert weights == pytest.approx([0.5, 0.5], abs=0.01)

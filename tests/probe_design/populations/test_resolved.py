@@ -152,7 +152,13 @@ def test_tumours_of_the_physics_page_are_told_as_it_says() -> None:
     tumours = ScenePopulation.from_scene(scene, example_design().population).draw_tumours()
     objects = contrast * scene.tissue.youngs_modulus
     draw = replace(
-        tumours, depth=depth * 1e-3, diameter=diameter * 1e-3, youngs_modulus=objects, x=np.zeros(5), tissue=np.zeros(5, int)
+        tumours,
+        depth=depth * 1e-3,
+        diameter=diameter * 1e-3,
+        youngs_modulus=objects,
+        x=np.zeros(5),
+        y=np.zeros(5),
+        tissue=np.zeros(5, int),
     )
     known = Unknowns(("object", "depth", "diameter", "tissue"), np.array([1.0, 0.5, 0.5, 0.5]), np.full(5, -1))  # of ln E_object
     line = tuple(np.linspace(-16e-3, 16e-3, 9).tolist())
