@@ -2,8 +2,8 @@
 
 A bonded corner turns the tissue's surface towards the wall at any load: contact grows from the corner on. A mesh shows it later,
 from the load on at which its first contact point touches, and the coarser its cells at the corner, the later. Meshes that are
-equally coarse there agree with each other and are wrong alike. One layer of corner cells moves the first touch from 0.16 to 0.09
-outer radii, and is within 0.2 % of such layers on meshes of order three and four; it converges less far than coarse corners do.
+equally coarse there agree with each other and are wrong alike. One layer of corner cells moves the first touch from 0.16 to below
+0.1 outer radii, and is within 0.3 % of such layers on meshes of order three and four; it converges less far than coarse ones.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from geometry.meridian.mesh_lines import MeridianFineness
 from solver.contact.path import Path
 
 CORNER_FINENESS = MeridianFineness(1, 1, 2)
-# of the first contact point's distance at rest. Fine corners touch at 0.09 outer radii, where coarse ones are at 0.4 to 0.6 of it
+# of the first contact point's distance at rest. Fine corners touch between 0.06 and 0.1 outer radii; there coarse ones are at
+# 0.2 to 0.8 of it, 0.5 at 0.1 on the order-three mesh
 NEAR_WALL_RELATIVE = 0.5
 FORCE_MARGIN = 1e-3  # relative: points at a force lie this close to it, on either side
 
