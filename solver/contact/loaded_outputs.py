@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from geometry.common.arrays import Floats
 from solver.contact.corner_check import CornerCheck, is_near_wall
@@ -174,6 +173,8 @@ class LoadedOutputs:
 
     def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
         """Interpolate outputs, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m."""
+        from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
         indentations = np.array([point.indentation for point in path.points])
         outputs = [self.select(point) for point in path.points]
         values = CubicHermiteSpline(indentations, [x.values for x in outputs], [x.tangent for x in outputs])

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.interpolate import CubicHermiteSpline
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
@@ -263,6 +262,8 @@ def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
 
 def hermite_weights(places: Sequence[float], wanted: float) -> list[float]:
     """Return the weights with which two values, then their derivatives, sum to the cubic through them at ``wanted`` (Hermite)."""
+    from scipy.interpolate import CubicHermiteSpline
+
     order, unit = np.argsort(places), np.eye(4)
     spline = CubicHermiteSpline(np.take(places, order), unit[:2][order], unit[2:][order])
     return [float(weight) for weight in spline(wanted)]

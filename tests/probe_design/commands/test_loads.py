@@ -64,7 +64,10 @@ def test_level_contact_answers_it(command: str, heavy: Path) -> None:
     output = json.loads(run(command, heavy, *COMMAND_LINES[command], "--json").stdout)
     assert output["evaluator"] == "contact"
     off_axis = heavy.with_name("beside.toml")
-    off_axis.write_text(heavy.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
+    # 1.2 % is the best there: tissue comes near a wall
+    off_axis.write_text(
+        heavy.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"') + "\n[reading]\naccuracy = 0.02\n"
+    )
     output = json.loads(run(command, off_axis, *COMMAND_LINES[command], "--json").stdout)
     assert output["evaluator"] == "contact"
     off_axis.write_text(off_axis.read_text().replace('"70 mN"', '"0.3 N"'))
