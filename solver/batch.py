@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from geometry.common.errors import ProbeError
 from geometry.common.resources import Limits, get_limits, start_clock, use_limits
@@ -18,12 +18,14 @@ from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan
-from solver.closed_form.evaluator import ClosedForm, SolvedScene
 from solver.evaluation import evaluate, find_doubts
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.lazy_sequence import LazySequence
 from solver.results.refusals import is_round
 from solver.results.result import Result
+
+if TYPE_CHECKING:
+    from solver.closed_form.evaluator import ClosedForm, SolvedScene
 
 AXISYMMETRIC, CLOSED_FORM = "axisymmetric", "closed-form"
 T = TypeVar("T")
@@ -140,8 +142,9 @@ def _evaluate_formulas(scenes: Sequence[Scene], request: _Request) -> list[_Join
     """Evaluate scenes with ``closed-form`` on arrays; return a refusal, or a function that builds the result."""
     from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
+    formulas = cast("ClosedForm", evaluators.evaluator(CLOSED_FORM))  # by its name, as other commands need not load it
     start = perf_counter()
-    solved = ClosedForm().solve_arrays(scenes)
+    solved = formulas.solve_arrays(scenes)
     seconds_each = (perf_counter() - start) / max(len(scenes), 1)
 
     def build(item: SolvedScene) -> Result:

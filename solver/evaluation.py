@@ -86,7 +86,7 @@ def evaluate(
         The evaluation would take more memory or time than is allowed.
     """
     scene = load_scene(scene)
-    is_scenes_own, accuracy = accuracy is None, choose_accuracy(scene, accuracy)
+    is_of_scene, accuracy = accuracy is None, choose_accuracy(scene, accuracy)
     start = perf_counter()
     with use_limits(limits), start_clock():
         check_surface_names(scene)
@@ -102,7 +102,7 @@ def evaluate(
         result = _add_load_limits(result, scene, accuracy) if loads else result
         result = result if frequency is None else add_phase(result, scene, accuracy, frequency)
         record = build_provenance(scene, evaluator=evaluator, accuracy=accuracy)
-        notes = explain_error(scene, result) if is_scenes_own else ()
+        notes = explain_error(scene, result) if is_of_scene else ()
         result = replace(result, warnings=(*find_doubts(scene), *result.warnings, *notes))
         return replace(result, provenance=record, seconds=result.seconds if named else perf_counter() - start)
 

@@ -35,10 +35,10 @@ from geometry.scenes.film import Film
 from probe_design.built_probe.bench import Bench, Reference, ReferenceContact, ReferenceForce, Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import (
     BlockPredictions,
+    build_block_scene,
     compute_inner_fractions,
     express_by_outer_radius,
     predict_blocks,
-    predict_force_ratios,
     solve_block,
 )
 from probe_design.built_probe.calibration import fit_bonds
@@ -198,7 +198,7 @@ def measure(seed: int, *, as_drawn: bool = False) -> Outcome:
     estimated = estimate(scale_bonds(scene, gains.bonds.log_factor), (Reading(0.0, 0.0, ratio, sd_read),))
     low, high = estimated.interval
     is_explained = estimated.strength_interval != OPEN_INTERVAL  # open where no E_object agrees with the reading
-    force_logs = predict_force_ratios(built, bench.blocks[:1])
+    first_block = solve_block(build_block_scene(express_by_outer_radius(built), bench.blocks[0]))[0]
     log_reading = float(np.log(reading[0] / reading[1])) - log_forces
     return Outcome(
         sides=sides,
@@ -209,7 +209,7 @@ def measure(seed: int, *, as_drawn: bool = False) -> Outcome:
         sd_log_object=sd_read / abs(charges.log_sensitivity or np.nan),
         z_bonds=float((gains.bonds.log_factor - log_bonds) / np.sqrt(gains.covariance[4, 4])),
         by_pins=log_reading - float(np.log(films[0, 0] / films[1, 1])),
-        by_blocks=log_reading - float(np.log(films[2, 0] / films[2, 1]) - force_logs[0]),
+        by_blocks=log_reading - float(np.log(films[2, 0] / films[2, 1]) - _compute_log_forces(first_block)),
         p_value=gains.p_value,
     )
 

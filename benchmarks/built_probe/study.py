@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,6 @@ from probe_design.built_probe.block_predictions import (
     compute_inner_fractions,
     express_by_outer_radius,
     predict_blocks,
-    predict_force_ratios,
 )
 from probe_design.built_probe.gain_checks import estimate_consistent_gains
 from probe_design.built_probe.gains import GAIN_CHANGE_PER_KELVIN, Gains, Observation
@@ -163,6 +163,11 @@ class Study:
         return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
 
 
+def predict_logs(drawn: Drawn) -> Floats:
+    """Return ln(F_inner / F_outer) of a probe as built on each of its blocks of tissue, shape (blocks,)."""
+    return predict_blocks(drawn.probe, drawn.blocks, variables=(), limit_loads=False).log_ratios
+
+
 def iterate_outcomes(
     study: Study, count: int, names: tuple[str | None, ...], solved: SolvedProbes, explain: int = 0
 ) -> Iterator[ProbeOutcome]:
@@ -170,7 +175,7 @@ def iterate_outcomes(
     left = explain
     for seed in range(count):
         drawn = study.draw(seed, names[seed % len(names)])
-        logs = solved.get(seed, drawn.off, lambda drawn=drawn: predict_force_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
+        logs = solved.get(seed, drawn.off, partial(predict_logs, drawn))
         outcome = study.outcome(drawn, logs)
         if left and outcome.alarmed and not outcome.refused:
             left, outcome = left - 1, replace(outcome, named=study.is_named(drawn, logs))

@@ -243,13 +243,6 @@ def predict_blocks(
     )
 
 
-def predict_force_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
-    """Return ln(F_inner / F_outer) of the films' forces on the references that are tissue, shape (blocks,)."""
-    by_radius = express_by_outer_radius(scene)
-    scenes = [build_block_scene(by_radius, reference) for reference in references if reference.on == "tissue"]
-    return np.array([math.log(np.divide(*solve_block(item)[0].films[0].totals)) for item in scenes])
-
-
 def compute_inner_fractions(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
     """Return the inner film's fraction of the load on each reference, shape (n,).
 

@@ -104,24 +104,19 @@ def _list_lines(variable: DesignVariable, protocol: Protocol) -> list[int]:
     """Return the numbers of positions along a line, or along each side of a raster."""
     if variable == DesignVariable() or variable.fixed:
         return [len(protocol.positions)]
-    max_count = MAX_RASTER_LINES**2 if protocol.raster else MAX_POSITIONS
+    power, max_lines = (2, MAX_RASTER_LINES) if protocol.raster else (1, MAX_POSITIONS)
+    lines = {count**power: count for count in range(2, max_lines + 1)}  # by the number of presses
     given = variable.choices or (variable.low, variable.high)
     for number in given:
-        if number is None or number != int(number) or not 2 <= number <= max_count:
-            raise InputError("variables.presses", number, f"whole numbers from 2 to {max_count}, as bounds or choices")
+        if number is None or number != int(number) or not 2 <= number <= max_lines**power:
+            raise InputError("variables.presses", number, f"whole numbers from 2 to {max_lines**power}, as bounds or choices")
     if variable.choices:
-        lines = [math.isqrt(int(number)) if protocol.raster else int(number) for number in variable.choices]
-        for number, count in zip(variable.choices, lines, strict=True):
-            if protocol.raster and count**2 != number:
+        for number in variable.choices:
+            if number not in lines:
                 raise InputError("variables.presses", int(number), "squares, such as 9, 16 and 25, in a raster")
-        return lines
+        return [lines[int(number)] for number in variable.choices]
     low, high = (int(number or 0) for number in given)
-    if protocol.raster:
-        allowed = [
-            count for count in range(2, MAX_RASTER_LINES + 1) if low <= count**2 <= high and not count**2 % (variable.step or 1)
-        ]
-    else:
-        allowed = [count for count in range(low, high + 1) if not count % (variable.step or 1)]
+    allowed = [count for number, count in lines.items() if low <= number <= high and not number % (variable.step or 1)]
     if not allowed:
         raise InputError(
             "variables.presses", [low, high], "bounds with a number, in a raster a square, and a multiple of step between"

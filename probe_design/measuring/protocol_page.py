@@ -54,7 +54,7 @@ def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal
     limits = dict(zip(bench.blocks, predictions.list_reference_loads(), strict=True))
     load = scene.load.amplitude or min(limits.values(), default=DEFAULT_LOAD_N)
     limits |= {item: find_pin_load(scene, item) for item in bench.reference if item.on != "tissue"}
-    loads = [item.known_force or min(load, limits.get(item, load)) for item in bench.reference]
+    loads = [item.known_force or min(load, limits[item]) for item in bench.reference]
     pressed = predictions.apply_forces(loads, bench.reference, linear=False)
     sums = [math.exp(factor.log) for factor in pressed.load_factors] or [1.0] * len(loads)
     charge = compute_charge_unit(scene)

@@ -218,12 +218,13 @@ def compute_budget(
     _check_request(ratio, samples)
     scene = split_heights(express_by_outer_radius(scene))
     variables, evaluator_name = list_uncertain_numbers(scene, bench, materials, given), choose_evaluator(scene)
-    rule, is_loaded = build_load_rule(scene), False
-    if is_load_linear(scene, rule, LOAD_ACCURACY, promise=scene.target is not None):
-        result = add_load_warning(evaluator(evaluator_name).evaluate(scene, NOMINAL_ACCURACY), scene, LOAD_ACCURACY, rule)
-    else:
-        evaluator_name, is_loaded = ContactEvaluator.name, True
+    rule = build_load_rule(scene)
+    is_loaded = not is_load_linear(scene, rule, LOAD_ACCURACY, promise=scene.target is not None)
+    if is_loaded:
+        evaluator_name = ContactEvaluator.name
         result = ContactEvaluator().evaluate(scene, LOAD_ACCURACY)
+    else:
+        result = add_load_warning(evaluator(evaluator_name).evaluate(scene, NOMINAL_ACCURACY), scene, LOAD_ACCURACY, rule)
     read = result.reading
     if result.ratio is None or result.ratio <= 0 or read.ratio is None or read.ratio <= 0 or read.error is None:
         raise InputError("load", "ratio", "a scene whose films are both pressed")
@@ -237,7 +238,7 @@ def compute_budget(
         notes = (*notes, f"no samples: {reason}")
     load_errors: Floats | None = np.zeros(len(OUTPUT_NAMES))
     if is_loaded and statistics is not None:
-        load_errors = compute_load_errors(scene, variables, contributions, result, LOAD_ACCURACY)
+        load_errors = compute_load_errors(scene, variables, contributions, statistics, result, accuracy=LOAD_ACCURACY)
         if load_errors is None:
             text = "the error of the scatter is null: contact does not reach this load with a probe one sd of ln ratio off"
             notes = (*notes, text)

@@ -115,8 +115,7 @@ def _compute_growths(
     has_mesh = is_round(scene) and scene.load.preload == 0 and scene.target is not None
     pressed = scene if is_round(scene) else scene.model_copy(update={"inclusion": ()})
     paths = ContactEvaluator().load_scene(pressed, LOADED_ACCURACY)
-    with threadpool_limits(1, user_api="blas"):
-        added = compute_loaded_derivatives(paths, names, sensitive=has_mesh)
+    added = compute_loaded_derivatives(paths, names, sensitive=has_mesh)
     reads_charges = reads_film_states(scene)
     read = added.growths[:, 2:4] if reads_charges else added.growths[:, :2]
     ln_ratio = read[:, 0] - read[:, 1]

@@ -11,7 +11,7 @@ is the same quotient of first and second order along e alone. What ``contact`` a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,16 +20,15 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from probe_design.tolerancing.film_numbers import TAPE_COEFFICIENT_PER_K, list_shared_moduli, list_tape_moduli
-from probe_design.tolerancing.sample_statistics import COMPLEX_STEP, build_output_function
+from probe_design.tolerancing.sample_statistics import SampleStatistics, build_output_function
 from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.contact.evaluator import ContactEvaluator
 from solver.results.result import Result
 
 
-def build_probe(scene: Scene, variables: Sequence[UncertainNumber], eta: Floats) -> Scene:
-    """Return the scene of a built probe: standard normal numbers ``eta``, shape (v,); gains are not part of it."""
+def _build_probe(scene: Scene, variables: Sequence[UncertainNumber], drawn: Mapping[str, float]) -> Scene:
+    """Return the scene of a built probe, whose numbers ``drawn`` are given by name; gains are not part of it."""
     values, shared = list_values(scene), list_shared_moduli(scene)
-    drawn = {variable.name: float(variable.draw(number)) for variable, number in zip(variables, eta, strict=True)}
     new = {
         key: drawn[item.name] for item in variables for key in shared.get(item.name, (item.name,))
         if item.kind not in ("gain", "temperature")
@@ -46,18 +45,19 @@ def build_probe(scene: Scene, variables: Sequence[UncertainNumber], eta: Floats)
 
 
 def compute_built_outputs(scene: Scene, variables: Sequence[UncertainNumber], eta: Floats, accuracy: float) -> Floats:
-    """Return the four outputs of a built probe by ``contact``, shape (4,); see ``build_probe``.
+    """Return the four outputs of a built probe by ``contact``, shape (4,), at standard normal numbers ``eta``, shape (v,).
 
     Raises
     ------
     Refusal
         ``contact`` does not reach the load with this probe, or a film is not pressed.
     """
-    built = build_probe(scene, variables, eta)
-    return read_outputs(scene, built, ContactEvaluator().evaluate(built, accuracy), _list_log_gains(variables, eta))
+    drawn = {item.name: float(item.draw(number)) for item, number in zip(variables, eta, strict=True)}
+    built, log_gains = _build_probe(scene, variables, drawn), np.log([drawn.get(name, 1.0) for name in GAIN_NAMES])
+    return _read_outputs(scene, built, ContactEvaluator().evaluate(built, accuracy), log_gains)
 
 
-def read_outputs(drawn: Scene, built: Scene, result: Result, log_gains: Floats) -> Floats:
+def _read_outputs(drawn: Scene, built: Scene, result: Result, log_gains: Floats) -> Floats:
     """Return the four outputs of a result for a built probe; ``log_gains`` are those of both films, shape (2,)."""
     read, probe = result.reading, built.probe
     if read.ratio is None or read.ratio <= 0 or result.stiffness is None:
@@ -69,15 +69,10 @@ def read_outputs(drawn: Scene, built: Scene, result: Result, log_gains: Floats) 
     return np.array([ln_ratio, ln_ratio + areas, math.log(stiffness), read.log_sensitivity or 0.0])
 
 
-def _list_log_gains(variables: Sequence[UncertainNumber], eta: Floats) -> Floats:
-    """Return ln of both films' gains, shape (2,)."""
-    drawn = {item.name: float(item.draw(number)) for item, number in zip(variables, eta, strict=True)}
-    return np.log([drawn.get(name, 1.0) for name in GAIN_NAMES])
-
-
 def compute_load_errors(
-    scene: Scene, variables: Sequence[UncertainNumber], contributions: Floats, result: Result, accuracy: float
-) -> Floats | None:
+    scene: Scene, variables: Sequence[UncertainNumber], contributions: Floats, statistics: SampleStatistics, result: Result,
+    *, accuracy: float,
+) -> Floats | None:  # fmt: skip
     """Return by how much the load may change q of the four outputs, eq. TO.8, shape (4,); None where ``contact`` refuses.
 
     Parameters
@@ -88,6 +83,8 @@ def compute_load_errors(
         The v uncertain numbers.
     contributions
         a of eq. TO.4 under the load, shape (4, v).
+    statistics
+        Of samples of light loads.
     result
         Of the probe as drawn, by ``contact``.
     accuracy
@@ -97,16 +94,14 @@ def compute_load_errors(
     if size == 0:
         return np.zeros(len(contributions))
     direction = contributions[0] / size
-    evaluate_light = build_output_function(scene, variables)
-    light_sides = evaluate_light(np.column_stack([direction, -direction, 0 * direction])).T
-    light_contributions = evaluate_light(1j * COMPLEX_STEP * np.eye(len(direction))).imag / COMPLEX_STEP
+    light_sides = build_output_function(scene, variables)(np.column_stack([direction, -direction, 0 * direction])).T
     try:
         sides = [compute_built_outputs(scene, variables, side * direction, accuracy) for side in (1.0, -1.0)]
-        middle = read_outputs(scene, scene, result, np.zeros(2))
+        middle = _read_outputs(scene, scene, result, np.zeros(2))
     except InputError:
         return None
     loaded = _compute_quotients(contributions, direction, [*sides, middle])
-    return np.asarray(np.abs(loaded - _compute_quotients(light_contributions, direction, light_sides)))
+    return np.asarray(np.abs(loaded - _compute_quotients(statistics.derivatives, direction, light_sides)))
 
 
 def _compute_quotients(contributions: Floats, direction: Floats, values: Sequence[Floats]) -> Floats:

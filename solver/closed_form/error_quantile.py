@@ -143,12 +143,12 @@ def compute_features(shape: Shape, values: Floats, forces: Floats, derivatives: 
     See ``state_errors`` for the arguments.
     """
     inner_radius, gap, radius, inner_height, outer_height, _, _, tube_modulus, _ = values[: len(PROBE_PARAMETERS)]
-    depth, side, *own_material = values[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
+    depth, side, *last_material = values[len(PROBE_PARAMETERS) : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers, _ = split_parameters(shape, values)
     wall, none = radius - (inner_radius + gap), np.zeros(values.shape[1])
-    first_modulus, first_poisson = layers[0][1:] if len(layers) else own_material
+    first_modulus, first_poisson = layers[0][1:] if len(layers) else last_material
     softness = first_modulus / (1 - first_poisson**2) / tube_modulus * np.minimum(outer_height / wall, 1.0)
-    softest = np.minimum.reduce([own_material[0], *(layer[1] for layer in layers)])
+    softest = np.minimum.reduce([last_material[0], *(layer[1] for layer in layers)])
     totals = forces.sum(axis=2)
     features = {
         "soft tube": np.log(0.1 + softness / (1 + softness)),

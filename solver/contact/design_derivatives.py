@@ -28,6 +28,7 @@ from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.contact.states import Equilibrium, Linearised, PathPoint, State
 from solver.contact.tangent_outputs import STEP_RELATIVE as PRELOAD_STEP
+from solver.linalg.threads import limit_to_one_thread
 from solver.materials.hyperelastic import Hyperelastic
 
 Sides = tuple[ContactModel, ContactModel]  # for a number below and above its own value
@@ -133,28 +134,29 @@ def compute_loaded_derivatives(loaded: LoadedScene, names: Sequence[str], *, sen
     StoppedError
         No step converges up to the load.
     """
-    path, load = loaded.paths[0], loaded.scene.load
-    if load.indentation is not None:
-        pressed, fixed = [path.press_to_indentation(load.indentation)], "indentation"
-    else:
-        forces = [load.preload * (1 + side * PRELOAD_STEP) for side in (-1, 1)] if load.preload else [load.force or 0.0]
-        pressed, fixed = [path.press_to_force(force) for force in forces], "force"
-    points = [_Point.from_equilibrium(path.model, item) for item in (path.light, *(point.equilibrium for point in pressed))]
-    growths, by_force = np.zeros((len(names), len(points[0].outputs))), _combine(points[1:], [x.by_force for x in points[1:]])
-    sensitivities = np.zeros((len(names), len(by_force) // 2)) if sensitive else None
-    for row, name in enumerate(names):
-        value = list_values(loaded.scene)[name]
-        size = min(value, 0.5 - value) if name.endswith("poisson_ratio") else value
-        if size == 0:
-            continue
-        step = STEP_RELATIVE * size
-        sides = _change_model(loaded, {name: value - step}), _change_model(loaded, {name: value + step})
-        at_rest, *derivatives = (point.differentiate(sides, 2 * step, fixed) for point in points)
-        growths[row] = _combine(points[1:], derivatives) - at_rest
-        if sensitivities is not None:
-            step = SENSITIVITY_STEP_RELATIVE * size
+    path, load, values = loaded.paths[0], loaded.scene.load, list_values(loaded.scene)
+    with limit_to_one_thread():
+        if load.indentation is not None:
+            pressed, fixed = [path.press_to_indentation(load.indentation)], "indentation"
+        else:
+            forces = [load.preload * (1 + side * PRELOAD_STEP) for side in (-1, 1)] if load.preload else [load.force or 0.0]
+            pressed, fixed = [path.press_to_force(force) for force in forces], "force"
+        points = [_Point.from_equilibrium(path.model, item) for item in (path.light, *(point.equilibrium for point in pressed))]
+        growths, by_force = np.zeros((len(names), len(points[0].outputs))), _combine(points[1:], [x.by_force for x in points[1:]])
+        sensitivities = np.zeros((len(names), len(by_force) // 2)) if sensitive else None
+        for row, name in enumerate(names):
+            value = values[name]
+            size = min(value, 0.5 - value) if name.endswith("poisson_ratio") else value
+            if size == 0:
+                continue
+            step = STEP_RELATIVE * size
             sides = _change_model(loaded, {name: value - step}), _change_model(loaded, {name: value + step})
-            sensitivities[row] = _differentiate_sensitivities(path, pressed[0].force, points[1], sides, fixed) / (2 * step)
+            at_rest, *derivatives = (point.differentiate(sides, 2 * step, fixed) for point in points)
+            growths[row] = _combine(points[1:], derivatives) - at_rest
+            if sensitivities is not None:
+                step = SENSITIVITY_STEP_RELATIVE * size
+                sides = _change_model(loaded, {name: value - step}), _change_model(loaded, {name: value + step})
+                sensitivities[row] = _differentiate_sensitivities(path, pressed[0].force, points[1], sides, fixed) / (2 * step)
     is_ratio = load.preload > 0
     return LoadedDerivatives(
         growths[:, :-1], np.zeros_like(by_force) if is_ratio else by_force - 1, growths[:, -1], sensitivities
@@ -175,13 +177,13 @@ def _differentiate_sensitivities(path: Path, force: float, point: _Point, sides:
     ``force`` is that at the point of the path, N, and ``point`` the equilibrium there.
     """
     nearby = [path.press_to_force(force * (1 + side * PRELOAD_STEP)) for side in (-1, 1)]
-    slopes = np.subtract(*map(_list_sensitivities, nearby[::-1])) / math.log(nearby[1].force / nearby[0].force)
+    by_log_force = np.subtract(*map(_list_sensitivities, nearby[::-1])) / math.log(nearby[1].force / nearby[0].force)
     added = []
     for side in sides:
         changed = Path(side, sensitive=True)
         moved = changed.seed(point.state)
         heavier = math.log(moved.force / point.force) if fixed == "force" else 0.0
-        added.append(_list_sensitivities(moved) - _list_sensitivities(changed.points[0]) - slopes * heavier)
+        added.append(_list_sensitivities(moved) - _list_sensitivities(changed.points[0]) - by_log_force * heavier)
     return np.asarray(added[1] - added[0])
 
 

@@ -23,21 +23,11 @@ def build_cube_points(counts: tuple[int, int, int]) -> Floats:
 def evaluate_cube_basis(points: Floats, degrees: Ints) -> Floats:
     """Return products of Chebyshev polynomials of p degrees, shape (p, 3), at points of the cube, shape (n, 3); shape (n, p)."""
     # polynomials in rows: whole rows are copied, not elements
-    rows = [_list_polynomials(points[:, axis], int(degrees[:, axis].max())) for axis in range(3)]
+    rows = [chebyshev.chebvander(points[:, axis], int(degrees[:, axis].max())).T for axis in range(3)]
     product = rows[0].take(degrees[:, 0], axis=0)
     for axis in (1, 2):
         product *= rows[axis].take(degrees[:, axis], axis=0)
-    return product.T
-
-
-def _list_polynomials(x: Floats, degree: int) -> Floats:
-    """Return Chebyshev polynomials up to a degree at x, shape (degree + 1, n), by their recurrence."""
-    rows = np.ones((degree + 1, len(x)))
-    if degree:
-        rows[1] = x
-    for k in range(2, degree + 1):
-        rows[k] = 2 * x * rows[k - 1] - rows[k - 2]
-    return rows
+    return np.asarray(product.T)
 
 
 @dataclass(frozen=True)

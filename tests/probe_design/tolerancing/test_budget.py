@@ -294,7 +294,7 @@ def press(x: float = 0.0) -> Scene:
 @pytest.mark.slow
 @pytest.mark.parametrize("x", [0.0, 4e-3])
 def test_derivatives_under_load_are_those_of_contact(x: float) -> None:
-    """Central differences of ``evaluate``, of built probes by ``build_probe``; a light load's differ by up to a fifth of S."""
+    """Central differences of ``evaluate``, of built probes; a light load's differ by up to a fifth of S."""
     scene = press(x)
     names = ("probe.inner_radius", "probe.outer_radius", "probe.outer.youngs_modulus", "film.inner.gain")
     variables = [item for item in list_uncertain_numbers(scene) if item.name in names]
