@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit
+from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
@@ -24,7 +25,6 @@ from solver.contact.design_derivatives import LoadedDerivatives, compute_loaded_
 from solver.contact.evaluator import ContactEvaluator, press_refined
 from solver.contact.loaded_scene import LoadedScene
 from solver.contact.states import StoppedError
-from solver.linalg.threads import limit_to_one_thread
 from solver.planning.load_limits import find_largest_load
 from solver.planning.loads import LoadRule
 from solver.results.film_charges import reads_film_states
@@ -66,7 +66,7 @@ class PressedReference:
         entry, evaluator = ("load", Words(f"{force:.3g} N on the {name}")), ContactEvaluator()
         load = scene.load if scene.load.preload else Load(force=force)
         try:
-            with limit_to_one_thread():
+            with threadpool_limits(1, user_api="blas"):
                 at_rest = evaluator.prepare_scene(scene.model_copy(update={"load": load}), CONTACT_ACCURACY)
                 light = at_rest.linear.films[0]
                 enough = choose_read(light, scene).bound.log_ratio + ENOUGH_LOG_RATIO_ERROR

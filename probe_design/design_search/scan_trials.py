@@ -27,7 +27,7 @@ from probe_design.locating.scan_data import ScanConditions, ScanData
 from probe_design.populations.design_file import Design
 from probe_design.populations.objective import Kind, Objective
 from probe_design.populations.population import TumourDraw
-from probe_design.populations.several_loads import list_loaded_scenes
+from probe_design.populations.several_loads import limit_loads
 
 SEED = 39  # of noise and samples, the same for every design, so that the differences between designs are more exact
 SETS = 512  # equally probable sets of a posterior, over which ln L is averaged: its standard error is 0.07 nats
@@ -79,10 +79,8 @@ class ScanTrials:
         Refusal
             The evaluator cannot model the scene or its load, or hardly any tumour fits the middle tissue.
         """
-        forces = (
-            tuple(item.load.force or 0.0 for item in list_loaded_scenes(scene, design.protocol)) if design.protocol.loads else ()
-        )
-        protocol = design.protocol.model_copy(update={"loads": forces})
+        forces = limit_loads(design.protocol, np.inf if scene.load.force is None else scene.load.force)
+        protocol = design.protocol.model_copy(update={"loads": tuple(forces)})
         bench = _Bench.from_design(design.model_copy(update={"scene": scene, "protocol": protocol}))
         tumours = np.stack([draw.x, draw.y, draw.depth, draw.diameter, draw.youngs_modulus], axis=-1)
         fitting = np.flatnonzero(bench.prior.find_allowed(tumours[:, None]))
