@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
-
-import numpy as np
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.bonds import BOND_SIDES, find_bond
@@ -17,12 +14,11 @@ from geometry.scenes.film import Film
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
+from probe_design.design_search.variables import list_lengths
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
 
 FILM_KEYS = ("thickness", "youngs_modulus", "d31", "d33")  # of a catalogue film; the scene's other numbers stay
-VALUES_BETWEEN_BOUNDS = 5  # thicknesses between bounds without a step, evenly spaced in their logarithm, the bounds among them
-MAX_THICKNESSES = 50
 EXCLUSIVE_KEYS = (("film", "film_thickness"), ("bond", *BOND_SIDES), ("bond_thickness", "bond", *BOND_SIDES))
 
 
@@ -84,20 +80,7 @@ def _list_values(name: str, variable: DesignVariable | tuple[str, ...]) -> tuple
     """Return the names or thicknesses, m, that a variable allows; none where the scene's own stays."""
     if isinstance(variable, tuple):
         return tuple(dict.fromkeys(variable))
-    if variable.choices:
-        return variable.choices
-    if variable.low is None or variable.high is None:
-        if variable.step is not None:
-            raise InputError(f"variables.{name}", Words("a step without bounds"), "bounds beside step, or choices")
-        return ()
-    if variable.step is None:
-        return tuple(np.geomspace(variable.low, variable.high, VALUES_BETWEEN_BOUNDS).tolist())
-    first, last = math.ceil(variable.low / variable.step - 1e-9), math.floor(variable.high / variable.step + 1e-9)
-    if not 0 <= last - first < MAX_THICKNESSES:
-        allowed = f"a step with 1 to {MAX_THICKNESSES} multiples between the bounds"
-        raise InputError(f"variables.{name}.step", LENGTH_QUANTITY.format_value(variable.step), allowed)
-    # 12 digits: 3 * 0.1 gives 0.3, not 0.30000000000000004
-    return tuple(float(f"{n * variable.step:.12g}") for n in range(first, last + 1))
+    return list_lengths(name, variable)
 
 
 def _build_choice(tables: Mapping[str, Any], values: Mapping[str, Any]) -> FilmChoice:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +9,11 @@ import numpy as np
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from probe_design.design_search.variables import VALUES_BETWEEN_BOUNDS, list_lengths
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
 from probe_design.populations.tables import MAX_POSITIONS, MAX_RASTER_LINES, Protocol
 
-VALUES_BETWEEN_BOUNDS = 5  # numbers and pitches between bounds without a step, evenly spaced, pitches in their logarithm
-MAX_VALUES = 50
-ROUNDING_RELATIVE = 1e-9
 PITCH_DIGITS_M = 5  # decimals of a pitch in m: a hundredth of a millimetre
 
 
@@ -126,26 +122,15 @@ def _list_lines(variable: DesignVariable, protocol: Protocol) -> list[int]:
     return allowed
 
 
-def _list_pitches(variable: DesignVariable, protocol: Protocol, lines: int) -> Iterator[float]:
-    """Yield the distances between neighbouring positions, m."""
+def _list_pitches(variable: DesignVariable, protocol: Protocol, lines: int) -> tuple[float, ...]:
+    """Return the distances between neighbouring positions, m."""
     if variable.fixed:
-        yield compute_pitch(protocol)
-    elif variable.choices:
-        yield from variable.choices
-    elif variable.low is None or variable.high is None:
-        if variable.step is not None:
-            raise InputError("variables.pitch", Words("a step without bounds"), "bounds beside step, or choices")
-        yield round(float(np.ptp(protocol.places)) / (lines - 1), PITCH_DIGITS_M)
-    elif variable.step is None:
-        pitches = np.geomspace(variable.low, variable.high, VALUES_BETWEEN_BOUNDS)
-        yield from np.round(pitches, PITCH_DIGITS_M).tolist()
-    else:
-        first = math.ceil(variable.low / variable.step - ROUNDING_RELATIVE)
-        last = math.floor(variable.high / variable.step + ROUNDING_RELATIVE)
-        if not 0 <= last - first < MAX_VALUES:
-            allowed = f"a step with 1 to {MAX_VALUES} multiples between the bounds"
-            raise InputError("variables.pitch.step", format_mm(variable.step), allowed)
-        yield from (float(f"{number * variable.step:.12g}") for number in range(first, last + 1))
+        return (compute_pitch(protocol),)
+    pitches = list_lengths("pitch", variable)
+    if not pitches:
+        return (round(float(np.ptp(protocol.places)) / (lines - 1), PITCH_DIGITS_M),)
+    is_exact = variable.choices or variable.step is not None
+    return pitches if is_exact else tuple(np.round(pitches, PITCH_DIGITS_M).tolist())
 
 
 def _is_on_tissue(protocol: Protocol, scene: Scene, outer_radius: float) -> bool:

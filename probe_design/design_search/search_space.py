@@ -32,8 +32,8 @@ from probe_design.design_search.variables import (
     VARIABLES,
     Limit,
     ProbeSizes,
-    format_variable,
     has_separate_heights,
+    list_multiples,
     read_vector,
 )
 from probe_design.populations.design_file import Design
@@ -339,18 +339,7 @@ def _find_bounds(
     if variable.choices:
         return variable.choices[0], variable.choices[-1], variable.choices
     low, high = (low if variable.low is None else variable.low), (high if variable.high is None else variable.high)
-    return low, high, () if variable.step is None else _list_steps(name, variable.step, low, high)
-
-
-def _list_steps(name: str, step: float, low: float, high: float) -> tuple[float, ...]:
-    """Return the multiples of a step that lie between the bounds, themselves included; refuse none or too many."""
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    if last - first >= MAX_STEPS or last < first:
-        requirement = f"wide enough for at most {MAX_STEPS} values" if last >= first else "with a multiple between the bounds"
-        ends = f"{format_variable(name, low)} to {format_variable(name, high)}"
-        raise InputError(f"variables.{name}.step", format_variable(name, step), f"a step {requirement} of {ends}")
-    # 12 digits: 3 * 0.1 gives 0.3, not 0.30000000000000004
-    return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
+    return low, high, () if variable.step is None else list_multiples(name, variable.step, low, high, MAX_STEPS)
 
 
 def _limit_height(

@@ -14,14 +14,18 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats, Numeric
+from geometry.common.errors import InputError, Words
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MODULUS_QUANTITY
+from probe_design.populations.entries import DesignVariable
 
 MIN_RADIUS_M = 0.5e-3  # m: thinner cylinders of elastomer, and thinner sleeves, are not handled well
 GAP_BOUNDS_M = (0.1e-3, 0.5e-3)  # m: narrower ones fill with glue, the paper found wider ones "less robust"
 HEIGHT_BOUNDS_M = (1e-3, 20e-3)  # m: the thinnest sheet that is cut, the tallest block that stands
 MODULUS_BOUNDS_PA = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as stiff as the paper's base, which counts as rigid
+VALUES_BETWEEN_BOUNDS = 5  # of what is tried one by one, between bounds without a step: evenly spaced, lengths in their logarithm
+MAX_LENGTHS = 50  # of what is tried one by one
 
 
 @dataclass(frozen=True)
@@ -181,3 +185,27 @@ def format_variable(name: str, value: float) -> Any:
     if name == "area_ratio":
         return f"{value:g}"
     return (MODULUS_QUANTITY if name in MODULUS_NAMES else LENGTH_QUANTITY).format_value(value)
+
+
+def list_lengths(name: str, variable: DesignVariable) -> tuple[float, ...]:
+    """Return the lengths, m, of a variable whose values are tried one by one; none where the design file's own stays."""
+    if variable.choices:
+        return variable.choices
+    if variable.low is None or variable.high is None:
+        if variable.step is not None:
+            raise InputError(f"variables.{name}", Words("a step without bounds"), "bounds beside step, or choices")
+        return ()
+    if variable.step is None:
+        return tuple(np.geomspace(variable.low, variable.high, VALUES_BETWEEN_BOUNDS).tolist())
+    return list_multiples(name, variable.step, variable.low, variable.high, MAX_LENGTHS)
+
+
+def list_multiples(name: str, step: float, low: float, high: float, max_count: int) -> tuple[float, ...]:
+    """Return the multiples of a step that lie between the bounds, themselves included; refuse none or too many."""
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    if last - first >= max_count or last < first:
+        requirement = f"wide enough for at most {max_count} values" if last >= first else "with a multiple between the bounds"
+        ends = f"{format_variable(name, low)} to {format_variable(name, high)}"
+        raise InputError(f"variables.{name}.step", format_variable(name, step), f"a step {requirement} of {ends}")
+    # 12 digits: 3 * 0.1 gives 0.3, not 0.30000000000000004
+    return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
