@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.locating.forward_model import SCENE_TABLES, compute_truth
 from benchmarks.locating.scans import COMMON, NARROW
+from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from probe_design.design_search.scan_choices import list_scan_choices
 from probe_design.design_search.scan_trials import ScanTrials
@@ -28,14 +29,13 @@ def make_design(**tables: Any) -> Design:
 
 @pytest.mark.slow
 def test_the_place_error_of_trials_is_that_of_scans_that_locate_explains() -> None:
-    """Other tumours than those of the trials, read with reflections, with a baseline reading and a gain."""
+    """The same tumours, but read with reflections, with a gain, a baseline reading and noise of their own."""
     count, rng = 24, np.random.default_rng(3)
-    design = make_design(population=NARROW | COMMON | {"samples": 32})
-    population = ScenePopulation.from_scene(design.scene, design.population)
-    trials = ScanTrials.from_design(design, design.scene, population.draw_tumours(unseen=True))
-    stated, error = (float(number) for number in trials.as_dict()["place_error"])
+    design = make_design()
+    draw = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(count)
+    trials = ScanTrials.from_design(design, design.scene, draw)
     blank, places = ScanConditions.from_design(design).loads.main.logarithms[0], design.protocol.list_places(0.0)
-    draw, sds, distances = population.draw_tumours(count), list[float](), list[float]()
+    sds, distances = list[float](), list[float]()
     for number in range(count):
         tumour = np.array([getattr(draw, key)[number] for key in ("x", "y", "depth", "diameter", "youngs_modulus")])
         signals = np.append(compute_truth(tumour[None, None], places)[0, :, 0], 0.0)
@@ -46,14 +46,18 @@ def test_the_place_error_of_trials_is_that_of_scans_that_locate_explains() -> No
                 [*places.tolist(), (30e-3, 0.0)], ratios.tolist(), [False] * len(places) + [True], strict=True
             )
         )
-        found = run_locate(design, scan, 0.0, number, advise=False).by_number[0].sets[:, 0, :2]
-        sds.append(float(np.sqrt(found.var(axis=0).sum())))
-        distances.append(float(np.linalg.norm(found.mean(axis=0) - tumour[:2])))
-    scatter = np.std(sds, ddof=1) / np.sqrt(count)
-    assert np.mean(sds) == pytest.approx(stated, abs=2 * np.hypot(error, scatter))
-    squares = np.square(distances)
-    expected = np.mean(trials.values["place_error"] ** 2)
-    assert squares.mean() == pytest.approx(expected, abs=2.5 * np.hypot(squares.std() / np.sqrt(count), 2 * stated * error))
+        posterior = run_locate(design, scan, 0.0, number, advise=False).by_number[0].sets[:, 0, :2]
+        sds.append(float(np.sqrt(posterior.var(axis=0).sum())))
+        distances.append(float(np.linalg.norm(posterior.mean(axis=0) - tumour[:2])))
+    check_mean(np.array(sds) - trials.values["place_error"], 0.0)
+    # of tumours drawn from the prior, the squared distance from the posterior's mean is its variance on average
+    check_mean((np.array(distances) / sds) ** 2, 1.0)
+    check_mean((trials.distances / trials.values["place_error"]) ** 2, 1.0)
+
+
+def check_mean(values: Floats, expected: float) -> None:
+    """Check the mean of independent values by their own scatter."""
+    assert values.mean() == pytest.approx(expected, abs=2.5 * values.std(ddof=1) / np.sqrt(len(values)))
 
 
 def test_scans_are_squares_at_every_pitch_within_the_limit_and_on_the_tissue() -> None:

@@ -83,9 +83,10 @@ def test_readings_at_three_forces_add_up_and_between_two_loads_are_interpolated(
     readings = [reading for depth in (0.1, 0.2, 0.3) for reading in list_readings(depth, 0.01)]
     single, several = (run_locate(design, tuple(part), 0.0, 0, advise=False) for part in (list_readings(DEPTH, 0.01), readings))
     check_truth(several)
-    for name in ("x", "y", "depth", "diameter"):
+    # noise alone gives 1 / sqrt(3) = 0.58, of two of the three loads 0.71; errors common to the readings give 1
+    for name, limit in {"x": 0.66, "y": 0.66, "depth": 0.9, "diameter": 0.9}.items():
         narrow, wide = (np.ptp(part.tumours[0].quantities[name].interval_90) for part in (several, single))
-        assert narrow < 0.9 * wide, name  # noise alone would give 1 / sqrt(3), errors that are common to the readings give 1
+        assert 0.5 * wide < narrow < limit * wide, name
     # what lies between is known less well than what is on a load, by an eighth of what the load changes
     (weights,), (spreads,) = ScanLoads.from_scene(scene, (lightest,)).weigh([0.0966])
     assert weights == pytest.approx([0.5, 0.5], abs=0.01)
