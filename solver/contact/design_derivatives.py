@@ -23,7 +23,7 @@ from geometry.common.arrays import Floats
 from geometry.meridian.section import Body
 from geometry.scenes.variables import list_values
 from solver.axisymmetric.sections import add_details, build_sections
-from solver.contact.loaded_scene import LoadedScene, truncate_section
+from solver.contact.loaded_scene import LoadedScene, truncate_half_space
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.contact.states import Equilibrium, Linearised, PathPoint, State
@@ -198,7 +198,7 @@ def _change_model(loaded: LoadedScene, values: dict[str, float]) -> ContactModel
     sections, faces = build_sections(scene), scene.contact
     if loaded.linear.sample.states.model.section.has_details:
         sections = add_details(scene, sections)
-    section = truncate_section(sections.section) if scene.tissue.shape == "half-space" else sections.section
+    section = truncate_half_space(scene, sections.section)
     changed = ContactModel.from_section(
         section, model.materials, faces.interface, model.mesh.layout.fineness, faces.friction,
         dense=loaded.dense, films=sections.films, mesh=model.mesh,

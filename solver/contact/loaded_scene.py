@@ -326,7 +326,7 @@ def build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dens
     """Build the load path, on a mesh of the given fineness, of the section that the linear solution used."""
     rest_model = linear.sample.states.model
     inclusion = {Body.INCLUSION: scene.inclusion[0]} if scene.inclusion else {}
-    section = rest_model.section if scene.tissue.shape != "half-space" else truncate_section(rest_model.section)
+    section = truncate_half_space(scene, rest_model.section)
     faces, spring = scene.contact, SPRING_SHARES[fineness.order]
     model = ContactModel.from_section(
         section,
@@ -356,8 +356,10 @@ def _tie_faces(scene: Scene) -> Scene:
     return scene.model_copy(update={"contact": faces.model_copy(update={"interface": "frictionless", "friction": 0.0})})
 
 
-def truncate_section(section: Section) -> Section:
-    """Cut a half-space's section where strains are negligible; the linear correction at rest removes the effect of the cut."""
+def truncate_half_space(scene: Scene, section: Section) -> Section:
+    """Return a scene's section, a half-space's cut where strains are negligible: the linear correction removes the effect."""
+    if scene.tissue.shape != "half-space":
+        return section
     scale = HALF_SPACE_EXTENT_RELATIVE / HALF_SPACE_SIZES
     return replace(section, tissue_radius=scale * section.tissue_radius, tissue_depth=scale * section.tissue_depth)
 

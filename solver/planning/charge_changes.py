@@ -60,11 +60,11 @@ def compute_charge_factor(scene: Scene, rule: LoadRule) -> float:
     """
     if not has_soft_bond(scene):
         return 1.0
-    from solver.contact.loaded_scene import truncate_section
+    from solver.contact.loaded_scene import truncate_half_space
     from solver.contact.model import ContactModel
 
     sections = add_details(scene, build_sections(scene))
-    section = truncate_section(sections.section) if scene.tissue.shape == "half-space" else sections.section
+    section = truncate_half_space(scene, sections.section)
     indentation = TESTED_X / rule.strain
     try:
         model = ContactModel.from_section(
