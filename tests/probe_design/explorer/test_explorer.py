@@ -17,7 +17,7 @@ from zipfile import ZipFile
 import pytest
 
 from geometry.scenes.scene_file import read_scene
-from probe_design import evaluate, optimize
+from probe_design import Scene, evaluate, optimize
 from probe_design.explorer.session import Session
 from probe_design.explorer.variables import get_value
 from tests.support.explorer import PATIENCE_MS, kill_worker, open_browser, serve_pages
@@ -49,6 +49,17 @@ def open_page(browser: sync_api.Browser, address: str) -> sync_api.Page:
 
 def wait_for_ratio(page: sync_api.Page, ratio: float) -> None:
     page.wait_for_function(f"() => Number(document.querySelector('[data-output=ratio]')?.dataset.value) === {ratio!r}")
+
+
+def wait_for_design(page: sync_api.Page, scene: Scene, label: str, key: str) -> None:
+    """Wait until the page shows the ratio of a scene with the typed value of a slider: a drag is drawn in several steps."""
+    for _ in range(PATIENCE_MS // 100):
+        design = scene.replace({key: page.get_by_label(f"{label}, value").input_value()})
+        shown = page.locator("[data-output=ratio]").get_attribute("data-value") or "nan"
+        if float(shown) == evaluate(design, evaluator="closed-form").ratio:
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(f"the page never shows the ratio of {key} as typed")
 
 
 def drag_slider(page: sync_api.Page, label: str, fraction: float) -> None:
@@ -184,8 +195,7 @@ def test_a_better_design_by_hand(address: str, browser: sync_api.Browser, tmp_pa
     assert page.get_by_label("gap, value").input_value() == "0.5 mm"
     drag_slider(page, "area ratio A2/A1", 0.2)
     page.wait_for_function("() => document.querySelector('[data-output=log_sensitivity]').dataset.value > 0.06")
-    design = wider.replace({"probe.area_ratio": float(page.get_by_label("area ratio A2/A1, value").input_value())})
-    wait_for_ratio(page, evaluate(design, evaluator="closed-form").ratio)
+    wait_for_design(page, wider, "area ratio A2/A1", "probe.area_ratio")
     page.get_by_label("evaluator").click()
     page.get_by_role("option", name="axisymmetric").click()
     page.get_by_role("button", name="Check").click()
