@@ -64,6 +64,7 @@ def test_without_a_film_there_are_no_charges_and_no_word_of_them() -> None:
     assert list_reading_lines(result) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observable", ["charge", "stress"])
 def test_curves_read_what_the_key_says(observable: str) -> None:
     scene = build({"bond_to_base": TAPE, "bond_to_block": TAPE}, observable)

@@ -55,6 +55,7 @@ def run_json(*words: str | Path) -> dict[str, Any]:
     return {key: output[key] for key in KEYS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", scenes())
 def test_every_command_says_the_same(name: str, tmp_path: Path) -> None:
     scene, path = scenes()[name], tmp_path / "scene.toml"
@@ -77,6 +78,7 @@ def test_a_groove_changes_nothing(tmp_path: Path) -> None:
     assert run_json("plan", path) == run_json("evaluate", path, "--evaluator", "axisymmetric")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["on the axis", "off the axis", "soft blocks"])
 def test_an_optimisation_presses_as_far_as_the_ratio_holds_to_one_percent(name: str) -> None:
     scene = scenes()[name].model_copy(update={"load": Load(force=10.0)})

@@ -173,6 +173,7 @@ def test_help_lists_each_command_in_one_line_of_80_columns_below_its_group(monke
         assert " " in name or f"  {name:13}  {entry.summary}" in lines
 
 
+@pytest.mark.slow
 def test_quiet_leaves_results_and_warnings(tmp_path: Any) -> None:
     words = ("sweep", SCENE.parent / "sweep.toml", "--workers", "1")
     noisy, quiet = (started(*words, "-o", tmp_path / str(k), *options) for k, options in enumerate(((), ("--quiet",))))

@@ -102,6 +102,7 @@ def test_survey_under_two_loads_locates_the_hidden_tumour(place: Path) -> None:
     assert results[0] == pytest.approx(results[1], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [

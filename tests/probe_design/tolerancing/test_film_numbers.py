@@ -21,7 +21,6 @@ from probe_design.tolerancing.uncertain_numbers import list_uncertain_numbers
 from probe_design.workshop.ratio_budget import build_budget
 from solver import evaluate
 from tests.support.paths import EXAMPLES
-from tests.support.slow import slow_unless
 
 TAPE, GLUE = "tape-50um", {"thickness": 20e-6, "youngs_modulus": 1e9, "poisson_ratio": 0.4}
 FILM = {"bond_to_base": TAPE, "bond_to_block": TAPE, "electrode_inset": 2e-4}
@@ -50,7 +49,8 @@ def read(changes: dict[str, float]) -> np.ndarray:
 MOVED = ("probe.film.thickness", "probe.film.electrode_inset", "probe.film.bond_to_base.thickness", "probe.outer.youngs_modulus")
 
 
-@pytest.mark.parametrize("name", slow_unless("probe.film.thickness".__eq__, MOVED))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOVED)
 def test_derivatives_are_those_of_results(name: str) -> None:
     """Central differences of ``evaluate`` at 3 % of the number."""
     value = list_values(build(FILM))[name]
@@ -106,6 +106,7 @@ def test_samples_are_of_the_closed_form_s_charges(name: str) -> None:
     assert statistics.derivatives[0, index] == pytest.approx(log_sd * math.log(high / low) / (2 * step), rel=1e-4, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_measured_bonds_and_glue_deviate_on_their_own() -> None:
     film = {"bond_to_base": {"name": TAPE, "youngs_modulus": 4e5}, "bond_to_block": GLUE}
     lines = {line.name: line for line in compute_budget(build(film), samples=64).lines}

@@ -219,6 +219,7 @@ def test_beyond_linear_elasticity_contact_is_compared(monkeypatch: pytest.Monkey
     assert all(reason.startswith("linear elasticity: up to 0.0") for reason in reasons)
 
 
+@pytest.mark.slow
 def test_files_and_one_json_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("probe_design.tradeoffs.timing.MAX_REPEATS", 1)
     ended = run("tradeoff", SCENE, "-o", tmp_path / "out", "--json")

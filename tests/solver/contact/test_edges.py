@@ -55,6 +55,7 @@ def test_edges_close_under_load_and_store_the_work_that_is_done() -> None:
     assert 0 < float(contact_places.max()) < 1e-3  # tissue lies on a part of the arc, not on the wall above it
 
 
+@pytest.mark.slow
 def test_frictionless_faces_end_where_round_edges_begin() -> None:
     """Less of the faces is held: the probe is softer than with sharp edges, and stiffens as the edges close."""
     sharp, rounded = (SHARP.model_copy(update={"contact": Contact(interface="frictionless", edge_radius=r)}) for r in (0.0, 2e-4))

@@ -102,6 +102,7 @@ def _integrate_side(model: ContactModel, values: np.ndarray, corners: np.ndarray
     return 0.0
 
 
+@pytest.mark.slow
 def test_without_lateral_charge_films_measure_forces_at_any_load() -> None:
     """With d31 = d32 = 0 the charge is d33 times the force on the film, also where the gap's walls press on each other."""
     scene = build(TAPES, 0.01).replace({"probe.film.d31": 0.0, "probe.film.d32": 0.0, "probe.gap": 3e-6})
@@ -123,7 +124,8 @@ def test_tangents_are_difference_quotients() -> None:
     np.testing.assert_allclose(get_charges(middle).tangent, quotient, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", slow_unless({SHALLOW}.__contains__, (SHALLOW, TAPES)))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [SHALLOW, TAPES])
 def test_log_sensitivity_of_charges_is_the_derivative_at_one_force(name: str) -> None:
     scene, step = build(name, 0.08), 0.02
     films = ContactEvaluator().solve(scene, 1e-2).films[0]
@@ -165,6 +167,7 @@ def test_moduli_of_one_curve_are_those_of_their_points() -> None:
         assert point.charges.log_sensitivity == pytest.approx(alone.charges.log_sensitivity, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observable", ["charge", "stress"])
 def test_load_curves_hold_charges_and_limits_of_what_is_read(observable: str) -> None:
     scene = build(TAPES, 0.01).replace({"reading.observable": observable})

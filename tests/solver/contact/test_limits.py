@@ -113,6 +113,7 @@ def test_a_load_far_beyond_all_is_refused_by_what_was_asked() -> None:
         press(EXAMPLE, force=1e6, points=1)
 
 
+@pytest.mark.slow
 def test_next_to_no_load_is_the_load_that_was_asked_for() -> None:
     result = press(EXAMPLE, force=1e-9, points=1)
     assert result.force == pytest.approx((1e-9,), rel=1e-6)

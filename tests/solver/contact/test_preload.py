@@ -88,6 +88,7 @@ def test_off_the_axis_it_is_as_on_it() -> None:
     assert beside.stress_inner * AREAS[0] + beside.stress_outer * AREAS[1] == pytest.approx(0.02, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_scan_about_a_preload_of_a_hand_is_by_contact() -> None:
     scanned = scan(preloaded(0.08, 0.1), positions=[4e-3])
     single = evaluate(preloaded(0.08, 0.1, EXAMPLE.replace({"inclusion.x": 4e-3})), "contact")

@@ -158,6 +158,7 @@ def test_many_sets_are_what_each_is_alone() -> None:
         assert together.log_sensitivity[k] == pytest.approx(alone.log_sensitivity[0], rel=5e-3, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_bounds_to_first_order_hold_against_reflections() -> None:
     base, depths = solve(), np.array([[0.0085], [0.012], [0.02]])
     same = np.ones((3, 1))

@@ -120,6 +120,7 @@ def test_derivatives_of_charges_are_the_limit_of_differences(name: str) -> None:
         assert computed.derivatives[key][0, 0] * value == pytest.approx(difference * value, abs=1e-6 * abs(size[0]))
 
 
+@pytest.mark.slow
 def test_charges_and_derivatives_on_the_axis_are_those_of_finite_elements() -> None:
     """The tumour is weak, so that its reflections do not matter, and the axisymmetric mesh has it inside."""
     scene = build_taped().replace({"inclusion.x": 0.0, "inclusion.depth": 0.02, "inclusion.youngs_modulus": 6.6e3})

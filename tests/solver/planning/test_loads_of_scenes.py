@@ -45,6 +45,7 @@ BESIDE = SCENE.model_copy(update={"inclusion": (SCENE.inclusion[0].model_copy(up
 
 
 class TestAuto:
+    @pytest.mark.slow
     def test_refuses_with_a_load_that_it_then_answers(self) -> None:
         """With the tumour off the probe's axis, where ``contact`` presses less deep."""
         with pytest.raises(Refusal, match=r"load.force = 0.3 N: allowed: up to 0.2\d+ N .*--linear") as refused:
@@ -74,6 +75,7 @@ class TestAuto:
         assert result.stress_inner == 0
         assert result.ratio == pytest.approx(0.56295, rel=0.01)
 
+    @pytest.mark.slow
     def test_the_promise_on_log_sensitivity_counts(self) -> None:
         bare = SCENE.model_copy(update={"inclusion": ()})
         limits = [plan(scene).linear_limit_load for scene in (SCENE, bare)]

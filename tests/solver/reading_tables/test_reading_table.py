@@ -131,6 +131,7 @@ def test_narrow_tissue_and_deep_tumours_are_refused(folder):
         read_or_build_table(SCENE, TumourRanges((10e-3, 58e-3), (8e-3, 8e-3), (25e3, 25e3)))
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_built_again(folder):
     ranges = TumourRanges((10e-3, 10e-3), (8e-3, 8e-3), (25e3, 25e3))
     before = set(folder.iterdir())

@@ -27,6 +27,7 @@ def in_round_tissue(radius):
     return evaluator("axisymmetric").evaluate(scene, 0.001)
 
 
+@pytest.mark.slow
 def test_what_coarse_meshes_get_wrong_at_the_rims_cancels():
     """A coarse mesh's stiffness near an edge is within 0.3 % of a finer one's; a difference of forces leaves 0.5 %."""
     scene = place_scene(35e-3)

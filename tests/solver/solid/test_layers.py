@@ -140,6 +140,7 @@ def test_regions_are_told_by_their_numbers() -> None:
         assert Region.from_number(region.number) == region
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["beside", "several", "tilted", "ellipsoid"])
 def test_auto_comes_here_for_layers_that_no_cheaper_level_takes(change: str) -> None:
     scene = ACROSS.scene.model_copy(update={"load": Load(force=1e-3)})  # that the rule for loads allows

@@ -114,6 +114,7 @@ def test_much_thicker_layers_need_another_mesh() -> None:
     assert not may_move(own_layout, replace(own_layout, interfaces=(1.5 * skin, *deeper)))
 
 
+@pytest.mark.slow
 def test_bodies_that_stay_are_not_integrated_again() -> None:
     mesh, moved_tetrahedra = stored_mesh("flank-rough"), moved(FLANK, "flank-rough", depth=8e-3)
     assert moved_tetrahedra is not None
