@@ -1,8 +1,9 @@
 """Compare the stated errors of charges with results a hundred times more accurate, for films and bonds drawn at random.
 
-    python -m benchmarks.films.extremes [--films 300] [--seed 1]
+    python -m benchmarks.films.extremes [--films 300] [--seed 1] [--rows FILE]
 
 Films of 1 to 500 um, bonds of 1 kPa to 10 GPa and 1 to 300 um on both sides, insets, in the example scene at an accuracy of 0.01.
+With ``--rows`` every film's figures are appended to a file of JSON lines, and a run that was cut off continues where it stopped.
 
 Duration: minutes.
 """
@@ -10,10 +11,12 @@ Duration: minutes.
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import random
 from pathlib import Path
 
+from benchmarks.rows import Row, RowFile
 from geometry.common.errors import ProbeError
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
@@ -52,29 +55,39 @@ def compute_shares(result: Result, true: Result) -> dict[str, float]:
     return shares | {"charge_log_sensitivity": max(0.0, difference) / (result.charge_log_sensitivity_error or math.inf)}
 
 
+def compute_row(film: JsonObject) -> Row:
+    """Return the shares of a film's quantities, or the sentence of its refusal."""
+    tables = read_scene(EXAMPLE).model_dump(exclude_unset=True)
+    probe = tables["probe"] | {"film": film}
+    scene = Scene.from_tables(tables | {"probe": probe, "reading": {"observable": "charge"}})
+    try:
+        result, true = (evaluate(scene, evaluator="axisymmetric", accuracy=a) for a in (ACCURACY, TRUE_ACCURACY))
+    except ProbeError as refusal:
+        return {"refused": str(refusal)}
+    return compute_shares(result, true)
+
+
 def main() -> None:
     """Print the largest true over stated error, and how many exceed it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--films", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--rows", type=Path, help="file of rows, from which a run continues that was cut off")
     options = parser.parse_args()
-    source, tables, worst, above = random.Random(options.seed), read_scene(EXAMPLE).model_dump(exclude_unset=True), 0.0, 0
+    source, rows, worst, above, refused = random.Random(options.seed), RowFile(options.rows), 0.0, 0, 0
     for number in range(options.films):
         film = draw_film(source)
-        probe = tables["probe"] | {"film": film}
-        scene = Scene.from_tables(tables | {"probe": probe, "reading": {"observable": "charge"}})
-        try:
-            result, true = (evaluate(scene, evaluator="axisymmetric", accuracy=a) for a in (ACCURACY, TRUE_ACCURACY))
-        except ProbeError as refusal:
-            print(f"film {number}: refused: {refusal}")
+        shares = rows.get(f"seed {options.seed}, film {number}", functools.partial(compute_row, film))
+        if "refused" in shares:
+            refused += 1
+            print(f"film {number}: refused: {shares['refused']}", flush=True)
             continue
-        shares = compute_shares(result, true)
         largest = max(shares, key=lambda name: shares[name])
         above += shares[largest] > 1
         if shares[largest] > worst:
             worst = shares[largest]
             print(f"film {number}: {largest} {worst:.2f} of its stated error; {film}", flush=True)
-    print(f"{options.films} films: largest true over stated error {worst:.2f}, above it: {above}")
+    print(f"{options.films} films, {refused} refused: largest true over stated error {worst:.2f}, above it: {above}")
 
 
 if __name__ == "__main__":
