@@ -10,7 +10,6 @@ these are more.
 from __future__ import annotations
 
 import os
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -28,6 +27,7 @@ from solver.linalg.memory import give_back
 LIMIT_VARIABLE = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
 DEFAULT_LIMIT_GB = 1.0  # GB
 MAX_GROWTH_FACTOR = 4.0  # most that values may have grown since they were measured, as patterns do with their factors
+FREE_SHARE = 0.25  # of the limit, made free where values are dropped: measuring hundreds of them takes longer than an evaluation
 MIN_RETURNED_BYTES = 1e8  # below that the C library keeps freed memory, as new pages cost time
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -35,12 +35,18 @@ T = TypeVar("T")
 
 @dataclass
 class _Entry:
-    """A value, its bytes when last measured, whether that size is fixed, and the number of the evaluation that used it last."""
+    """A value, its bytes when last measured, whether that size is fixed, and the evaluations that last used and measured it."""
 
     value: Any
     bytes: int
     fixed: bool
     used: int
+    measured: int
+
+    @property
+    def max_bytes(self) -> float:
+        """Most bytes that the value may have by now: it grows only where it is used."""
+        return self.bytes if self.fixed or self.used < self.measured else MAX_GROWTH_FACTOR * self.bytes
 
 
 class Workspace:
@@ -49,7 +55,7 @@ class Workspace:
     def __init__(self, limit: float = DEFAULT_LIMIT_GB * 1e9) -> None:
         """Make an empty workspace for ``limit`` bytes."""
         self.limit = limit
-        self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
+        self._entries: dict[Hashable, _Entry] = {}  # no OrderedDict, which hashes all keys where its values are listed
         self._evaluation, self._lock = 0, RLock()
 
     @property
@@ -84,24 +90,28 @@ class Workspace:
         with self._lock:
             entry = self._entries.get(key)
             if entry is not None:
-                self._entries.move_to_end(key)
+                self._entries[key] = self._entries.pop(key)  # to the end
                 entry.used = self._evaluation
                 return entry.value  # type: ignore[no-any-return]
         value = make()
         with self._lock:
-            self._entries[key] = _Entry(value, measure_bytes(value), fixed, self._evaluation)
+            self._entries[key] = _Entry(value, measure_bytes(value), fixed, self._evaluation, self._evaluation)
             if sum(item.bytes for item in self._entries.values()) > self.limit:
                 self.make_room()
         return value
 
     def make_room(self, wanted: float = 0.0) -> None:
-        """Drop values that this evaluation has not used, oldest first, until ``wanted`` bytes more are within the limit."""
+        """Drop values that this evaluation has not used, oldest first, where ``wanted`` bytes more are not within the limit.
+
+        As many go as free a quarter of the limit, ``FREE_SHARE``, so that this is seldom necessary.
+        """
         with self._lock:
-            if MAX_GROWTH_FACTOR * sum(entry.bytes for entry in self._entries.values()) + wanted <= self.limit:
+            if sum(entry.max_bytes for entry in self._entries.values()) + wanted <= self.limit:
                 return  # even grown values fit: measuring them again takes as long as assembling a small mesh
             held = self._measure()
+            free = FREE_SHARE * self.limit if held + wanted > (1 - FREE_SHARE / 2) * self.limit else 0.0
             for key in [key for key, entry in self._entries.items() if entry.used != self._evaluation]:
-                if held + wanted <= self.limit:
+                if held + wanted <= self.limit - free:
                     break
                 held -= self._entries.pop(key).bytes
         give_back(MIN_RETURNED_BYTES)
@@ -114,7 +124,7 @@ class Workspace:
         counted: set[int] = set()
         for entry in reversed(self._entries.values()):
             if not entry.fixed:
-                entry.bytes = measure_bytes(entry.value, counted)
+                entry.bytes, entry.measured = measure_bytes(entry.value, counted), self._evaluation
         return sum(entry.bytes for entry in self._entries.values())
 
 

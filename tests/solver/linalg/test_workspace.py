@@ -43,7 +43,7 @@ def test_a_key_is_made_once() -> None:
 
 
 def test_the_oldest_go_first() -> None:
-    held = Workspace(limit=2500)
+    held = Workspace(limit=2700)
     first, second = held.keep(1, thousand), held.keep(2, thousand)
     assert held.keep(1, thousand) is first
     held.begin()
@@ -54,7 +54,7 @@ def test_the_oldest_go_first() -> None:
 
 
 def test_what_an_evaluation_uses_stays_until_the_next() -> None:
-    held = Workspace(limit=2500)
+    held = Workspace(limit=2700)
     for key in range(5):
         held.keep(key, thousand)
     assert held.bytes_held == 5000
@@ -74,6 +74,18 @@ def test_what_grows_is_measured_anew() -> None:
     held.keep(2, thousand)
     held.make_room()
     assert held.bytes_held == 1000
+
+
+def test_values_are_seldom_measured_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    held, measured = Workspace(limit=4e5), []
+    measure = Workspace._measure
+    monkeypatch.setattr(Workspace, "_measure", lambda self: measured.append(self._evaluation) or measure(self))
+    for key in range(2000):  # of 1000 bytes each: the limit holds 400 of them
+        held.begin()
+        held.keep(key, thousand)
+        held.make_room(wanted=1000)
+    assert 0 < len(measured) <= 60
+    assert 1e5 < held.bytes_held <= 4e5
 
 
 def test_clear() -> None:
