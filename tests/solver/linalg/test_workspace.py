@@ -84,7 +84,7 @@ def test_values_are_seldom_measured_again(monkeypatch: pytest.MonkeyPatch) -> No
         held.begin()
         held.keep(key, thousand)
         held.make_room(wanted=1000)
-    assert 0 < len(measured) <= 60
+    assert 0 < len(measured) <= 100
     assert 1e5 < held.bytes_held <= 4e5
 
 
