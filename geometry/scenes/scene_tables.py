@@ -46,7 +46,23 @@ _LAYERS_FIELD = Field(
 
 
 class _Layered(Material):
-    """Tissue of one material, below layers if there are any."""
+    """Tissue of one material, below layers if there are any.
+
+    Attributes
+    ----------
+    shape
+        Of the tissue; it determines the other keys.
+    youngs_modulus
+        Of the tissue below its layers.
+    poisson_ratio
+        Likewise.
+    loss_factor
+        Likewise, tan delta.
+    law, c2_over_c1, c3_over_c1, law_strain
+        Likewise.
+    layer
+        From the surface downwards.
+    """
 
     layer: Layers = _LAYERS_FIELD
 
@@ -65,16 +81,6 @@ class CylinderTissue(_Layered):
 
     Attributes
     ----------
-    shape
-        Of the tissue; it determines the other keys.
-    youngs_modulus
-        Of the tissue below its layers.
-    poisson_ratio
-        Likewise.
-    loss_factor
-        Likewise, tan delta.
-    law, c2_over_c1, c3_over_c1, law_strain
-        Likewise.
     radius
         Of the piece.
     depth
@@ -91,16 +97,6 @@ class BlockTissue(_Layered):
 
     Attributes
     ----------
-    shape
-        Of the tissue; it determines the other keys.
-    youngs_modulus
-        Of the tissue below its layers.
-    poisson_ratio
-        Likewise.
-    loss_factor
-        Likewise, tan delta.
-    law, c2_over_c1, c3_over_c1, law_strain
-        Likewise.
     length
         Along x.
     breadth
@@ -116,21 +112,7 @@ class BlockTissue(_Layered):
 
 
 class HalfSpaceTissue(_Layered):
-    """Tissue without an end.
-
-    Attributes
-    ----------
-    shape
-        Of the tissue; it determines the other keys.
-    youngs_modulus
-        Of the tissue below its layers.
-    poisson_ratio
-        Likewise.
-    loss_factor
-        Likewise, tan delta.
-    law, c2_over_c1, c3_over_c1, law_strain
-        Likewise.
-    """
+    """Tissue without an end."""
 
     shape: Literal["half-space"]
 

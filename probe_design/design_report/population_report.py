@@ -16,10 +16,11 @@ from probe_design.design_report.choice_tables import build_film_table, build_sca
 from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
-from probe_design.design_report.report import C_PER_PC, M_PER_MM, PA_PER_KPA, Report, Writer, format_heights
+from probe_design.design_report.report import C_PER_PC, Report, Writer, format_heights
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.scan_choices import compute_pitch
+from probe_design.design_search.variables import M_PER_MM, PA_PER_KPA
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import PROTOCOL_FILE, QUESTION_FILE, Design
 from probe_design.populations.objective import Objective

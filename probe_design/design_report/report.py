@@ -19,20 +19,20 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.workshop.overview import draw_probe
 from probe_design.design_search.optimum import Optimum
-from probe_design.design_search.variables import Limit
+from probe_design.design_search.variables import M_PER_MM, VARIABLES, Limit
 from probe_design.reporting.page import Chapter, Items, Part, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
 from probe_design.reporting.table import Table
 from probe_design.reporting.workshop_command import WORKSHOP_PARTS
 from solver.automatic import state_accuracy
 
-M_PER_MM, PA_PER_KPA, C_PER_PC, N_PER_MN = 1e-3, 1e3, 1e-12, 1e-3  # SI values of the units in tables
+C_PER_PC, N_PER_MN = 1e-12, 1e-3  # SI values of the units in tables
 WRITING_STAGE = "writing STEP files, pictures and report"
 DRAWING_FILE, DRAWING_CAPTION = "drawing.png", "section and view of the probe"
 LIMIT_UNITS = {  # SI value of the unit and its name, by what a limit limits; all others are lengths
-    "area_ratio": (1.0, ""), "tissue_strain": (1.0, ""), "charge": (C_PER_PC, " pC"),
-    "inner_modulus": (PA_PER_KPA, " kPa"), "outer_modulus": (PA_PER_KPA, " kPa"),
-    "scene": (N_PER_MN, " mN"), "force": (N_PER_MN, " mN"), "linearity": (N_PER_MN, " mN"), "gap_closure": (N_PER_MN, " mN"),
+    **{name: variable.table_unit for name, variable in VARIABLES.items()},
+    **dict.fromkeys(("scene", "linearity", "gap_closure"), (N_PER_MN, " mN")),
+    "tissue_strain": (1.0, ""), "charge": (C_PER_PC, " pC"),
 }  # fmt: skip
 Progress = Callable[[str, int, int], None]
 Writer = Callable[[Path], object]

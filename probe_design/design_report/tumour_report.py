@@ -7,9 +7,9 @@ from collections.abc import Callable
 from functools import partial
 
 from geometry.provenance.block import build_provenance
-from probe_design.design_report.report import M_PER_MM, PA_PER_KPA, Report, format_heights
+from probe_design.design_report.report import LIMIT_UNITS, Report, format_heights
 from probe_design.design_search.optimum import TumourOptimum
-from probe_design.design_search.variables import Limit
+from probe_design.design_search.variables import M_PER_MM, PA_PER_KPA, Limit
 from probe_design.design_search.verification import TumourVerification
 from probe_design.reporting.page import Chapter
 from probe_design.reporting.scene_sections import build_scene_section
@@ -116,7 +116,7 @@ def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:
     for limit in limits:
         kind, _, limited_variable = limit.name.partition(" ")
         if limited_variable == variable:
-            unit = PA_PER_KPA if "modulus" in limited_variable else 1.0 if limited_variable == "area_ratio" else M_PER_MM
+            unit, _ = LIMIT_UNITS.get(variable, (M_PER_MM, " mm"))
             shown[kind] = f"{limit.value / unit:.4g}{'*' * limit.active}"
     if len(shown) == 2:
         return f"{shown['least']} to {shown['largest']}"

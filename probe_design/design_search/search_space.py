@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import product
+from operator import getitem
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +45,6 @@ MIN_WALL_M = 0.5e-3  # m
 MIN_INNER_RADIUS_PER_GROOVE_WIDTH, MIN_HEIGHT_PER_GROOVE_DEPTH = 0.55, 1.25
 DEFAULT_RADIUS_FACTOR = 1.4  # times the start's outer radius: its limit unless one is given
 MAX_TISSUE_FRACTION = 0.95  # of the tissue's radius or half breadth that a probe may cover
-MODULUS_DIGITS = 3  # of moduli; lengths are rounded to 0.01 mm
 BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
 MAX_STEPS = 10_000  # values of a variable with a step
 
@@ -125,40 +126,34 @@ class SearchSpace:
 
         The discrete values of a combination are not rounded.
         """
-        sizes, exact = ProbeSizes.from_vector(x), {} if combination is None else combination.pinned
-        numbers = zip(self.names, x.tolist(), strict=True)
-        lengths = {name: round(value, 5) for name, value in numbers if name == "gap" or "height" in name}
-        lengths["outer_radius"] = _round_length_down(float(sizes.outer_radius))
-        lengths["inner_radius"] = min(
-            round(float(sizes.inner_radius), 5), _round_length_down(lengths["outer_radius"] - lengths["gap"] - self.wall)
-        )  # or rounding would thin a wall of the least thickness
+        exact = {} if combination is None else combination.pinned
+        values = zip(self.names, x.tolist(), read_vector(self.scene, self.names).tolist(), strict=True)
+        numbers = {name: VARIABLES[name].round(value, start) for name, value, start in values}
+        outer_radius = _round_length_down(float(ProbeSizes.from_vector(x).outer_radius))
+        # or rounding would thin a wall of the least thickness
+        largest_radius = _round_length_down(outer_radius - numbers["gap"] - self.wall)
+        numbers["inner_radius"] = min(numbers["inner_radius"], largest_radius)
         if set(exact) - {"area_ratio"}:
-            lengths |= {name: value for name, value in exact.items() if name not in MODULUS_NAMES}
-        if "area_ratio" in lengths:  # a pinned area ratio determines the outer radius
-            del lengths["outer_radius"]
-        starting = (block.youngs_modulus for block in (self.scene.probe.inner, self.scene.probe.outer))
-        moduli = [
-            exact.get(name, start if _round_modulus(value) == _round_modulus(start) else _round_modulus(value))
-            for name, value, start in zip(MODULUS_NAMES, sizes.moduli, starting, strict=True)
-        ]  # the start's own stays as it is, and so does its material's name
-        return self._replace_probe(lengths, moduli, combination)
+            numbers |= exact
+        if set(exact) <= {"area_ratio"} or "area_ratio" not in exact:  # a pinned area ratio determines the outer radius
+            del numbers["area_ratio"]
+            numbers["outer_radius"] = outer_radius
+        return self._replace_probe(numbers, combination)
 
     def build_exact_scene(self, x: Floats, combination: Combination | None = None) -> Scene | None:
         """Return the scene with a design x, shape (variables,), as it is, not rounded; None where that is no valid scene."""
-        numbers = dict(zip(self.names, x.tolist(), strict=True))
-        moduli = [numbers.pop(name) for name in MODULUS_NAMES]
-        return self._replace_probe(numbers, moduli, combination)
+        return self._replace_probe(dict(zip(self.names, x.tolist(), strict=True)), combination)
 
-    def _replace_probe(self, lengths: Mapping[str, float], moduli: list[float], combination: Combination | None) -> Scene | None:
+    def _replace_probe(self, numbers: Mapping[str, float], combination: Combination | None) -> Scene | None:
         """Return the scene with these numbers of the probe, and a combination's materials; None where that is no valid scene."""
         replaced = {"area_ratio", "outer_radius", "height", "inner_height", "outer_height"}
-        probe = self.scene.probe.model_dump(exclude=replaced, exclude_unset=True) | dict(lengths)
-        for k, (block, modulus) in enumerate(zip(BLOCK_NAMES, moduli, strict=True)):
-            set_number(probe[block], "youngs_modulus", modulus)
-            if combination is not None:
-                set_number(probe[block], "poisson_ratio", combination.poisson[k])
-            if combination is not None and combination.materials:
-                probe[block]["material"] = combination.materials[k]
+        probe = self.scene.probe.model_dump(exclude=replaced, exclude_unset=True)
+        for name, value in numbers.items():
+            _, *parents, key = (VARIABLES[name].key if name in VARIABLES else f"probe.{name}").split(".")
+            set_number(reduce(getitem, parents, probe), key, value)
+        if combination is not None and combination.materials:
+            for block, poisson, material in zip(BLOCK_NAMES, combination.poisson, combination.materials, strict=True):
+                probe[block] |= {"poisson_ratio": poisson, "material": material}
         if combination is not None and combination.film is not None:
             probe["film"] = combination.film.film.model_dump(exclude_unset=True)
         try:
@@ -299,11 +294,6 @@ def _find_groove_limit(probe: Probe, name: str) -> float:
     if name == "inner_radius":
         return MIN_INNER_RADIUS_PER_GROOVE_WIDTH * probe.groove.width
     return MIN_HEIGHT_PER_GROOVE_DEPTH * probe.groove.depth if name in ("height", "outer_height") else 0.0
-
-
-def _round_modulus(modulus: float) -> float:
-    """Return the modulus to ``MODULUS_DIGITS`` figures."""
-    return float(f"{modulus:.{MODULUS_DIGITS}g}")
 
 
 def _round_length_down(length: float) -> float:

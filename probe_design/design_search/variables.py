@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,13 +16,15 @@ from geometry.common.arrays import Floats, Numeric
 from geometry.common.errors import InputError, Words
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import MODULUS_QUANTITY
+from geometry.scenes.units import MODULUS_QUANTITY, Quantity
 from probe_design.populations.entries import DesignVariable
 
 MIN_RADIUS_M = 0.5e-3  # m: thinner cylinders of elastomer, and thinner sleeves, are not handled well
 GAP_BOUNDS_M = (0.1e-3, 0.5e-3)  # m: narrower ones fill with glue, the paper found wider ones "less robust"
 HEIGHT_BOUNDS_M = (1e-3, 20e-3)  # m: the thinnest sheet that is cut, the tallest block that stands
 MODULUS_BOUNDS_PA = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as stiff as the paper's base, which counts as rigid
+LENGTH_DECIMALS, ROUNDED_DIGITS = 5, 3  # of a design that is built: lengths in m to 0.01 mm, others to three digits
+M_PER_MM, PA_PER_KPA = 1e-3, 1e3  # SI values of the units in tables
 VALUES_BETWEEN_BOUNDS = 5  # of what is tried one by one, between bounds without a step: evenly spaced, lengths in their logarithm
 MAX_LENGTHS = 50  # of what is tried one by one
 
@@ -38,23 +39,41 @@ class Variable:
         Key of ``geometry.scenes.variables.list_values``.
     low, high
         Smallest and largest value that a workshop can make, SI.
+    quantity
+        Its unit and its text; None for a pure number.
+    table_unit
+        SI value and name of its unit in tables.
     """
 
     key: str
     low: float
     high: float
+    quantity: Quantity | None = LENGTH_QUANTITY
+    table_unit: tuple[float, str] = (M_PER_MM, " mm")
+
+    def round(self, value: float, start: float) -> float:
+        """Return a value as it is ordered: lengths to 0.01 mm, others to ``ROUNDED_DIGITS``, or the start's that rounds alike."""
+        if self.quantity is LENGTH_QUANTITY:
+            return round(value, LENGTH_DECIMALS)
+        rounded, rounded_start = (float(f"{number:.{ROUNDED_DIGITS}g}") for number in (value, start))
+        return start if rounded == rounded_start else rounded
+
+    def format_value(self, value: float) -> str:
+        """Return a value with its unit, as a design file writes it."""
+        return f"{value:g}" if self.quantity is None else self.quantity.format_value(value)
 
 
+MODULUS_UNIT = (MODULUS_QUANTITY, (PA_PER_KPA, " kPa"))
 VARIABLES = {
     "inner_radius": Variable("probe.inner_radius", MIN_RADIUS_M, math.inf),
-    "area_ratio": Variable("probe.area_ratio", 0.05, 20.0),
+    "area_ratio": Variable("probe.area_ratio", 0.05, 20.0, None, (1.0, "")),
     "gap": Variable("probe.gap", *GAP_BOUNDS_M),
     "height": Variable("probe.height", *HEIGHT_BOUNDS_M),
     "inner_height": Variable("probe.inner_height", *HEIGHT_BOUNDS_M),
-    "inner_modulus": Variable("probe.inner.youngs_modulus", *MODULUS_BOUNDS_PA),
-    "outer_modulus": Variable("probe.outer.youngs_modulus", *MODULUS_BOUNDS_PA),
+    "inner_modulus": Variable("probe.inner.youngs_modulus", *MODULUS_BOUNDS_PA, *MODULUS_UNIT),
+    "outer_modulus": Variable("probe.outer.youngs_modulus", *MODULUS_BOUNDS_PA, *MODULUS_UNIT),
     "outer_height": Variable("probe.outer_height", *HEIGHT_BOUNDS_M),
-    "force": Variable("load.force", 0.0, math.inf),  # of each probe the largest allowed, which ``loads`` computes
+    "force": Variable("load.force", 0.0, math.inf, None, (1e-3, " mN")),  # the largest allowed, which ``loads`` computes
 }
 SHARED_HEIGHT_NAMES = tuple(name for name in VARIABLES if name not in ("inner_height", "outer_height", "force"))
 SEPARATE_HEIGHT_NAMES = tuple(name for name in VARIABLES if name not in ("height", "force"))
@@ -180,11 +199,9 @@ def is_same_design(first: Scene, second: Scene, tolerance: float = SAME_DESIGN_T
     return poisson[0] == poisson[1] and first.probe.film == second.probe.film and _compute_distance(first, second) <= tolerance
 
 
-def format_variable(name: str, value: float) -> Any:
-    """Return a variable with its unit, as a design file writes it."""
-    if name == "area_ratio":
-        return f"{value:g}"
-    return (MODULUS_QUANTITY if name in MODULUS_NAMES else LENGTH_QUANTITY).format_value(value)
+def format_variable(name: str, value: float) -> str:
+    """Return a variable with its unit, as a design file writes it; those of films and scans are lengths."""
+    return VARIABLES[name].format_value(value) if name in VARIABLES else LENGTH_QUANTITY.format_value(value)
 
 
 def list_lengths(name: str, variable: DesignVariable) -> tuple[float, ...]:
