@@ -13,6 +13,7 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene_tables import Inclusion, SceneTables
 
 Matrix = list[list[float]]
+_SEARCH_STEPS = 60  # each leaves two thirds of an interval: 1e-10 of it in the end
 _DIRECTION_COUNT = 72  # in which a body's reach is looked for
 _MAX_EDGE_FRACTION, _MIN_EDGE_FRACTION = 0.4, 0.1  # edge radii: of the smallest part of a block, and of the gap or that part
 _MAX_INSET_FRACTION = 0.98  # of half the ring's wall, or of the inner radius: beyond, hardly an electrode is left
@@ -66,19 +67,15 @@ def do_overlap(first: Inclusion, second: Inclusion) -> bool:
         rows = [[p * e for e in r1] + [q * e for e in r2] for r1, r2 in zip(a1, a2, strict=True)]
         return s * (1 - s) * _min_norm_squared(rows, v)
 
-    return not _does_exceed(separation, _TOUCHING_FACTOR)
+    return _maximise(separation, 0.0, 1.0) <= _TOUCHING_FACTOR
 
 
-def _does_exceed(function: Callable[[float], float], bound: float) -> bool:
-    """Return whether a concave function exceeds the bound between 0 and 1, by ternary search."""
-    low, high = 0.0, 1.0
-    for _ in range(100):
+def _maximise(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return the maximum between two numbers of a function that has only one there, by ternary search."""
+    for _ in range(_SEARCH_STEPS):
         left, right = low + (high - low) / 3, high - (high - low) / 3
-        at_left, at_right = function(left), function(right)
-        if max(at_left, at_right) > bound:
-            return True
-        low, high = (left, high) if at_left < at_right else (low, right)
-    return False
+        low, high = (left, high) if function(left) < function(right) else (low, right)
+    return function((low + high) / 2)
 
 
 def compute_lateral_reach(body: Inclusion) -> float:
@@ -98,11 +95,7 @@ def compute_lateral_reach(body: Inclusion) -> float:
 
     step = 2 * math.pi / _DIRECTION_COUNT
     best = max((step * k for k in range(_DIRECTION_COUNT)), key=support)
-    low, high = best - step, best + step
-    for _ in range(60):
-        left, right = low + (high - low) / 3, high - (high - low) / 3
-        low, high = (left, high) if support(left) < support(right) else (low, right)
-    return support((low + high) / 2)
+    return _maximise(support, best - step, best + step)
 
 
 def list_doubts(scene: SceneTables) -> tuple[str, ...]:
@@ -295,23 +288,10 @@ def _rotation_matrix(rz: float, ry: float, rx: float) -> Matrix:
 def _min_norm_squared(rows: Matrix, v: list[float]) -> float:
     """Return v^T (A A^T)^-1 v, the squared norm of the shortest w with A w = v, for A of full rank with the three ``rows``.
 
-    The rows are made orthogonal one by one (Gram-Schmidt): so the small semi-axes of a needle stay exact, while in A A^T their
-    squares would be lost in rounding errors.
+    By the triangle R of A^T = Q R: so the small semi-axes of a needle stay exact, while in A A^T their squares would be lost in
+    rounding errors.
     """
-    basis: Matrix = []
-    total, solved = 0.0, list[float]()
-    for row, component in zip(rows, v, strict=True):
-        residual, projected = list(row), 0.0
-        for unit, part in zip(basis, solved, strict=True):
-            projection = _dot(residual, unit)
-            residual = [a - projection * b for a, b in zip(residual, unit, strict=True)]
-            projected += projection * part
-        length = math.hypot(*residual)
-        basis.append([a / length for a in residual])
-        solved.append((component - projected) / length)
-        total += solved[-1] ** 2
-    return total
+    import numpy as np
 
-
-def _dot(first: list[float], second: list[float]) -> float:
-    return sum(a * b for a, b in zip(first, second, strict=True))
+    shortest = np.linalg.solve(np.linalg.qr(np.array(rows).T, mode="r").T, v)
+    return float(shortest @ shortest)

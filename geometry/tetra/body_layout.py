@@ -31,15 +31,20 @@ class Ellipsoid:
         result: Points = np.linalg.norm((points - self.centre) @ self._inverse.T, axis=1)
         return result
 
-    def estimate_distance(self, points: Points) -> Points:
-        """Estimate the distance in m from points (n, 3) to the surface, negative inside: (|u| - 1) over the gradient of |u|.
+    def find_level(self, points: Points) -> tuple[Points, Points]:
+        """Return approximate distances of points (n, 3) from the surface, (n,), negative inside, and unit gradients (n, 3).
 
-        It is exact for a sphere.
+        They are (|u| - 1) over the gradient of |u|, which is exact for a sphere.
         """
         # both lower limits avoid a division by zero at the centre, where the gradient of |u| is undefined
         inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
-        derivative = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
-        return np.asarray((level - 1) / np.maximum(derivative, 1e-9 / self.min_semi_axis))
+        derivative = (points - self.centre) @ (inverse.T @ inverse) / level[:, None]
+        steep = np.maximum(np.linalg.norm(derivative, axis=1), 1e-9 / self.min_semi_axis)
+        return (level - 1) / steep, derivative / steep[:, None]
+
+    def estimate_distance(self, points: Points) -> Points:
+        """Estimate the distance in m from points (n, 3) to the surface, negative inside; see ``find_level``."""
+        return self.find_level(points)[0]
 
     @property
     def min_semi_axis(self) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.body_layout import BodyLayout, Ellipsoid
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.tet_mesh import (
     AIR_LABEL,
     BEYOND_BODY,
@@ -82,7 +82,7 @@ def build_exact_surfaces(layout: BodyLayout) -> list[Surface]:
     if layout.wall is not None:
         result.append(Surface(_build_cylinder(layout.wall), _separates_exactly(TISSUE_BODY, BEYOND_BODY)))
     for index, body in enumerate(layout.inclusions):
-        result.append(Surface(_build_closed(body), _separates_body(FIRST_INCLUSION_BODY + index)))
+        result.append(Surface(body.find_level, _separates_body(FIRST_INCLUSION_BODY + index)))
     result.append(Surface(_build_plane((0, 1, 0), 0.0), _separates_body(MIRROR_LABEL), True))
     return [*result, *(Surface(_build_plane((0, 0, 1), -depth), _separates_none, True) for depth in layout.interfaces)]
 
@@ -275,27 +275,3 @@ def _list_sides(layout: BodyLayout) -> list[Level]:
         _build_plane((0, 1, 0), y + b),
         _build_plane((0, 1, 0), y - b),
     ]
-
-
-def _build_closed(body: object) -> Level:
-    """Return a function that is zero on an inclusion's surface: (|u| - 1) / |grad |u|| of an ellipsoid, else the distance."""
-    if isinstance(body, Ellipsoid):
-        inverse = np.linalg.inv(body.axes)
-        form = inverse.T @ inverse
-
-        def compute_level(points: Points) -> tuple[Points, Points]:
-            offset = points - body.centre
-            size = body.level(points)
-            derivative = offset @ form / np.maximum(size, 1e-9)[:, None]
-            steep = np.maximum(np.linalg.norm(derivative, axis=1), 1e-300)
-            return (size - 1) / steep, derivative / steep[:, None]
-
-        return compute_level
-    return lambda points: _compute_sheet_level(points, body.find_nearest(points))  # type: ignore[attr-defined]
-
-
-def _compute_sheet_level(points: Points, nearest: Points) -> tuple[Points, Points]:
-    """Return the distances (n,) of points from their nearest points on a surface, never negative, and the gradients (n, 3)."""
-    offset = points - nearest
-    distance = np.linalg.norm(offset, axis=1)
-    return distance, offset / np.maximum(distance, 1e-300)[:, None]

@@ -111,6 +111,12 @@ class Sheet:
         _, nearest = self._poly.find_closest_cell(points, return_closest_point=True)  # type: ignore[misc]  # a pair if asked for
         return np.asarray(nearest, dtype=float).reshape(-1, 3)
 
+    def find_level(self, points: Points) -> tuple[Points, Points]:
+        """Return distances (n,) of points (n, 3) from the surface, never negative, and their unit gradients (n, 3)."""
+        offset = points - self.find_nearest(points)
+        distance = np.linalg.norm(offset, axis=1)
+        return distance, offset / np.maximum(distance, 1e-300)[:, None]
+
     def crosses(self, second: Sheet) -> bool:
         """Return whether a triangle of one surface touches one of the other."""
         return bool(self._poly.collision(second._poly, contact_mode=1)[1])

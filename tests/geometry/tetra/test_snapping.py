@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geometry.tetra.body_layout import Ellipsoid
-from geometry.tetra.snapping import Surface, _build_closed, curve_mesh
+from geometry.tetra.snapping import Surface, curve_mesh
 from geometry.tetra.tet_mesh import EDGE_CORNERS, compute_scaled_jacobians
 
 KEEP = 0.2
@@ -18,7 +18,7 @@ def flat():
     cells = np.array([(0, 1, 2, 3)])
     if np.linalg.det(corners[1:] - corners[:1]) < 0:
         cells = cells[:, [0, 1, 3, 2]]
-    sphere = Surface(_build_closed(Ellipsoid(np.zeros(3), np.eye(3))), lambda a, b: np.zeros(len(a), dtype=bool))
+    sphere = Surface(Ellipsoid(np.zeros(3), np.eye(3)).find_level, lambda a, b: np.zeros(len(a), dtype=bool))
     faces = np.array([(0, 1, 2), (0, 1, 3)])
     nodes, elements = curve_mesh(corners, cells, [sphere], faces=faces, chosen=np.zeros(2, dtype=np.int64), keep=KEEP)
     straight = nodes.copy()
