@@ -293,5 +293,6 @@ def _min_norm_squared(rows: Matrix, v: list[float]) -> float:
     """
     import numpy as np
 
-    shortest = np.linalg.solve(np.linalg.qr(np.array(rows).T, mode="r").T, v)
+    _, triangle = np.linalg.qr(np.array(rows).T)
+    shortest = np.linalg.solve(triangle.T, np.array(v))
     return float(shortest @ shortest)
