@@ -119,6 +119,7 @@ def measure(
 def _divide_covariance(responses: Complexes, fit: SineFit) -> Floats:
     """Return the covariance of the films' charges, C^2, shape (4, 4): that of the fitted volts, divided by the responses."""
     division = build_multiplication_matrix(1 / responses)
+    # of the fit's amplitudes the first four numbers are the real and imaginary parts of both films'
     return np.asarray(division @ fit.covariance[:4, :4] @ division.T)
 
 

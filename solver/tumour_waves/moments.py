@@ -128,6 +128,7 @@ def compute_moments(draws: TumourDraws, positions: Floats, widest: float) -> Mom
     """
     axis_distance = np.hypot(draws.x[:, None] - positions[:, 0], draws.y[:, None] - positions[:, 1])
     k, weight = _choose_wave_numbers(draws, widest + float(axis_distance.max(initial=0.0)))
+    # of tractions that press and that shear: for each sphere, position, moment and wave number
     kinds = np.empty((2, len(draws.radius), len(positions), ALL_MOMENTS, len(k)))
     for layer in np.unique(draws.layers):
         which = np.flatnonzero(draws.layers == layer)

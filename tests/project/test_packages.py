@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.code_lines import count_code_lines
 from tests.support.imports import sources
 from tests.support.paths import ROOT
 
@@ -47,3 +48,10 @@ def test_tests_mirror_the_packages(top: str) -> None:
     folders = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests" / top).rglob("test_*.py")}
     assert folders
     assert folders <= {Path(top), *(package.relative_to(ROOT) for package in packages(top))}
+
+
+def test_code_lines_leave_out_blanks_comments_and_docstrings() -> None:
+    assert (
+        count_code_lines('"""Text."""\n\n# note\nx = (\n    1,\n)\n\n\ndef f():\n    """Text\n    on."""\n    return x  # note\n')
+        == 5
+    )
