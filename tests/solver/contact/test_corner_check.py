@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from geometry import Scene, read_scene
+from geometry.common.errors import SolveError
 from geometry.meridian.mesh_lines import MeridianFineness
+from solver.contact.corner_check import CornerCheck
 from solver.contact.loaded_scene import MESH_FINENESSES, LoadedScene
+from solver.contact.path import Path
 from solver.contact.tumours_anywhere import TISSUE_FINENESSES
 from tests.support.paths import SCENE
 
@@ -47,3 +52,31 @@ def test_stated_error_covers_finer_corners(finenesses: tuple[MeridianFineness, .
         assert error <= charges.bound.log_ratio + SPREAD
         assert charges.bound.log_ratio < 0.04  # and stays of use
     assert error > 0.008  # meshes without corner cells touch too late: the difference of the two alone was 0.006 to 0.014
+
+
+# What the load adds to ln ratio and to the log-sensitivity of a stiff probe with a wide gap, by indentation in outer radii: layers
+# of corner cells at order 3, and at order 2 on twice as many cells each way, which differ by less than SPREAD
+GROWTHS = {0.15: (0.0205, 0.00678), 0.25: (0.0336, 0.01182)}
+
+
+def test_stated_error_covers_corners_without_a_finer_mesh() -> None:
+    block = {"youngs_modulus": 2e6, "poisson_ratio": 0.48}
+    sizes = {"inner_radius": 3e-3, "outer_radius": 9e-3, "gap": 2e-3, "height": 8e-3}
+    tissue = {"shape": "cylinder", "radius": 54e-3, "depth": 50e-3, "youngs_modulus": 5e3, "poisson_ratio": 0.4}
+    sphere = {"diameter": 9e-3, "depth": 9e-3, "youngs_modulus": 5e4, "poisson_ratio": 0.4}
+    probe = {**sizes, "inner": block, "outer": block, "base": {"rigid": True}}
+    scene = Scene.from_tables({"probe": probe, "tissue": tissue, "inclusion": [sphere], "load": {"force": 0.001}})
+    loaded = replace(LoadedScene.from_scene(scene, 0.01), corner_check=CornerCheck(_fail))
+    rest = loaded.linear.films[0]
+    for x, (growth, added) in GROWTHS.items():
+        films = loaded.press_to_indentation(x * loaded.paths[1].radius).films
+        error = float(np.log(films.totals[0] / films.totals[1] / (rest.totals[0] / rest.totals[1]))) - growth
+        assert abs(error) <= films.bound.log_ratio + SPREAD / 2
+        assert films.log_sensitivity is not None and rest.log_sensitivity is not None
+        assert abs(films.log_sensitivity - rest.log_sensitivity - added) <= films.sensitivity_error
+        assert films.bound.log_ratio < 0.025
+
+
+def _fail() -> Path:
+    """Build no path: no finer mesh converges."""
+    raise SolveError("no step converges")
