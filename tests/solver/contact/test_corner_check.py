@@ -54,8 +54,8 @@ def test_stated_error_covers_finer_corners(finenesses: tuple[MeridianFineness, .
     assert error > 0.008  # meshes without corner cells touch too late: the difference of the two alone was 0.006 to 0.014
 
 
-# What the load adds to ln ratio and to the log-sensitivity of a stiff probe with a wide gap, by indentation in outer radii: layers
-# of corner cells at order 3, and at order 2 on twice as many cells each way, which differ by less than SPREAD
+# What the load adds to ln ratio and to the log-sensitivity of a stiff probe with a wide gap, by indentation in outer radii:
+# layers of corner cells at order 3, and at order 2 on twice as many cells each way, which differ by less than SPREAD
 GROWTHS = {0.15: (0.0205, 0.00678), 0.25: (0.0336, 0.01182)}
 
 
@@ -72,7 +72,8 @@ def test_stated_error_covers_corners_without_a_finer_mesh() -> None:
         films = loaded.press_to_indentation(x * loaded.paths[1].radius).films
         error = float(np.log(films.totals[0] / films.totals[1] / (rest.totals[0] / rest.totals[1]))) - growth
         assert abs(error) <= films.bound.log_ratio + SPREAD / 2
-        assert films.log_sensitivity is not None and rest.log_sensitivity is not None
+        assert films.log_sensitivity is not None
+        assert rest.log_sensitivity is not None
         assert abs(films.log_sensitivity - rest.log_sensitivity - added) <= films.sensitivity_error
         assert films.bound.log_ratio < 0.025
 
