@@ -173,8 +173,8 @@ class LoadedOutputs:
         path = self.paths[1]
         points = [point for point in path.points if point.indentation <= until * (1 + 1e-9)]
         pairs = [[point.forces, *([] if point.charges is None else [point.charges])] for point in points]
-        rest, *loaded = [[x.tangent if number == 0 else x.values for x in pair] for number, pair in enumerate(pairs)]
-        ratios = np.log(np.abs([[x[0] / x[1] for x in outputs] for outputs in (rest, *loaded)]))
+        outputs = [[x.values if number else x.tangent for x in pair] for number, pair in enumerate(pairs)]  # at rest all are zero
+        ratios = np.log(np.abs([[x[0] / x[1] for x in pair] for pair in outputs]))
         change = shares[0] * float(np.abs(ratios - ratios[0]).max()) + per_x * until / path.radius
         values, size = [self.compute_sensitivity(path, point) for point in points], self.find_max_sensitivity(until)
         growth = shares[1] * max(abs(value - values[0]) for value in values) / size if size else 0.0
