@@ -64,7 +64,7 @@ class PublishedModulus:
     @property
     def description(self) -> str:
         """Modulus, scatter, method, source and licence in one line."""
-        scatter = f" +- {format_modulus(self.scatter)}" if self.scatter else ""
+        scatter = f" ± {format_modulus(self.scatter)}" if self.scatter else ""
         return f"{format_modulus(self.youngs_modulus)}{scatter}: {self.method}; {self.source}; {self.licence}"
 
 

@@ -25,6 +25,7 @@ Loop = Sequence[tuple[float, float, float]]
 """Corners (x, y) in mm of a closed outline, each with the bulge of the arc to the next: tan(angle/4), 0 for a line."""
 
 PAPER_SIZES_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # upright, mm: ISO 216
+CENTRE_LINE_OVERHANG_MM = 3.0  # mm of paper beyond the outline
 MARGIN_MM, LEFT_MARGIN_MM = 10.0, 20.0  # mm of paper between sheet and frame, and on the left: ISO 5457
 TEXT_HEIGHT_MM, DIMENSION_SPACING_MM, ARROW_LENGTH_MM = (
     2.5,
@@ -128,15 +129,15 @@ class View:
         """Convert a point of the part to model space."""
         return self.x + point[0], self.y + point[1]
 
-    def draw_loop(self, loop: Loop, layer: str = "OUTLINE") -> None:
-        """Draw a closed outline."""
+    def draw_loop(self, loop: Loop) -> list[tuple[float, float, float]]:
+        """Draw a closed outline; return its points in model space, with their bulges."""
         points = [(*self.to_model((x, y)), bulge) for x, y, bulge in loop]
-        self.sheet.model.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
+        self.sheet.model.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": "OUTLINE"})
+        return points
 
     def draw_section(self, loop: Loop, angle: float = 0.0) -> None:
         """Draw a section's closed outline, hatched at 45 degrees + ``angle``; a section that is thin on paper is filled."""
-        self.draw_loop(loop)
-        points = [(*self.to_model((x, y)), bulge) for x, y, bulge in loop]
+        points = self.draw_loop(loop)
         hatch = self.sheet.model.add_hatch(dxfattribs={"layer": "SECTION", "color": 256})
         spans = (max(values) - min(values) for values in list(zip(*points, strict=True))[:2])
         if min(spans) > 1.5 * self.sheet.mm_per_paper_mm:
@@ -151,9 +152,9 @@ class View:
         """Draw a circle about the origin."""
         self.sheet.model.add_circle(self.to_model((0.0, 0.0)), radius, dxfattribs={"layer": layer})
 
-    def draw_centre_lines(self, width: float, height: float, overhang: float = 3.0) -> None:
-        """Draw centre lines through the origin, ``overhang`` mm of paper longer than width and height."""
-        reach = overhang * self.sheet.mm_per_paper_mm
+    def draw_centre_lines(self, width: float, height: float) -> None:
+        """Draw centre lines through the origin, longer than width and height by ``CENTRE_LINE_OVERHANG_MM`` at each end."""
+        reach = CENTRE_LINE_OVERHANG_MM * self.sheet.mm_per_paper_mm
         self.draw_line((-width / 2 - reach, 0), (width / 2 + reach, 0), "AXIS")
         self.draw_line((0, -height / 2 - reach), (0, height / 2 + reach), "AXIS")
 

@@ -87,9 +87,9 @@ def _draw_cells(sheet: DrawingSheet, left: float, high: float, row: list[tuple[s
         left += width
 
 
-def fit_letter_height(text: str, width: float, height: float = MAX_LETTER_HEIGHT_MM) -> float:
-    """Return the largest height of letters, up to ``height``, at which a text is no wider than ``width``; mm of paper."""
-    return min(height, width / (WIDTH_PER_LETTER * max(1, len(text))))
+def fit_letter_height(text: str, width: float) -> float:
+    """Return the height of letters at which a text is no wider than ``width``, ``MAX_LETTER_HEIGHT_MM`` at most; mm of paper."""
+    return min(MAX_LETTER_HEIGHT_MM, width / (WIDTH_PER_LETTER * max(1, len(text))))
 
 
 def draw_notes(sheet: DrawingSheet, lines: list[str], bottom: float) -> None:

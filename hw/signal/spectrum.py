@@ -10,6 +10,7 @@ from hw.common.samples import Complexes, Floats, Samples
 
 REDUCED_RATE_HZ = 500.0  # Hz: faster samples are summed down to about this rate; load and mains are well below
 PADDING_FACTOR = 4  # zero padding, times the record's length: bins are 1/4 of a line's width apart
+EXCLUDED_LINE_WIDTHS = 1.5  # on each side of a fitted line: they hold what its fit leaves
 MAINS_HZ = (50.0, 60.0)  # Hz
 MAINS_TOLERANCE_HZ = 0.5  # Hz by which the mains may deviate from 50 or 60 Hz
 MAINS_NEIGHBOURHOOD_HZ = 8.0  # Hz about the mains in which the median power is taken as noise
@@ -44,9 +45,9 @@ class Spectrum:
         """Power, V^2, shape (k, channels)."""
         return np.abs(self.sums) ** 2
 
-    def exclude_lines(self, lines: Floats, widths: float = 1.5) -> Spectrum:
-        """Return the part that is more than ``widths`` line widths away from given frequencies (Hz)."""
-        far = np.min(np.abs(self.frequencies[:, None] - lines), axis=1) > widths * self.width
+    def exclude_lines(self, lines: Floats) -> Spectrum:
+        """Return the part that is more than ``EXCLUDED_LINE_WIDTHS`` line widths away from given frequencies (Hz)."""
+        far = np.min(np.abs(self.frequencies[:, None] - lines), axis=1) > EXCLUDED_LINE_WIDTHS * self.width
         return Spectrum(self.frequencies[far], self.sums[far], self.width)
 
     def select_band(self, low: float, high: float) -> Spectrum:

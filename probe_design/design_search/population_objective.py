@@ -191,9 +191,9 @@ class PopulationObjective(SearchObjective):
         squared_deflection = noise.compute_chi_square(self._compute_signature(films))
         return compute_known_probabilities(np.sqrt(squared_deflection + MIN_VARIANCE), self.design.protocol.false_alarm)
 
-    def compute_log_sd(self, probes: Array, compute_force: ForceRule, contrast_prior_sd: float = FLAT_PRIOR_SD) -> Array:
+    def compute_log_sd(self, probes: Array, compute_force: ForceRule) -> Array:
         """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
-        return np.log(self.compute_posterior(probes, compute_force, contrast_prior_sd)[0].compute_posterior_sd(np.array([1.0])))
+        return np.log(self.compute_posterior(probes, compute_force, FLAT_PRIOR_SD)[0].compute_posterior_sd(np.array([1.0])))
 
     def compute_posterior(
         self, probes: Array, compute_force: ForceRule, contrast_prior_sd: float

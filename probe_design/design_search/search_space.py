@@ -7,11 +7,12 @@ none: each follows from the start and from what a workshop can make, none from a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
-from operator import getitem
+from operator import attrgetter, getitem
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +42,13 @@ from probe_design.design_search.variables import (
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
 
+T = TypeVar("T")
 MIN_WALL_M = 0.5e-3  # m
 MIN_INNER_RADIUS_PER_GROOVE_WIDTH, MIN_HEIGHT_PER_GROOVE_DEPTH = 0.55, 1.25
 DEFAULT_RADIUS_FACTOR = 1.4  # times the start's outer radius: its limit unless one is given
 MAX_TISSUE_FRACTION = 0.95  # of the tissue's radius or half breadth that a probe may cover
 BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
+NEAREST_VALUES = 2  # of a grid, or materials, that a relaxed design is rounded to
 MAX_STEPS = 10_000  # values of a variable with a step
 
 
@@ -196,11 +199,11 @@ class SearchSpace:
         """Poisson's ratios of the materials."""
         return [material.poisson_ratio for material in self.shelf]
 
-    def iterate_nearest(self, design: Floats, count: int = 2) -> Iterator[Combination]:
-        """Yield the combinations of the ``count`` values of each grid, and materials of each block, nearest to a design's."""
+    def iterate_nearest(self, design: Floats) -> Iterator[Combination]:
+        """Yield the combinations of the values of each grid, and materials of each block, nearest to a design's."""
         numbers = dict(zip(self.names, design.tolist(), strict=True))
-        grids = {name: _find_nearest_values(values, numbers[name], count) for name, values in self.grids.items()}
-        shelves = [self._find_nearest_materials(numbers[name], count) for name in MODULUS_NAMES]
+        grids = {name: tuple(sorted(_find_nearest(values, float, numbers[name]))) for name, values in self.grids.items()}
+        shelves = [_find_nearest(self.shelf, attrgetter("youngs_modulus"), numbers[name]) for name in MODULUS_NAMES]
         for values in product(*grids.values()):
             yield from self._iterate_pairs(dict(zip(grids, values, strict=True)), *shelves)
 
@@ -217,14 +220,10 @@ class SearchSpace:
                 poisson = pair[0].poisson_ratio, pair[1].poisson_ratio
                 yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair), film, scan)
 
-    def _find_nearest_materials(self, modulus: float, count: int) -> tuple[CatalogueMaterial, ...]:
-        """Return the ``count`` allowed materials whose moduli have the ratio nearest to 1 to a modulus, Pa, the nearest first."""
-        return tuple(sorted(self.shelf, key=lambda material: abs(math.log(material.youngs_modulus / modulus)))[:count])
 
-
-def _find_nearest_values(values: tuple[float, ...], value: float, count: int) -> tuple[float, ...]:
-    """Return the ``count`` of some values whose ratio to a value is nearest to 1, in increasing order."""
-    return tuple(sorted(sorted(values, key=lambda candidate: abs(math.log(candidate / value)))[:count]))
+def _find_nearest(items: Iterable[T], measure: Callable[[T], float], target: float) -> tuple[T, ...]:
+    """Return the ``NEAREST_VALUES`` items whose measures have the ratio nearest to 1 to a target, the nearest first."""
+    return tuple(sorted(items, key=lambda item: abs(math.log(measure(item) / target)))[:NEAREST_VALUES])
 
 
 def build_search_space(design: Design) -> SearchSpace:

@@ -79,8 +79,8 @@ def _build_picture(samples: Samples, reading: StressReading, ratios: list[float]
     rows = {
         "time, s": f"{samples.index[-1] / samples.rate:.1f}",
         "ratio": _format_ratio(reading),
-        "stress inner, Pa": f"{reading.stress_inner:.5g} +- {reading.stress_inner_uncertainty:.1g}",
-        "stress outer, Pa": f"{reading.stress_outer:.5g} +- {reading.stress_outer_uncertainty:.1g}",
+        "stress inner, Pa": f"{reading.stress_inner:.5g} ± {reading.stress_inner_uncertainty:.1g}",
+        "stress outer, Pa": f"{reading.stress_outer:.5g} ± {reading.stress_outer_uncertainty:.1g}",
         "gaps, overruns": f"{len(samples.gaps)}, {samples.overruns}",
     }
     for name, value in rows.items():
@@ -96,7 +96,7 @@ def _build_picture(samples: Samples, reading: StressReading, ratios: list[float]
 
 def _format_ratio(reading: StressReading) -> str:
     """Return the ratio with its uncertainty; a dash where there is none."""
-    return "-" if reading.ratio is None else f"{reading.ratio:.5g} +- {reading.ratio_uncertainty:.1g}"
+    return "-" if reading.ratio is None else f"{reading.ratio:.5g} ± {reading.ratio_uncertainty:.1g}"
 
 
 def draw_chart(curves: Sequence[Floats], width: int = 60, height: int = 8) -> str:

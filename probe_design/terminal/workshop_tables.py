@@ -45,7 +45,7 @@ def write_tolerance_lines(budget: ToleranceBudget) -> list[str]:
         sampled_text = "no samples beside it"
         if output.sampled is not None and output.sampled_error is not None:
             scale, unit = (1.0, "") if absolute else (100.0, " %")
-            sampled_text = f"samples {scale * output.sampled:.3g} +- {scale * output.sampled_error:.2g}{unit}"
+            sampled_text = f"samples {scale * output.sampled:.3g} ± {scale * output.sampled_error:.2g}{unit}"
         size = output.error_estimate
         error = ", error of it not known" if size is None else f", error of it {100 * size:.2g} % at most"
         lines.append(f"{OUTPUT_NAMES[key]}: standard deviation {sd} to first order, {sampled_text}{error}")
