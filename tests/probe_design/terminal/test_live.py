@@ -132,7 +132,7 @@ def test_following_shows_numbers(
         show(samples)
     shown = screen.getvalue() if terminal else capsys.readouterr().err
     assert "ratio" in shown
-    assert "+-" in shown
+    assert "±" in shown
     assert "\u2026" not in shown
     assert ("\x1b" in shown) == terminal
     assert any(ord(character) > BLANK_CODE_POINT for character in shown) == terminal
