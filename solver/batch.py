@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from geometry.common.errors import ProbeError
+from geometry.common.errors import ProbeError, import_extra
 from geometry.common.resources import Limits, get_limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
@@ -25,12 +25,32 @@ from solver.results.refusals import is_round
 from solver.results.result import Result
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from solver.closed_form.evaluator import ClosedForm, SolvedScene
 
 AXISYMMETRIC, CLOSED_FORM = "axisymmetric", "closed-form"
 T = TypeVar("T")
 ResultOrError = Result | ProbeError
 _Joint = ResultOrError | Callable[[], ResultOrError] | None  # a result, what builds it, or None: to be evaluated alone
+
+
+class ResultList(LazySequence[ResultOrError]):
+    """Results in the order of their scenes, with errors in the place of scenes that were refused."""
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a pandas frame: a row for each scene, its numbers by name in SI units, and ``error``, None where there is none.
+
+        Raises
+        ------
+        MissingLibrary
+            Pandas is not installed.
+        """
+        rows = [
+            {"error": str(item)} if isinstance(item, ProbeError) else item.collect_numbers() | {"error": None} for item in self
+        ]
+        frame: pd.DataFrame = import_extra("pandas").DataFrame(rows)
+        return frame
 
 
 @dataclass(frozen=True)
@@ -51,13 +71,14 @@ def evaluate_many(
     *,
     linear: bool = False,
     limits: Limits | None = None,
-) -> Sequence[Result | ProbeError]:
+) -> ResultList:
     """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
 
     ``closed-form`` computes scenes of one structure on arrays, bit for bit as one by one, and builds each result when it is read
     from the sequence; load limits are those of formulas, without a mesh. ``axisymmetric``, also where ``auto``
     chooses it, computes scenes that differ only in the target's modulus and the load from one curve, which agrees with single
-    results within the ``error_estimate`` of both. Results that are computed together share ``seconds`` evenly.
+    results within the ``error_estimate`` of both. Results that are computed together share ``seconds`` evenly. ``to_frame()`` of
+    what is returned has a row for each scene.
 
     Parameters
     ----------
@@ -111,7 +132,7 @@ def evaluate_many(
             alone = _catch_error(lambda: evaluate(item, evaluator, accuracy, progress, linear=linear))
             return lambda: alone
 
-        return LazySequence([prepare(item) for item in checked])
+        return ResultList([prepare(item) for item in checked])
 
 
 def evaluate_together(

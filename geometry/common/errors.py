@@ -23,6 +23,10 @@ class ProbeError(Exception):
 
     exit_code = 1
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what a pickle needs: the text and the attributes, as constructors take other arguments than the text."""
+        return _restore_error, (type(self), self.args, self.__dict__)
+
 
 class InputError(ProbeError, ValueError):
     """A value that the toolkit refuses.
@@ -62,6 +66,13 @@ class ExportError(ProbeError):
 
 class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
     """A system library that a dependency needs; the text names the package to install."""
+
+
+def _restore_error(kind: type[ProbeError], arguments: tuple[Any, ...], attributes: dict[str, Any]) -> ProbeError:
+    """Return an error from a pickle, without its constructor."""
+    error = kind.__new__(kind, *arguments)
+    error.__dict__.update(attributes)
+    return error
 
 
 def import_extra(name: str) -> Any:

@@ -15,6 +15,7 @@ from probe_design.locating.common_errors import CHANNEL_NAMES, Rows, Sums
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
 from probe_design.locating.next_position import MAX_PARTICLES, CandidateLoad, NextPosition, build_candidates, choose_position
+from probe_design.locating.pose_errors import PoseError, estimate_pose_errors
 from probe_design.locating.posterior import CommonSummary, find_region, summarise
 from probe_design.locating.samples import CONVERGED_SIZE, Sample
 from probe_design.locating.sampling import draw_posteriors
@@ -25,7 +26,7 @@ TESTED_SETS = 200  # most probable sets of each number, among which the residual
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
 MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
 DETECTABLE_SAMPLES = 1024  # tumours of the prior whose deflections are computed
-COMMON_SETS = 200  # of each number of tumours, for the posterior of gains and tissue
+COMMON_SETS = 200  # of each number of tumours, for the posterior of gains, tissue and places
 WILD_PROBABILITY = 0.5  # above it a reading counts as wild and is left out of the residual test
 MAX_DEVIATION = 4.0  # standard deviations of one residual above which a warning names it
 
@@ -98,16 +99,17 @@ def infer(
     log_factors = (posterior.log_evidence[1:] - posterior.log_evidence[0]).tolist()
     by_number = tuple(_describe_number(likelihood, *parts) for parts in zip(posterior.samples, sets, log_factors, strict=True))
     p_value, best = _test_residuals(likelihood, posterior, sets)
-    residuals = _list_residuals(likelihood, best)
+    groups = (np.zeros((1, 0, 5)), *(part[:: max(1, len(part) // COMMON_SETS)] for part in sets))
+    pose_errors = estimate_pose_errors(likelihood, groups, posterior.probability)
     result = Location(
         probability=tuple(posterior.probability.tolist()),
         prior=tuple(likelihood.prior.numbers.tolist()),
         by_number=by_number,
         withheld=tuple(sample.points.shape[1] for sample in posterior.withheld),
-        nuisances=_describe_common(likelihood, posterior, sets, conditions.middles),
+        nuisances=_describe_common(likelihood, posterior, groups, conditions.middles),
         explained=p_value >= MIN_P_VALUE,
         p_value=p_value,
-        residuals=residuals,
+        residuals=_list_residuals(likelihood, best, pose_errors),
         next=_advise(likelihood, posterior, sets, conditions) if advise else None,
         warnings=(),
         evaluator=conditions.loads.evaluator,
@@ -173,7 +175,7 @@ def _compute_deviations(likelihood: Likelihood, tumours: Floats) -> Floats:
     return np.concatenate([deviations[is_used], common[0, is_moved]])
 
 
-def _list_residuals(likelihood: Likelihood, tumours: Floats) -> tuple[Residual, ...]:
+def _list_residuals(likelihood: Likelihood, tumours: Floats, pose_errors: list[PoseError | None]) -> tuple[Residual, ...]:
     """Return each reading against the prediction of one set of tumours, shape (1, m, 5)."""
     data = likelihood.data
     residuals, variance = likelihood.compute_residuals(tumours)
@@ -199,16 +201,16 @@ def _list_residuals(likelihood: Likelihood, tumours: Floats) -> tuple[Residual, 
             predicted_ratio_change=pick(predicted, index, 0),
             predicted_stiffness_change=pick(predicted, index, 1),
             wild=wild[index],
+            pose_error=pose_errors[index],
         )
         for index in range(len(data))
     )
 
 
 def _describe_common(
-    likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...], middles: dict[str, float]
+    likelihood: Likelihood, posterior: Posterior, groups: tuple[Floats, ...], middles: dict[str, float]
 ) -> dict[str, CommonSummary]:
-    """Return the posterior of the gains that are read and of the tissue's unknown numbers, over all numbers of tumours."""
-    groups = [np.zeros((1, 0, 5)), *(part[:: max(1, len(part) // COMMON_SETS)] for part in sets)]
+    """Return the posterior of the gains that are read and of the tissue's unknown numbers, over sets of all numbers."""
     parts, weights = [], []
     for tumours, probability in zip(groups, posterior.probability, strict=True):
         parts.append(likelihood.solve_common(tumours))

@@ -103,10 +103,15 @@ class Likelihood:
 
     def sum_readings(self, tumours: Floats) -> Sums:
         """Return the sums of eq. LO.2 for sets of tumours, shape (n, m, 5); wild readings count the less, the more probable."""
+        residuals, variance = self.weigh_readings(tumours)
+        return Sums.from_readings(self.rows, residuals, variance, self.data.values - residuals)
+
+    def weigh_readings(self, tumours: Floats) -> tuple[Floats, Floats]:
+        """Return ``compute_residuals`` without what the common errors change, variances the larger, the more probably wild."""
         residuals, variance = self.compute_residuals(tumours, with_scale=False)
         if self.outlier_rate:
             variance = _widen(variance, self.compute_wild_probability(*self.compute_residuals(tumours)))
-        return Sums.from_readings(self.rows, residuals, variance, self.data.values - residuals)
+        return residuals, variance
 
     @cached_property
     def common_errors(self) -> CommonErrors:
@@ -140,7 +145,7 @@ class Likelihood:
                     signal[:, rows] += part * weights[rows, None]
         return signal, spread**2
 
-    def _compute_slopes(self, tumours: Floats) -> Floats:
+    def compute_slopes(self, tumours: Floats) -> Floats:
         """Return the derivatives of the signals with respect to the probe's place, 1/m, shape (n, k, 2, 2)."""
         data, slopes = self.data, np.zeros((len(tumours), len(self.data), 2, 2))
         for model, weights in zip(self.models, data.weights.T, strict=True):
@@ -166,7 +171,7 @@ class Likelihood:
             exchange = compute_exchange(tumours)[:, None, None]
             variance += (error**2 + scale**2 + exchange**2) * signal**2
             if np.any(data.pose_sd[~data.is_baseline]):
-                variance += ((self._compute_slopes(tumours) * data.pose_sd[:, None, :]) ** 2).sum(axis=-1)
+                variance += ((self.compute_slopes(tumours) * data.pose_sd[:, None, :]) ** 2).sum(axis=-1)
         return data.values - signal, variance
 
     def solve_common(self, tumours: Floats) -> tuple[Floats, Floats]:

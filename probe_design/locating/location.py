@@ -10,6 +10,7 @@ from geometry.common.errors import import_extra
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.locating.next_position import NextPosition
+from probe_design.locating.pose_errors import PoseError
 from probe_design.locating.posterior import CommonSummary, Summary
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.scan_data import ScanData
@@ -100,6 +101,8 @@ class Residual:
         What the most probable tumours change.
     wild
         Probability that the reading is wild; None unless a rate of wild readings is stated.
+    pose_error
+        Where the probe stood less the stated place; None where the place is exact.
     """
 
     x: float
@@ -112,6 +115,7 @@ class Residual:
     predicted_ratio_change: float | None
     predicted_stiffness_change: float | None
     wild: float | None
+    pose_error: PoseError | None = None
 
 
 @dataclass(frozen=True, repr=False)

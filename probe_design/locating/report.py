@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from geometry.scenes.units import MM_PER_M
 from probe_design.estimation.measurements import FORCE_QUANTITY
 from probe_design.locating.figures import LEGENDS, draw_fit, draw_marginals, draw_plan, draw_section
 from probe_design.locating.location import Location, NumberResult
-from probe_design.locating.posterior import Summary
+from probe_design.locating.posterior import LEARNT_SD_RELATIVE, Summary
 from probe_design.reporting.page import Chapter, Items, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section
 from probe_design.reporting.table import Table
@@ -110,11 +111,33 @@ def list_lines(result: Location) -> Iterator[str]:
     yield build_headline(result)
     if (unlearnt := list_unlearnt(result)) and result.probability[0] < 0.5:
         yield f"Not learnt: {', '.join(unlearnt)}: as before the scan."
+    yield from _describe_pose(result)
     yield CONDITION
     if result.next is not None:
         x, y = result.next.x * MM_PER_M, result.next.y * MM_PER_M
         force = "" if result.next.force is None else f", {FORCE_QUANTITY.format_value(result.next.force)}"
         yield f"next: x = {x:.3g} mm, y = {y:.3g} mm{force}, expected information {result.next.information:.2g} nats"
+
+
+def _describe_pose(result: Location) -> Iterator[str]:
+    """Yield what is learnt of the places of presses by hand."""
+    learnt, count = [], 0
+    for part, before in zip(result.residuals, result.data.pose_sd.tolist(), strict=True):
+        if (pose := part.pose_error) is not None:
+            count += 1
+            if pose.x_sd < LEARNT_SD_RELATIVE * before[0] or pose.y_sd < LEARNT_SD_RELATIVE * before[1]:
+                learnt.append((part, pose))
+    if learnt:
+        part, pose = max(learnt, key=lambda row: math.hypot(row[1].x, row[1].y))
+        x, y, x_error, y_error, x_sd, y_sd = (
+            MM_PER_M * value for value in (part.x, part.y, pose.x, pose.y, pose.x_sd, pose.y_sd)
+        )
+        yield (
+            f"Places: the readings narrow the error of {len(learnt)} of {count} presses, most far off at x = {x:.1f} mm, "
+            f"y = {y:.1f} mm: by {x_error:+.1f} ± {x_sd:.1f} mm along x, {y_error:+.1f} ± {y_sd:.1f} mm along y."
+        )
+    elif count:
+        yield "Places: the readings say nothing of how far presses stood off their places."
 
 
 def list_unlearnt(result: Location) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextvars import copy_context
+from functools import partial
 from typing import Generic, SupportsIndex, TypeVar, overload
 
 T = TypeVar("T")
@@ -13,7 +14,7 @@ class LazySequence(Sequence[T], Generic[T]):
     """A frozen sequence that builds each item when it is first read, and then keeps it.
 
     Items are built in the context in which the sequence was made: with its limits, and with its command line in provenance.
-    A pickled one becomes a list.
+    A pickled one has all its items.
 
     Parameters
     ----------
@@ -54,6 +55,16 @@ class LazySequence(Sequence[T], Generic[T]):
         """Return the items as a list's."""
         return repr(list(self))
 
-    def __reduce__(self) -> tuple[type, tuple[list[T]]]:
-        """Return a list for pickles, as what builds the items cannot be pickled."""
-        return list, (list(self),)
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[type, list[T]]]:
+        """Return the class and all items for pickles, as what builds the items cannot be pickled."""
+        return _restore_sequence, (type(self), list(self))
+
+
+def _restore_sequence(kind: type[LazySequence[T]], items: list[T]) -> LazySequence[T]:
+    """Return a sequence of items that are built."""
+    return kind([partial(_get, item) for item in items])
+
+
+def _get(item: T) -> T:
+    """Return an item as it is."""
+    return item

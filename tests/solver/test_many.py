@@ -109,7 +109,7 @@ def test_formulas_answer_a_mixture_to_the_last_bit() -> None:
 
 
 def test_formulas_build_a_result_when_it_is_read_as_it_would_have_been_at_once() -> None:
-    """With the command line of the call in its provenance, once, and pickled as a list."""
+    """With the command line of the call in its provenance, once; pickled with its refusals, and as a frame."""
     with record_command(["evaluate", "many"]):
         results = evaluate_many([*mixture()[:3], with_load(force=1e9)], "closed-form")
     first = results[0]
@@ -118,8 +118,12 @@ def test_formulas_build_a_result_when_it_is_read_as_it_would_have_been_at_once()
     assert first.provenance["command"] == ["evaluate", "many"]
     assert results[-4] is first
     assert [type(item) for item in results[1:]] == [Result, Result, Refusal]
-    single = evaluate_many([OURS], "closed-form")
-    assert pickle.loads(pickle.dumps(single)) == single
+    copied = pickle.loads(pickle.dumps(results))
+    assert [str(item) for item in copied] == [str(item) for item in results]
+    assert (copied[-1].key, copied[-1].value, copied[-1].exit_code) == (results[-1].key, results[-1].value, 2)
+    frame = copied.to_frame()
+    assert frame["ratio"][0] == first.ratio
+    assert frame["error"][3] == str(results[3])
     with pytest.raises(IndexError):
         results[4]
 
