@@ -16,12 +16,13 @@ from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
 from probe_design.locating.next_position import MAX_PARTICLES, CandidateLoad, NextPosition, build_candidates, choose_position
 from probe_design.locating.pose_errors import PoseError, estimate_pose_errors
-from probe_design.locating.posterior import CommonSummary, find_region, summarise
+from probe_design.locating.posterior import NORMAL_90, CommonSummary, find_region, summarise
 from probe_design.locating.samples import CONVERGED_SIZE, Sample
 from probe_design.locating.sampling import draw_posteriors
 from probe_design.locating.scan_data import ScanConditions
 
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
+MIN_GAIN_P_VALUE = 1e-2  # of the gains before the readings, below which a warning names them
 TESTED_SETS = 200  # most probable sets of each number, among which the residuals are the smallest
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
 MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
@@ -247,6 +248,8 @@ def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sam
             f"no tumour of this population explains these readings (p = {result.p_value:.1g}): another probe, calibration or "
             "tissue, a wild reading (--outliers), or tumours beyond the population"
         )
+    if note := _compare_gains(result.nuisances):
+        notes.append(note)
     for index, residual in enumerate(result.residuals):
         for name in CHANNEL_NAMES:
             deviation = getattr(residual, name)
@@ -284,6 +287,27 @@ def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sam
             f"{MIN_DEFLECTION:g} standard deviations: the map is little more than the population"
         )
     return replace(result, warnings=tuple(notes))
+
+
+def _compare_gains(nuisances: dict[str, CommonSummary]) -> str:
+    """Return a note where the gains of all channels together are improbable before the readings, else an empty text.
+
+    A probe or a calibration that is not the design file's moves all readings alike, which the gains explain.
+    """
+    names = [f"ln_gain_{name}" for name in CHANNEL_NAMES]
+    gains = {name: nuisances[name] for name in names if name in nuisances and nuisances[name].is_learnt}
+    squared, factors = 0.0, []
+    for name, summary in gains.items():
+        before = summary.before_90[1] / NORMAL_90
+        deviation = summary.median / before / math.sqrt(1 - (summary.sd_relative or 0.0) ** 2)
+        squared += deviation**2
+        factors.append(f"{name.removeprefix('ln_gain_')} by a factor of {math.exp(summary.median):.2f} ({deviation:+.1f} sd)")
+    if not gains or chi2.sf(squared, len(gains)) > MIN_GAIN_P_VALUE:
+        return ""
+    return (
+        f"all readings are off alike, {' and '.join(factors)}, which [noise] gain makes improbable: perhaps another probe, "
+        "calibration or tissue than the design file's"
+    )
 
 
 def compute_detectable_share(likelihood: Likelihood) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -24,6 +25,7 @@ PRIOR_SHARE = 0.05  # a: bounds every weight by twenty times that of the prior
 FITTED_PARTICLES = 1024  # to which a mixture is fitted, chosen among more
 FIT_STEPS = 10  # of expectation maximisation: more change the effective sample size by less than its scatter
 SPREAD_FACTOR = 1.15  # of the fitted covariances, so that the proposal is wider than the particles
+ROWS_AT_ONCE = 1024  # particles whose distances from all components fit the processor's cache
 MIN_VARIANCE = 1e-6  # of logits: keeps covariances of a quantity that the readings fix
 
 
@@ -63,7 +65,10 @@ class StudentMixture:
             z = z[choose_systematically(weights, FITTED_PARTICLES, rng)]
             weights = np.full(FITTED_PARTICLES, 1 / FITTED_PARTICLES)
         z = np.clip(z, -MAX_LOGIT, MAX_LOGIT)
-        whole = _compute_covariance(z, weights, weights @ z) + MIN_VARIANCE * np.eye(dimensions)
+        middle = weights @ z
+        z = z - middle  # so that differences of products below keep their digits
+        products = (z[:, :, None] * z[:, None]).reshape(len(z), -1)
+        whole = (weights @ products).reshape(dimensions, dimensions) + MIN_VARIANCE * np.eye(dimensions)
         narrow = whole * count ** (-2 / dimensions)
         pseudo = (dimensions + 2) / size / 2  # of the prior's weight on each covariance
         mixture = cls(
@@ -76,13 +81,14 @@ class StudentMixture:
             parts = np.exp(log_parts - log_sum_exp(log_parts, axis=0)) * weights
             pulls = parts * (FREEDOM + dimensions) / (FREEDOM + squares)
             shares = np.maximum(parts.sum(axis=1), 1e-12)
-            means = (pulls @ z) / np.maximum(pulls.sum(axis=1), 1e-300)[:, None]
-            covariances = np.stack([
-                (_compute_covariance(z, pull, mean) + pseudo * narrow) / (share + pseudo)
-                for pull, mean, share in zip(pulls, means, shares, strict=True)
-            ])  # fmt: skip
+            moved = pulls @ z
+            means = moved / np.maximum(pulls.sum(axis=1), 1e-300)[:, None]
+            crossed = means[:, :, None] * moved[:, None]
+            totals = (pulls @ products).reshape(count, dimensions, dimensions) - crossed - crossed.transpose(0, 2, 1)
+            totals += pulls.sum(axis=1)[:, None, None] * means[:, :, None] * means[:, None]  # of squared deviations
+            covariances = (totals + pseudo * narrow) / (shares + pseudo)[:, None, None]
             mixture = cls(shares / shares.sum(), means, np.linalg.cholesky(covariances))
-        return cls(mixture.shares, mixture.means, mixture.factors * math.sqrt(SPREAD_FACTOR))
+        return cls(mixture.shares, mixture.means + middle, mixture.factors * math.sqrt(SPREAD_FACTOR))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Return logits, shape (count, D)."""
@@ -97,28 +103,67 @@ class StudentMixture:
 
     def compute_log_density(self, z: Floats, log_prior: Floats | None = None) -> Floats:
         """Return ln q at logits (n, D), shape (n,); ``log_prior`` is that of the prior there, where it is known."""
-        kernels = log_sum_exp(self._compute_log_components(self._compute_squares(z)), axis=0)
         log_prior = compute_log_prior(z) if log_prior is None else log_prior
+        with np.errstate(divide="ignore"):  # ln 0 far from all components, where the prior alone is left
+            kernels = np.log(self._sum_components(z)) + self._log_constants.max()
         return np.asarray(np.logaddexp(math.log(PRIOR_SHARE) + log_prior, math.log1p(-PRIOR_SHARE) + kernels))
+
+    def _sum_components(self, z: Floats) -> Floats:
+        """Return sum_k c_k t_nu(z) over the largest constant of a component, shape (n,), without logarithms of each."""
+        weights = np.exp(self._log_constants - self._log_constants.max())
+        whole, half = divmod(FREEDOM + self.means.shape[1], 2)
+        total = np.empty(len(z))
+        for start in range(0, len(z), ROWS_AT_ONCE):
+            inverse = self._compute_squares(z[start : start + ROWS_AT_ONCE])
+            inverse /= FREEDOM
+            inverse += 1
+            np.reciprocal(inverse, out=inverse)
+            power = raise_to(inverse, whole)
+            if half:
+                power *= np.sqrt(inverse, out=inverse)
+            total[start : start + ROWS_AT_ONCE] = weights @ power
+        return total
 
     def _compute_squares(self, z: Floats) -> Floats:
         """Return the squared distances from the components in their own units, shape (K, n)."""
         # one product for all components, whose sums run along contiguous rows
-        inverses = np.linalg.inv(self.factors)
-        count, dimensions = self.means.shape
-        origins = np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
-        scaled = inverses.reshape(-1, dimensions) @ z.T
+        inverses, origins = self._inverses
+        scaled = inverses @ z.T
         scaled -= origins
         scaled *= scaled
-        return np.asarray(scaled.reshape(count, dimensions, -1).sum(axis=1))
+        return np.asarray(scaled.reshape(*self.means.shape, -1).sum(axis=1))
+
+    @cached_property
+    def _inverses(self) -> tuple[Floats, Floats]:
+        """Inverses of the Cholesky factors, one below the other, (K D, D), and these times the means, (K D, 1)."""
+        inverses = np.linalg.inv(self.factors)
+        origins = np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
+        return inverses.reshape(-1, self.means.shape[1]), origins
+
+    @cached_property
+    def _log_constants(self) -> Floats:
+        """Ln of c_k t_nu at the mean of each component, shape (K,)."""
+        dimensions = self.means.shape[1]
+        log_volume = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
+        constant = gammaln((FREEDOM + dimensions) / 2) - gammaln(FREEDOM / 2) - dimensions / 2 * math.log(FREEDOM * math.pi)
+        return np.asarray(np.log(self.shares) + constant - log_volume)
 
     def _compute_log_components(self, squares: Floats) -> Floats:
         """Return ln c_k t_nu(z), shape (K, n)."""
-        dimensions = self.means.shape[1]
-        half = (FREEDOM + dimensions) / 2
-        log_volume = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
-        constant = gammaln(half) - gammaln(FREEDOM / 2) - dimensions / 2 * math.log(FREEDOM * math.pi)
-        return np.asarray((np.log(self.shares) + constant - log_volume)[:, None] - half * np.log1p(squares / FREEDOM))
+        half = (FREEDOM + self.means.shape[1]) / 2
+        return np.asarray(self._log_constants[:, None] - half * np.log1p(squares / FREEDOM))
+
+
+def raise_to(values: Floats, power: int) -> Floats:
+    """Return a whole power, 1 or more, of an array by products."""
+    result, square = None, values
+    while power:
+        if power & 1:
+            result = square if result is None else result * square
+        power >>= 1
+        if power:
+            square = square * square
+    return values.copy() if result is None else result if result is not values else values.copy()
 
 
 @dataclass(frozen=True)
@@ -215,9 +260,3 @@ class CombinedProposal:
         """Return ln q at logits (n, D), shape (n,)."""
         densities = [part.compute_log_density(z) for part in self.parts]
         return log_sum_exp(np.stack(densities), axis=0) - math.log(len(self.parts))
-
-
-def _compute_covariance(z: Floats, weights: Floats, mean: Floats) -> Floats:
-    """Return the sum of the squared deviations of z (n, D) by weights, shape (D, D)."""
-    deviations = z - mean
-    return np.asarray((weights[:, None] * deviations).T @ deviations)

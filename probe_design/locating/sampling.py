@@ -19,7 +19,7 @@ from probe_design.locating.samples import Sample, compute_effective_size, log_su
 from probe_design.locating.several import Pool, draw_several, weigh
 
 START_SIZE = 2**13  # of the Sobol sample of the prior for one tumour
-ROUND_SIZE, LAST_SIZE = 2048, 6144  # samples of a round, and of the last one
+ROUND_SIZE, LAST_SIZE = 2048, 4096  # samples of a round, and of the last one
 COMPONENTS = 10  # of the mixture
 MAX_ROUNDS = 8  # of adaptation: one tumour needs 1 to 4
 GOOD_SIZE_RELATIVE = 0.2  # effective sample size of a round, of its samples, after which the last one follows

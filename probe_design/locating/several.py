@@ -39,12 +39,12 @@ SOBOL_PART = 4096  # of the prior's sample, that the parts of the pool are fitte
 POOL_COMPONENTS, FIRST_COMPONENTS, LAST_COMPONENTS = 8, 6, 10  # of the mixtures
 POOL_SIZE = 250.0  # effective sample size of the tempered likelihood to which a part of the pool is fitted
 POWER_STRIDE = 16  # of the sets from which a power is chosen
-EXTENDED = 512  # sets to which tumours of the pool are added
+EXTENDED = 320  # sets to which tumours of the pool are added
 PARTICLES, MAX_TEMPERATURES, MOVES = 320, 30, 6  # of tempered sequential Monte Carlo in each repeat
 TEMPERING_SIZE_RELATIVE = 0.4  # effective sample size that a step of the temperature keeps, of the number of particles
-FIRST_SIZE, LAST_SIZE = 2048, 4096  # samples of each repeat, the last at most
+PILOT_SIZE, FIRST_SIZE, LAST_SIZE = 1024, 2048, 4096  # samples of each repeat: to fit a mixture to; the last at least, at most
 ENOUGH_SIZE = 400.0  # effective sample size of a repeat's last samples, for which fewer may do: ln evidence is then known to 0.05
-GOOD_SIZE, MAX_ROUNDS = 250.0, 4  # effective size of a repeat's last samples, up to which its mixture is fitted anew
+GOOD_SIZE, MAX_ROUNDS = 250.0, 5  # effective size of a repeat's last samples, up to which its mixture is fitted anew
 
 
 @dataclass(frozen=True)
@@ -158,12 +158,13 @@ class Pool:
         power = 0.0
         for size in range(2, number + 1):
             log_likelihood = values[:, None] + alone - totals @ signals.T
-            fixed = log_ratio[:, None] + log_weights
-            count, target = (PARTICLES, PARTICLES) if size == number else (EXTENDED, EXTENDED)
-            power = _choose_joint_power(fixed, log_likelihood, 2.0 * target)
-            joint = (fixed + power * log_likelihood).ravel()
-            pairs = choose_systematically(np.exp(joint - log_sum_exp(joint)), count, rng)
-            first, second = np.divmod(pairs, len(z))
+            joint = log_ratio[:, None] + log_weights
+            count = target = PARTICLES if size == number else EXTENDED
+            power = _choose_joint_power(joint, log_likelihood, 2.0 * target)
+            joint += power * log_likelihood
+            joint -= joint.max()
+            np.exp(joint, out=joint)
+            first, second = np.divmod(choose_systematically(joint.ravel() / joint.sum(), count, rng), len(z))
             sets, totals = np.concatenate([sets[first], z[second]], axis=1), totals[first] + signals[second]
             values = log_likelihood[first, second]
             log_ratio = -power * values
@@ -205,7 +206,7 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
 
     # a second tumour moves the first too much for that
     extended = () if pool.proposal is None else (ExtendedProposal(pool.proposal, pool.parts[-1]),)
-    counts = [size * (1 + len(extended)) for size in (FIRST_SIZE, LAST_SIZE)]
+    pilot, *counts = (size * (1 + len(extended)) for size in (PILOT_SIZE, FIRST_SIZE, LAST_SIZE))
     parts, evidences, signals = [], [], []
     for repeat in range(REPEATS):
         rng = np.random.default_rng((seed, number, repeat))
@@ -214,7 +215,7 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         z = _temper(evaluate, z, number, power, rng)
         z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
         mixture = SetProposal.fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, number, rng)
-        z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), counts[0], rng)
+        z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), pilot, rng)
         for _ in range(MAX_ROUNDS):
             softened = soften_weights(log_weights)
             z = Labels.from_particles(z, softened, number).order(z)

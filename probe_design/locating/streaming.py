@@ -36,7 +36,7 @@ STREAMED_START_SIZE = 2**14  # Sobol sample of the prior for one tumour
 RENEWED_SIZE = 4096  # samples of a round of one tumour: 35 ms with 25 readings
 MIN_STREAMED_SIZE = 250.0  # effective sample size of one tumour below which it is drawn anew
 MAX_RENEWALS = 4  # rounds of one reading, before everything is drawn as by `locate`
-SEVERAL_PARTICLES, SEVERAL_START = 1000, 2**13  # particles of two and three tumours, and their sample of the prior
+SEVERAL_PARTICLES, SEVERAL_START = 800, 2**13  # particles of two and three tumours, and their sample of the prior
 SEVERAL_SIZE_RELATIVE = 0.5  # effective sample size below which they are resampled and moved
 MOVES_PER_TUMOUR = 4  # steps of each set after resampling, for each of its tumours
 MAX_BRIDGES = 20  # powers of the likelihood of a single reading that surprises
@@ -151,7 +151,6 @@ class Stream:
         rng
             Random numbers.
         """
-        earlier = replace(likelihood, data=likelihood.data.select(slice(0, len(likelihood.data) - 1)))
         number, power, sample = self.sample.points.shape[1], 0.0, self.sample
         evidence, variance = sample.log_evidence, self.variance
         # ln L before and after the last reading; the moves leave old + power (new - old) as it is
@@ -180,8 +179,7 @@ class Stream:
             for move in range(MOVES_PER_TUMOUR * number):
                 candidate, log_prior_ratio = _propose(z, number if move % 2 else 1, rng)
                 points = expit(candidate).reshape(len(z), number, -1)
-                candidate_new = likelihood.evaluate(points)
-                candidate_old = candidate_new if is_last else earlier.evaluate(points)
+                candidate_old, candidate_new = _evaluate_last(likelihood, points, with_earlier=not is_last)
                 gain = power * _subtract(candidate_new, new) + (0.0 if is_last else (1 - power) * _subtract(candidate_old, old))
                 accepted = np.log(rng.random(len(z))) < gain + log_prior_ratio
                 z = np.where(accepted[:, None], candidate, z)
@@ -196,6 +194,21 @@ class Stream:
 def _subtract(new: Floats, old: Floats) -> Floats:
     """Return new less old, -inf where new is -inf."""
     return np.where(np.isfinite(new), new, 0.0) - np.where(np.isfinite(old), old, 0.0) + np.where(np.isfinite(new), 0.0, -np.inf)
+
+
+def _evaluate_last(likelihood: Likelihood, points: Floats, *, with_earlier: bool) -> tuple[Floats, Floats]:
+    """Return ln L of sets of tumours without the last reading and with it; the first is the second unless ``with_earlier``."""
+    if not with_earlier:
+        value = likelihood.evaluate(points)
+        return value, value
+    count = len(likelihood.data) - 1
+    earlier, last = (replace(likelihood, data=likelihood.data.select(rows)) for rows in (slice(0, count), slice(count, None)))
+    if likelihood.outlier_rate:
+        return earlier.evaluate(points), likelihood.evaluate(points)
+    old, sums = _measure(earlier, points)
+    assert sums is not None
+    sums += _sum_predictable(last, likelihood.prior.transform(points), np.isfinite(old))
+    return old, sums.compute_log_likelihood()
 
 
 def _measure(likelihood: Likelihood, points: Floats) -> tuple[Floats, Sums | None]:
