@@ -35,7 +35,7 @@ from solver.inclusions.tumours import Tumours
 
 DESIGN_FILE = "examples/scans/one-clear.toml"
 TUMOURS, MAX_PRESSES = 12, 30
-LIMITS = (0.1, 0.02)  # of the probability of tumours that the scan detects, below which a survey stops
+LIMITS = (0.1, 0.02, 0.01)  # of the probability of tumours that the scan detects, below which a survey stops
 RASTER_PRESSES = 25
 SHOWN = (3, 6, 8, 12, 16, 25)  # presses of the first table
 SEED = 40

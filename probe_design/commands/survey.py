@@ -40,7 +40,7 @@ class SurveyRequest(SourceRequest):
     DESIGN is a design file as for `locate`: probe, tissue, noise, and what is known of tumours before. The first press is the
     baseline reading over tumour-free tissue, unless [protocol] has blank = false; with [protocol] loads there is one under each.
     Each next place, and load, is the one whose reading is expected to say the most. The survey stops when no tumour is less
-    probable than 1 %, when tumours that the protocol's scan would detect with 90 % are less probable than 2 %, when no reading is
+    probable than 1 %, when tumours that the protocol's scan would detect with 90 % are less probable than 1 %, when no reading is
     expected to say more, or after --presses.
 
     \b

@@ -22,9 +22,7 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, whiten
 
 PROBABILITY_NONE = 0.01  # of no tumour, below which a survey stops
-DETECTABLE_PROBABILITY = (
-    0.02  # of tumours that the scan detects, below which a survey stops: as many such stops are wrong, at most
-)
+DETECTABLE_PROBABILITY = 0.01  # of tumours that the scan detects, below which a survey stops: as many such stops are wrong
 DETECTION = 0.9  # probability with which the scan detects these tumours
 MIN_INFORMATION_NATS = 0.003  # expected of the best next reading: below it nothing more is learnt within a hundred readings
 MAX_LINE_POSITIONS = 9  # of the protocol's positions that the grid uses along each axis

@@ -104,7 +104,7 @@ def test_likelihood_is_that_of_the_whole_covariance(pose: float, scale: float) -
 def test_gains_beyond_their_noise_are_named() -> None:
     """Those of another probe or calibration: ln gain of 0.3 with a standard deviation of 0.07."""
     data = scan(CLEAR)
-    notes = result(replace(data, values=data.values + [0.3, 0.0]), tumours=1).warnings
+    notes = result(replace(data, values=data.values + np.array([0.3, 0.0])), tumours=1).warnings
     assert any("all readings are off alike" in line for line in notes)
     assert not clear().warnings
 
