@@ -149,6 +149,6 @@ def test_a_scan_under_two_equal_loads_detects_like_readings_with_half_the_varian
 
 def test_reasons_to_stop() -> None:
     assert find_stop(0.5, 0.5, 0.1) is None
-    assert find_stop(0.5, 0.05, 0.1) is None  # one such stop in twenty would be wrong
-    reasons = [find_stop(*numbers) for numbers in ((0.009, 0.9, 0.1), (0.7, 0.019, 0.1), (0.5, 0.5, 1e-4))]
+    assert find_stop(0.5, 0.02, 0.1) is None  # one such stop in fifty would be wrong
+    reasons = [find_stop(*numbers) for numbers in ((0.009, 0.9, 0.1), (0.7, 0.009, 0.1), (0.5, 0.5, 1e-4))]
     assert [stop.reason for stop in reasons if stop is not None] == ["tumour", "none", "nothing to learn"]
