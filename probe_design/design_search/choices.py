@@ -11,7 +11,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
-from probe_design.design_search.closed_search import search
+from probe_design.design_search.closed_search import CONSTRAINT_TOLERANCE_RELATIVE, refine_by_ipopt, search
 from probe_design.design_search.combination import Combination
 from probe_design.design_search.objective import SearchEffort, SearchObjective
 from probe_design.design_search.search_space import SearchSpace
@@ -126,7 +126,10 @@ def _search_all(
         progress(k, len(combinations))
         choices += search_combination(objective, search_space, combination, thorough=thorough)
     progress(len(combinations), len(combinations))
-    return choices if thorough else choices + _repeat_search(objective, search_space, choices)
+    if thorough:
+        return choices
+    choices += _repeat_search(objective, search_space, choices)
+    return choices + try_other_scans(objective, search_space, choices)
 
 
 def _repeat_search(objective: SearchObjective, search_space: SearchSpace, choices: list[Choice]) -> list[Choice]:
@@ -134,6 +137,27 @@ def _repeat_search(objective: SearchObjective, search_space: SearchSpace, choice
     order = sorted(choices, key=lambda choice: -choice.value)
     best = list({choice.combination.description: choice.combination for choice in order}.values())[:REPEATED_COMBINATIONS]
     return [repeated for choice in best for repeated in search_combination(objective, search_space, choice, thorough=True)]
+
+
+def try_other_scans(objective: SearchObjective, search_space: SearchSpace, choices: list[Choice]) -> list[Choice]:
+    """Return the best probe of all under every other scan, and refined there: a quick search may end at a worse one."""
+    if len(search_space.scan_choices) < 2 or not choices:
+        return []
+    best, tried = max(choices, key=lambda choice: choice.value), list[Choice]()
+    space, poisson = search_space.pin(best.combination.pinned), best.combination.poisson
+    for scan in search_space.scan_choices:
+        if scan == best.combination.scan:
+            continue
+        combination = replace(best.combination, scan=scan)
+        changed = objective.set_choices(combination)
+        refined = (
+            refine_by_ipopt(changed, space, best.design, poisson=poisson, steps=QUICK_EFFORT.steps) if space.free else best.design
+        )
+        designs = np.stack([best.design, refined], axis=1)
+        for design, value in zip(designs.T, changed.evaluate_designs(designs, poisson).tolist(), strict=True):
+            if np.isfinite(value) and space.admits(design, CONSTRAINT_TOLERANCE_RELATIVE):
+                tried.append(Choice(combination, design, value))
+    return tried
 
 
 def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:

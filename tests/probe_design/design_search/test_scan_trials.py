@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,11 @@ from benchmarks.locating.forward_model import SCENE_TABLES, compute_truth
 from benchmarks.locating.scans import COMMON, NARROW
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
+from probe_design.design_search.choices import search_combination, try_other_scans
+from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.scan_choices import list_scan_choices
 from probe_design.design_search.scan_trials import ScanTrials
+from probe_design.design_search.search_space import build_search_space
 from probe_design.estimation.measurements import Reading
 from probe_design.locating.run import run_locate
 from probe_design.locating.scan_data import ScanConditions
@@ -58,6 +62,25 @@ def test_the_place_error_of_trials_is_that_of_scans_that_locate_explains() -> No
 def check_mean(values: Floats, expected: float) -> None:
     """Check the mean of independent values by their own scatter."""
     assert values.mean() == pytest.approx(expected, abs=2.5 * values.std(ddof=1) / np.sqrt(len(values)))
+
+
+def test_no_scan_is_searched_to_less_than_the_best_probe_gives_under_it() -> None:
+    design = make_design(
+        variables={"presses": [9, 25], "pitch": {"choices": ["4 mm", "8 mm"]}}, limits={"presses": 26, "outer_radius": "9 mm"}
+    )
+    search_space, objective = build_search_space(design), PopulationObjective.from_design(design, 9e-3)
+    first = next(search_space.iterate_combinations())
+    best = search_combination(objective, search_space, first, thorough=False)[0]
+    tried = try_other_scans(objective, search_space, [best])
+    values = {
+        scan: max(choice.value for choice in tried if choice.combination.scan == scan) for scan in search_space.scan_choices[1:]
+    }
+    assert first.scan == search_space.scan_choices[0]
+    assert len(values) == 5
+    for scan, value in values.items():
+        changed = objective.set_choices(replace(first, scan=scan))
+        assert value >= changed.evaluate_designs(best.design[:, None], first.poisson)[0]
+        assert search_space.admits(max(tried, key=lambda choice: choice.value).design, 1e-6)
 
 
 def test_scans_are_squares_at_every_pitch_within_the_limit_and_on_the_tissue() -> None:
