@@ -136,7 +136,7 @@ class StudentMixture:
     @cached_property
     def _inverses(self) -> tuple[Floats, Floats]:
         """Inverses of the Cholesky factors, one below the other, (K D, D), and these times the means, (K D, 1)."""
-        inverses = np.linalg.inv(self.factors)
+        inverses: Floats = np.linalg.inv(self.factors).astype(float)
         origins = np.einsum("kij,kj->ki", inverses, self.means).reshape(-1, 1)
         return inverses.reshape(-1, self.means.shape[1]), origins
 
