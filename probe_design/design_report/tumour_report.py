@@ -103,8 +103,8 @@ def build_verified_table(optimum: TumourOptimum) -> Table:
     number_headings = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
     rows = list[tuple[str, ...]]()
     for name, item in [("start", optimum.start), *((f"{k + 1}", item) for k, item in enumerate(optimum.finalists))]:
-        read = item.ratio_read
-        values = (item.formula_value, item.value, item.lower, item.upper, *(read[key] for key in number_headings[4:]))
+        read = item.result.reading
+        values = (item.formula_value, item.value, item.lower, item.upper, read.ratio, read.log_sensitivity, read.error)
         cells = [text for _, text in (*_list_design_cells(item), *_list_load_cells(item))]
         rows.append((name, *cells, item.evaluator, *(f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values)))
     return Table(("design", *names, "evaluator", *number_headings), rows)
@@ -162,15 +162,18 @@ def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> 
     """
     linear = verified.linear or verified
     if evaluator_name == "closed-form":
-        sensitivity = linear.read_ratio(linear.formula_result)["log_sensitivity"] if linear.formula_result else None
+        sensitivity = linear.formula_result.reading.log_sensitivity if linear.formula_result else None
         return [
             ("log-sensitivity", format_number(sensitivity)),
             ("sd of ln E_object", format_number(linear.formula_value)),
         ]
     evaluated = next((item for item in (verified, linear) if item.evaluator == evaluator_name), None)
     shown = evaluated or verified
+    read = shown.result.reading
     rows = [
-        *((key.replace("_", " ").replace("log ", "log-"), value) for key, value in shown.ratio_read.items()),
+        ("ratio", read.ratio),
+        ("error estimate", read.error),
+        ("log-sensitivity", read.log_sensitivity),
         ("sd of ln E_object", shown.value),
         ("sd, lower bound", shown.lower),
         ("sd, upper bound", shown.upper),

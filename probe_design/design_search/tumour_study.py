@@ -302,7 +302,7 @@ class TumourStudy:
 
         Under more load the charge noise becomes negligible and the log-sensitivity grows by ``MAX_SENSITIVITY_GROWTH`` at most.
         """
-        abs_sensitivity = abs(verified.ratio_read["log_sensitivity"] or 0.0)
+        abs_sensitivity = abs(verified.result.reading.log_sensitivity or 0.0)
         return abs_sensitivity > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * abs_sensitivity) < best
 
 

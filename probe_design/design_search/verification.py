@@ -154,19 +154,6 @@ class TumourVerification:
         return self.result.evaluator
 
     @property
-    def ratio_read(self) -> dict[str, float | None]:
-        """``read_ratio`` of the result."""
-        return self.read_ratio(self.result)
-
-    def read_ratio(self, result: Result) -> dict[str, float | None]:
-        """Return the ratio that readings of the scene are, its error estimate and log-sensitivity, of charges or of stresses."""
-        keys = ("ratio", "error_estimate", "log_sensitivity")
-        if self.scene.observable == "charge":
-            keys = ("charge_ratio", "charge_ratio_error", "charge_log_sensitivity")
-        values = (getattr(result, key) for key in keys)
-        return dict(zip(("ratio", "error_estimate", "log_sensitivity"), values, strict=True))
-
-    @property
     def objective(self) -> tuple[float, float]:
         """Standard deviation of ln E_object and its error bound, which is inf if there is none."""
         return self.value, max(self.upper - self.value, self.value - self.lower) if self.upper < math.inf else math.inf
