@@ -166,25 +166,29 @@ def compute_reading(
     forces, covariance = factors * charges, np.outer(factors, factors) * charge_covariance
     _check_films(forces, covariance)
     # a calibration shares the error of its force scale with the force channel of this reading
-    own_gains = used_gains if measurement.force is None else used_gains.remove_force_scale_error()
-    own_covariance = np.outer(factors, factors) * own_gains.compute_forces_covariance(films, noise)
-    force, force_sd, own_force_sd = float(forces.sum()), _compute_sum_sd(covariance), _compute_sum_sd(own_covariance)
+    unshared_gains = used_gains if measurement.force is None else used_gains.remove_force_scale_error()
+    unshared_covariance = np.outer(factors, factors) * unshared_gains.compute_forces_covariance(films, noise)
+    force, force_sd, unshared_force_sd = float(forces.sum()), _compute_sum_sd(covariance), _compute_sum_sd(unshared_covariance)
     _check_preload(force, force_sd, scene)
     scale = used_gains.force_scale
     # charges that were not predicted are forces only to their order of magnitude
     is_force = not reads_film_states(scene) or predicted.charge_per_force_inner is not None
-    load_warnings = check_film_sum(force, own_force_sd if is_force else math.inf, measurement, bench, scale)
+    load_warnings = check_film_sum(force, unshared_force_sd if is_force else math.inf, measurement, bench, scale)
     load_warnings += check_scene_load(force, force_sd, measurement, scene, predicted, scale=scale)
-    stresses, stress_sds, own_stress_sds = forces / areas, _get_sds(covariance) / areas, _get_sds(own_covariance) / areas
+    stresses, stress_sds, unshared_stress_sds = (
+        forces / areas,
+        _get_sds(covariance) / areas,
+        _get_sds(unshared_covariance) / areas,
+    )
     relative_sd = None if predicted_error is None else SD_PER_BOUND * predicted_error
     predicted_ratio_sd = None if predicted_ratio is None or relative_sd is None else abs(predicted_ratio) * relative_sd
     is_scale_unknown = gains is None and bench.force is not None and not bench.force.verified
-    scale_sd = own_force_sd / abs(force) if is_scale_unknown else 0.0
+    scale_sd = unshared_force_sd / abs(force) if is_scale_unknown else 0.0
     predictions = _predict_at_load(measurement, scene, bench, predicted, scale=scale, scale_sd=scale_sd)
     z_ratio = _compute_z(ratio, ratio_sd, predicted_ratio, predicted_ratio_sd)
     z_inner, z_outer = (
         _compute_z(stress, sd, *prediction)
-        for stress, sd, prediction in zip(stresses.tolist(), own_stress_sds.tolist(), predictions, strict=True)
+        for stress, sd, prediction in zip(stresses.tolist(), unshared_stress_sds.tolist(), predictions, strict=True)
     )
     phase, phase_sd = compute_ratio_phase(measurement, bench, used_gains)
     z_phase, phase_warnings = compare_ratio_phase(phase, phase_sd, predicted)

@@ -148,22 +148,18 @@ class InclusionScan:
             film_derivatives.sum(axis=1) / readings.stiffness,
         ]
         # ln ratio, then ln stiffness; with only one channel read, the slices below keep ln ratio
-        values = np.stack([part[indices] for part in channel_derivatives], axis=-1)
-        if name in PLACE_AXES:  # the readings know only the distance: chain rule
-            values = values * self._compute_offset_slopes(name)[..., None]
-        return self.join_channels(values)
+        return self._join_derivatives(np.stack([part[indices] for part in channel_derivatives], axis=-1), name)
 
     def read_change_derivatives(self, change: LoadedChange, indices: Ints, name: str) -> Floats:
         """Return the derivatives of what a load adds to the signals by a number of the tumours, shape (k, m)."""
-        values = change.derivatives["x" if name in PLACE_AXES else name][indices]
-        if name in PLACE_AXES:  # as in ``compute_tumour_derivatives``
-            values = values * self._compute_offset_slopes(name)[..., None]
-        return self.join_channels(values)
+        return self._join_derivatives(change.derivatives["x" if name in PLACE_AXES else name][indices], name)
 
-    def _compute_offset_slopes(self, axis: str) -> Floats:
-        """Return the derivatives of the tumours' distances by their x or y, shape (k, p), 0 in place of 0 / 0 on the axis."""
-        along = self._distances[..., PLACE_AXES.index(axis)]
-        return np.asarray(along / np.maximum(np.linalg.norm(self._distances, axis=-1), 1e-300))
+    def _join_derivatives(self, values: Floats, name: str) -> Floats:
+        """Return derivatives of ratio and stiffness, (k, p, 2), as those of the m signals: by x or y where they are by distance."""
+        if name in PLACE_AXES:  # chain rule, with 0 in place of 0 / 0 on the axis
+            distance = np.maximum(np.linalg.norm(self._distances, axis=-1, keepdims=True), 1e-300)
+            values = values * self._distances[..., [PLACE_AXES.index(name)]] / distance
+        return self.join_channels(values)
 
     def select_reflected(self, count: int) -> Ints:
         """Return the indices of the tumours in this tissue whose reflections are computed, a sample of them: the first ones.
