@@ -155,7 +155,7 @@ class InclusionScan:
         return self._join_derivatives(change.derivatives["x" if name in PLACE_AXES else name][indices], name)
 
     def _join_derivatives(self, values: Floats, name: str) -> Floats:
-        """Return derivatives of ratio and stiffness, (k, p, 2), as those of the m signals: by x or y where they are by distance."""
+        """Return derivatives of ratio and stiffness, (k, p, 2), as those of the m signals; by x or y if by the distance."""
         if name in PLACE_AXES:  # chain rule, with 0 in place of 0 / 0 on the axis
             distance = np.maximum(np.linalg.norm(self._distances, axis=-1, keepdims=True), 1e-300)
             values = values * self._distances[..., [PLACE_AXES.index(name)]] / distance
