@@ -2,7 +2,6 @@
 
 import os
 import sys
-from io import TextIOWrapper
 
 
 def main() -> None:
@@ -31,7 +30,6 @@ def _open_streams() -> None:
     """Open standard streams that are closed, as the next file opened would take their number and receive printed text.
 
     Writing to standard output then fails, as on the closed stream. Standard input is empty; standard error discards its text.
-    Characters that a stream's encoding lacks, such as ± in ASCII, are printed as "?".
     """
     for number, name, flags in ((0, "stdin", os.O_RDONLY), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_WRONLY)):
         try:
@@ -39,9 +37,6 @@ def _open_streams() -> None:
         except OSError:
             os.set_inheritable(os.open(os.devnull, flags), True)  # opens at the lowest free number, which is this one
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")
 
 
 if __name__ == "__main__":

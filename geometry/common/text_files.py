@@ -56,10 +56,19 @@ def read_bytes(path: Path | str, key: str, kind: str, max_bytes: int) -> bytes:
             content = file.read(max_bytes + 1)  # no more: devices and pipes have no size to ask for
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
-        raise InputError(key, str(path), f"{kind} that can be read ({reason})") from None
+        raise InputError(key, str(path), f"{kind} that can be read ({reason}{_name_file_within(path)})") from None
     if len(content) > max_bytes:
         raise InputError(key, str(path), f"{kind} of at most {max_bytes} bytes")
     return content
+
+
+def _name_file_within(path: Path | str) -> str:
+    """Return words that name a TOML file of a folder, first the design of an optimisation; empty for all else."""
+    try:
+        files = sorted(Path(path).glob("*.toml"), key=lambda file: (file.name != "design.toml", file.name))
+    except (OSError, ValueError):
+        return ""
+    return f": a folder, which holds {files[0]}" if files else ""
 
 
 def _open_without_waiting(path: str, flags: int) -> int:

@@ -43,6 +43,8 @@ def check_kind(data: Mapping[str, object], name: str, kind: str, allowed: str) -
     InputError
         The file has tables of another kind, and none of its own.
     """
+    if kind == "scene file" and data.keys() == {"inclusion"}:
+        raise InputError(name, Words("a file of tumours alone"), f"{allowed}; use --hide of probe-design survey --virtual")
     other = next((file_kind for file_kind, sections in _SECTIONS.items() if sections & data.keys()), kind)
     if other == kind or (kind in ("design file", "sweep file") and other == "design or sweep file"):
         return

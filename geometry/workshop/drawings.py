@@ -22,6 +22,7 @@ from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, fi
 
 FIRST_LINE_OFFSET_MM = 11.0  # mm of paper from a view to its first dimension line: space for roughness symbols
 ITEM_SPACING_MM = 7.0  # between the numbers of two items
+ITEM_COLUMN_MM = 14.0  # of item numbers, to the right of the section and left of the dimensions there
 RADIUS_MARGIN_MM = 26.0  # next to the section, for the radius of its edge
 VIEW_SPACING_MM = 10.0  # from the last dimension line to the next view
 STANDARD_SCALES = [
@@ -110,7 +111,9 @@ def _side_margin(part: PartView) -> float:
     """Return the width that dimensions, item numbers and an edge's radius need at each side of the views, mm of paper."""
     levels = max(_count_measures(part, place) for place in ("left", "right", "plan"))
     return FIRST_LINE_OFFSET_MM + max(
-        DIMENSION_SPACING_MM * levels + 4, 14.0 if part.items else 0.0, RADIUS_MARGIN_MM if part.edge else 0.0
+        DIMENSION_SPACING_MM * levels + 4 + (ITEM_COLUMN_MM if part.items else 0.0),
+        14.0 if part.items else 0.0,
+        RADIUS_MARGIN_MM if part.edge else 0.0,
     )
 
 
@@ -189,8 +192,9 @@ def _draw_dimensions(view: View, part: PartView, texts: dict[Measure, str], proc
     starts: dict[str, float] = {"below": low, "left": low_x, "right": high_x}
     for place, start in starts.items():
         sign = 1 if place == "right" else -1
+        offset = FIRST_LINE_OFFSET_MM + (ITEM_COLUMN_MM if part.items and place == "right" else 0.0)
         for level, measure in enumerate(candidate for candidate in part.measures if candidate.place == place):
-            line_position = start + sign * (FIRST_LINE_OFFSET_MM + DIMENSION_SPACING_MM * level) * unit
+            line_position = start + sign * (offset + DIMENSION_SPACING_MM * level) * unit
             upright = place != "below"
             view.draw_dimension(
                 measure.start,

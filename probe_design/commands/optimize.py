@@ -143,6 +143,8 @@ class OptimizeRequest(LimitedRequest):
             write_message(f"its reading: {build_evaluate_command(folder)}")
         warn(optimum.warnings)
         write_message(optimum.verdict)
+        for sentence in report.advice:
+            (write_message if self.as_json else print)(sentence)
         if optimum.status == "no-gain":
             raise SystemExit(1)
 

@@ -15,7 +15,10 @@ from probe_design.populations.examination import examine
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import MAX_POSITIONS, MAX_RASTER_LINES
 
-NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
+NOISE_LABELS = {
+    "white": "the noise of the ratio", "gain": "the error of the gains", "stiffness_white": "the noise of the stiffness",
+    "stiffness_gain": "the error of all stiffnesses together", "charge": "the noise of the charges", "tilt": "the error by tilt",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,12 +33,18 @@ class Improvement:
         Value of the objective with it.
     gain, error
         Gain in the objective, and its standard error.
+    label
+        The improvement in plain words.
+    resolved
+        Fraction of the tumours whose stiffness is resolved with it.
     """
 
     name: str
     value: float
     gain: float
     error: float
+    label: str = ""
+    resolved: float = 0.0
 
 
 def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...]:
@@ -53,8 +62,10 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
     InputError, Refusal
         See ``examination.examine``.
     """
-    changes = dict(_iterate_changes(design))
-    positions = max((changed.protocol.positions for changed in (design, *changes.values())), key=len)  # contain all others
+    changes = {name: (label, changed) for name, label, changed in _iterate_changes(design)}
+    positions = max(
+        (changed.protocol.positions for changed in (design, *(changed for _, changed in changes.values()))), key=len
+    )  # contain all others
     widest = _replace_table(design, "protocol", positions=positions)
     scan, maximise = examine(scene, widest), design.objective.maximise
 
@@ -68,35 +79,40 @@ def compute_improvements(scene: Scene, design: Design) -> tuple[Improvement, ...
         return pressed.select(distances.argmin(axis=1), "both").evaluate(changed)
 
     start = evaluate(design)
-    results = [Improvement("as it is", start.means[maximise], 0.0, 0.0)]
-    for name, changed in changes.items():
-        better = evaluate(changed)
-        results.append(Improvement(name, better.means[maximise], *better.compute_gain(start, design.objective)))
+
+    def compare(name: str, label: str, better: Performance) -> Improvement:
+        """Return an improvement from the performance with it."""
+        gain, error = better.compute_gain(start, design.objective)
+        return Improvement(name, better.means[maximise], gain, error, label, better.means["resolved"])
+
+    results = [Improvement("as it is", start.means[maximise], 0.0, 0.0, "as it is", start.means["resolved"])]
+    results += [compare(name, label, evaluate(changed)) for name, (label, changed) in changes.items()]
     # charges grow with the load, their noise does not; whether a probe bears that load, only its verification shows
     if scene.load.force and design.noise.charge:
-        better = evaluate(design, 2.0)
-        results.append(Improvement("force doubled", better.means[maximise], *better.compute_gain(start, design.objective)))
+        results.append(compare("force doubled", f"twice the force, {2 * scene.load.force:.3g} N", evaluate(design, 2.0)))
     return tuple(results)
 
 
-def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
-    """Yield the name of each improvement and the design with it."""
+def _iterate_changes(design: Design) -> Iterator[tuple[str, str, Design]]:
+    """Yield the name of each improvement, its label in plain words, and the design with it."""
     noise, protocol = design.noise, design.protocol
-    for key in NOISE_KEYS:
+    for key, label in NOISE_LABELS.items():
         # gains cancel against a baseline reading, and a calibration replaces gain
         counts = not (protocol.blank and key.endswith("gain")) and (protocol.stiffness or not key.startswith("stiffness"))
         if getattr(noise, key) and counts and not (key == "gain" and noise.calibration):
-            yield f"{key} halved", _replace_table(design, "noise", **{key: getattr(noise, key) / 2})
+            half = getattr(noise, key) / 2
+            size = f"{half * 1e12:g} pC" if key == "charge" else f"{100 * half:g} %"
+            yield f"{key} halved", f"half {label}, {size}", _replace_table(design, "noise", **{key: half})
     if not protocol.stiffness:
-        yield "stiffness read", _replace_table(design, "protocol", stiffness=True)
+        yield "stiffness read", "the stiffness read, too", _replace_table(design, "protocol", stiffness=True)
     if not protocol.blank:
-        yield "blank read", _replace_table(design, "protocol", blank=True)
+        yield "blank read", "a baseline reading", _replace_table(design, "protocol", blank=True)
     places, count = protocol.places, 2 * len(protocol.positions) - 1
     if len(places) > 1 and count <= (MAX_RASTER_LINES if protocol.raster else MAX_POSITIONS):
         # one position added in the middle between each two
         positions = np.interp(np.arange(count) / 2, np.arange(len(places)), places)
         changed = _replace_table(design, "protocol", positions=tuple(positions.tolist()))
-        yield f"{changed.protocol.count} positions", changed
+        yield f"{changed.protocol.count} positions", f"{changed.protocol.count} positions, not {protocol.count}", changed
 
 
 def _replace_table(design: Design, table: str, **new: Any) -> Design:

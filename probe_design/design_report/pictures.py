@@ -35,7 +35,7 @@ def draw_maps(maps: dict[str, DepthMap], verified: dict[str, PopulationVerificat
         for row, (values, label, limit) in enumerate(
             (
                 (item.probability, "probability of detection", DETECTION_THRESHOLD),
-                (item.contrast_sd, "sd of ln contrast", MAX_RESOLVED_LOG_SD),
+                (item.contrast_sd, "sd of ln contrast (small: stiffness known)", MAX_RESOLVED_LOG_SD),
             )
         ):
             _draw_map(figure, axes[row][column], item, values, label=label, limit=limit)
@@ -46,9 +46,10 @@ def draw_maps(maps: dict[str, DepthMap], verified: dict[str, PopulationVerificat
     for item in axes[-1]:
         item.set_xlabel("diameter, mm")
     figure.suptitle(
-        "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: those verified,\n"
-        "full where detected more often than not; lines: 90 % detected, contrast resolved to 0.5",
-        fontsize=9,
+        "By the closed form, for a known tumour in the middle of the population's ranges (an upper bound); grey: none fits.\n"
+        "Points: tumours verified, white where detected more often than not. Black lines: detected 9 times in 10; ln contrast\n"
+        "resolved to 0.5.",
+        fontsize=12,
     )
     return save_figure(figure, path)
 
@@ -87,13 +88,13 @@ def draw_improvements(improvements: Sequence[Improvement], aim: Objective, path:
         The format is not known.
     """
     check_format(path)
-    figure, ((axes,),) = _create_figure((6.5, 1.2 + 0.42 * len(improvements)), (1, 1))
+    figure, ((axes,),) = _create_figure((8.0, 1.2 + 0.42 * len(improvements)), (1, 1))
     places, values = np.arange(len(improvements)), [aim.scale * item.value for item in improvements]
     axes.barh(places, values, color=["0.6", *["tab:blue"] * (len(improvements) - 1)])
     errors = [2 * aim.scale * item.error for item in improvements]
     axes.errorbar(values, places, xerr=errors, fmt="none", ecolor="black", capsize=3)
     axes.axvline(values[0], color="0.3", linewidth=0.8, linestyle=":")
-    axes.set_yticks(places, [item.name for item in improvements])
+    axes.set_yticks(places, [item.label or item.name for item in improvements])
     axes.invert_yaxis()
     axes.set_xlabel(f"{aim.label} (bars: two standard errors of the gain)")
     return save_figure(figure, path)
@@ -120,7 +121,7 @@ def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label
     figure.colorbar(shown, ax=axes, label=label, extend="neither" if probability else "both", format="%g")
     finite = values[np.isfinite(values)]
     if len(finite) and finite.min() < limit < finite.max():
-        axes.contour(x, y, np.ma.masked_invalid(values), levels=[limit], colors="white", linewidths=1.6)
+        axes.contour(x, y, np.ma.masked_invalid(values), levels=[limit], colors="black", linewidths=1.8)
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
@@ -142,4 +143,5 @@ def _draw_tumours(axes: Any, verified: PopulationVerification) -> None:
     performance = verified.performance
     detected = performance.values["detection"] >= 0.5
     x, y = performance.draw.diameter * MM_PER_M, performance.draw.depth * MM_PER_M
-    axes.scatter(x, y, s=16, facecolors=np.where(detected, "white", "none"), edgecolors="white", linewidths=0.8)
+    # white in black: seen on every colour of the map
+    axes.scatter(x, y, s=22, facecolors=np.where(detected, "white", "none"), edgecolors="black", linewidths=1.0)

@@ -17,6 +17,7 @@ from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, Report, Writer, format_heights
+from probe_design.design_report.verdict import list_assumptions, write_population_verdict
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.scan_choices import compute_pitch
@@ -94,6 +95,8 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
     return Report(
         optimum=optimum,
         table=build_population_table(optimum, maps),
+        advice=write_population_verdict(optimum, maps, improvements),
+        assumptions=list_assumptions(optimum),
         notes=notes,
         provenance=provenance,
         cautions=optimum.warnings,

@@ -23,7 +23,7 @@ from probe_design.design_search.variables import M_PER_MM, VARIABLES, Limit
 from probe_design.reporting.page import Chapter, Items, Part, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
 from probe_design.reporting.table import Table
-from probe_design.reporting.workshop_command import WORKSHOP_PARTS
+from probe_design.reporting.workshop_command import NEXT_PARTS, WORKSHOP_PARTS
 from solver.automatic import state_accuracy
 
 C_PER_PC, N_PER_MN = 1e-12, 1e-3  # SI values of the units in tables
@@ -48,6 +48,10 @@ class Report:
         The result of the optimisation.
     table
         Comparison of start and optimum.
+    advice
+        The verdict in plain words, one or two sentences on each question.
+    assumptions
+        What the numbers assume.
     notes
         Explain the numbers of the comparison.
     provenance
@@ -76,6 +80,8 @@ class Report:
 
     optimum: Optimum[Any]
     table: Table
+    advice: Sequence[str]
+    assumptions: Sequence[str]
     notes: Sequence[str]
     provenance: Provenance
     cautions: Sequence[str]
@@ -91,7 +97,8 @@ class Report:
 
     def build_summary(self, files: Sequence[Path]) -> JsonObject:
         """Return the JSON object of ``probe-design optimize``."""
-        return self.optimum.build_summary([str(file) for file in files]) | self.additions | {"provenance": self.provenance}
+        summary = self.optimum.build_summary([str(file) for file in files]) | {"advice": list(self.advice)}
+        return summary | self.additions | {"provenance": self.provenance}
 
     def write(self, folder: Path, progress: Progress, *, force: bool = False, question_digest: str | None = None) -> list[Path]:
         """Write everything into ``folder``, all of it or nothing; the STEP files are checked before they take their names.
@@ -144,6 +151,7 @@ class Report:
         folder
             Folder of the pictures.
         """
+        verdict = self.optimum.verdict
         captions = {DRAWING_FILE: DRAWING_CAPTION} | {name: caption for name, (caption, _) in self.pictures.items()}
         pictures = {name: Picture.from_file(folder / name, caption) for name, caption in captions.items() if name in files}
 
@@ -155,17 +163,17 @@ class Report:
         chapters = [Chapter(title, find_parts(parts)) for title, parts in self.chapters.items()]
         limits = [(limit.name, format_limit(limit), "yes" if limit.active else "no") for limit in self.optimum.limits]
         sections = (
-            Chapter("Start and optimum", (self.table, *map(Text, self.notes))),
+            Chapter("What to do next", NEXT_PARTS),
+            Chapter("Start and optimum", (Text(f"{verdict[0].upper()}{verdict[1:]}."), self.table, *map(Text, self.notes))),
             *(chapter for chapter in chapters if chapter.parts),
             Chapter("Limits", (Table(("limit", "value", "active"), limits), *map(Text, self.limit_notes))),
             Chapter("What to machine", (*find_parts((DRAWING_FILE,)), Items(tuple(files), links=True), *WORKSHOP_PARTS)),
             *iterate_scene_sections(self.shown_scene, self.map_noise),
-            Chapter("What to keep in mind", (Items(tuple(self.cautions) or ("nothing",)),)),
+            Chapter("What to keep in mind", (Items((*self.cautions, *self.assumptions)),)),
             build_scene_section(self.optimum.scene, "The scene of the design"),
             *self.last_chapters,
         )
-        verdict, improved = self.optimum.verdict, self.optimum.winner is not None
-        headline = f"{verdict[0].upper()}{verdict[1:]}."
+        headline, improved = "\n".join(self.advice), self.optimum.winner is not None
         return build_page(title="Probe design", headline=headline, sections=sections, json_object=summary, is_positive=improved)
 
 

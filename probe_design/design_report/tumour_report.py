@@ -8,6 +8,7 @@ from functools import partial
 
 from geometry.provenance.block import build_provenance
 from probe_design.design_report.report import LIMIT_UNITS, Report, format_heights
+from probe_design.design_report.verdict import list_assumptions, write_tumour_verdict
 from probe_design.design_search.optimum import TumourOptimum
 from probe_design.design_search.variables import M_PER_MM, PA_PER_KPA, Limit
 from probe_design.design_search.verification import TumourVerification
@@ -39,6 +40,8 @@ def build_tumour_report(optimum: TumourOptimum) -> Report:
     return Report(
         optimum=optimum,
         table=build_comparison_table(optimum),
+        advice=write_tumour_verdict(optimum),
+        assumptions=list_assumptions(optimum),
         notes=(_explain_verification(optimum), *([LOADED_NOTE] if loaded else []), SCALE_NOTE),
         provenance=build_provenance(scene, evaluator=optimum.linear_evaluator),
         cautions=(*optimum.warnings, *map(str, best.result.warnings)),
@@ -94,7 +97,7 @@ def describe_noise(optimum: TumourOptimum) -> str:
     """Return the noise for which the standard deviations hold, in words."""
     noise = optimum.noise
     observable = "ratio of charges" if optimum.design.scene.observable == "charge" else "ratio"
-    return f"noise {noise.ratio:g} on the {observable}, {noise.charge * 1e12:g} pC on each channel's charge"
+    return f"noise {100 * noise.ratio:g} % on the {observable}, {noise.charge * 1e12:g} pC on each channel's charge"
 
 
 def build_verified_table(optimum: TumourOptimum) -> Table:

@@ -12,8 +12,8 @@ from geometry.scenes.units import MM_PER_M
 from probe_design.explorer.formats import LABELS, UNITS
 from probe_design.explorer.quick import Curve, DetectionMap
 
-WIDTH, HEIGHT, MARGIN = 118, 54, 4  # px of a small curve
-NAME_WIDTH = 104  # px of the column of names
+WIDTH, HEIGHT, MARGIN = 96, 46, 4  # px of a small curve
+NAME_WIDTH = 122  # px of the column of names
 MAP_SIZE = 300  # px of the map's sides
 UNFIT = ("unfit", "does not fit, or is refused")
 VERDICTS = {1.0: ("detected", "detected"), 0.5: ("open", "left open by the error"), 0.0: ("missed", "not detected")}
@@ -38,7 +38,9 @@ def draw_curves(curves: Sequence[Curve], outputs: Sequence[str]) -> str:
     for row, curve in enumerate(curves):
         variable, y = curve.variable, 16 + row * HEIGHT + HEIGHT / 2
         span = f"{variable.format_value(float(f'{curve.x[0]:.3g}'))} to {variable.format_value(float(f'{curve.x[-1]:.3g}'))}"
-        parts.append(f'<text x="2" y="{y:.4g}">{variable.label}</text><text x="2" y="{y + 11:.4g}" class="small">{span}</text>')
+        parts.append(
+            f'<text x="2" y="{y - 2:.4g}">{variable.label}</text><text x="2" y="{y + 11:.4g}" class="small">{span}</text>'
+        )
     return "".join(parts) + "</svg>"
 
 
@@ -61,7 +63,7 @@ def draw_map(result: DetectionMap, scene: Scene) -> str:
     x = left + size * _find_cell(result.diameters, body.diameter or 0.0)
     y = top + size * _find_cell(result.depths, body.depth)
     if left <= x <= left + MAP_SIZE and top <= y <= top + MAP_SIZE:
-        parts.append(f'<path class="here" d="M{x - 7:.4g} {y:.4g}h14m-7 -7v14"/>')
+        parts.append(_draw_cross(x, y))
     bottom = top + MAP_SIZE + 13
     for k, anchor, place in ((0, "start", 0), (-1, "end", MAP_SIZE)):
         diameter, depth = MM_PER_M * result.diameters[k], MM_PER_M * result.depths[k]
@@ -73,7 +75,14 @@ def draw_map(result: DetectionMap, scene: Scene) -> str:
     for (x, y), (kind, words) in zip(places, (*VERDICTS.values(), UNFIT), strict=True):
         parts.append(f'<rect class="{kind}" x="{x}" y="{bottom + y + 12}" width="11" height="11"/>')
         parts.append(f'<text x="{x + 15}" y="{bottom + y + 22}">{words}</text>')
+    parts.append(f'{_draw_cross(left + 221, bottom + 33)}<text x="{left + 234}" y="{bottom + 38}">this tumour</text>')
     return "".join(parts) + "</svg>"
+
+
+def _draw_cross(x: float, y: float) -> str:
+    """Return a cross with a light rim, which is seen on every colour."""
+    path = f"M{x - 7:.4g} {y:.4g}h14m-7 -7v14"
+    return f'<path class="rim" d="{path}"/><path class="here" d="{path}"/>'
 
 
 def _find_range(values: Floats) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from geometry.processes.child import END, Child, Died, Failure, TooLong
 
 PROGRAM = Path(__file__).with_name("formulas_program.py")
 MAX_SECONDS = 30.0  # s of a response, which takes tens of milliseconds
-ORDER = ("outputs", "map", "limits", "curves")  # of all pages' requests; see ``formulas_program``
+ORDER = ("outputs", "map", "limits", "curves", "closure")  # of all pages' requests; see ``formulas_program``
 
 
 class Formulas:

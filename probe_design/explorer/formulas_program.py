@@ -11,6 +11,7 @@ from probe_design.explorer.charts_svg import draw_curves, draw_map
 from probe_design.explorer.limits import Limit, list_limits
 from probe_design.explorer.variables import Variable
 from probe_design.maps.sphere_effects import Thresholds
+from solver.results.result import Result
 
 
 def run(request: tuple[str, tuple[Any, ...]]) -> object:
@@ -24,10 +25,23 @@ def compute_map(scene: Scene, noise: float) -> str:
     return draw_map(quick.compute_map(scene, Thresholds(noise)), scene)
 
 
-def compute_limits(scene: Scene, min_wall: float | None, variables: Sequence[Variable]) -> tuple[list[str], list[Limit]]:
-    """Return warnings and limits; ``min_wall``, m, is that of the design file."""
+def compute_limits(
+    scene: Scene, min_wall: float | None, variables: Sequence[Variable]
+) -> tuple[list[str], list[Limit], float | None]:
+    """Return warnings, limits and the force, N, up to which the gap stays open; ``min_wall``, m, is that of the design file."""
     result = quick.evaluate_with_limits(scene)
-    return list(result.warnings), list_limits(scene, result, min_wall, variables)
+    return list(result.warnings), list_limits(scene, result, min_wall, variables), _get_closure(result)
+
+
+def compute_closure(scene: Scene) -> float | None:
+    """Return the force up to which the gap stays open, N; None where it is not known."""
+    return _get_closure(quick.evaluate_with_limits(scene))
+
+
+def _get_closure(result: Result) -> float | None:
+    """Return the force up to which the gap stays open, N; None where the gap does not limit it."""
+    load = result.gap_closure_load
+    return None if load is None else load.force
 
 
 def compute_curves(scene: Scene, variables: Sequence[Variable]) -> str:
@@ -42,4 +56,5 @@ FUNCTIONS: dict[str, Callable[..., object]] = {
     "map": compute_map,
     "limits": compute_limits,
     "curves": compute_curves,
+    "closure": compute_closure,
 }

@@ -22,6 +22,7 @@ from probe_design.explorer.bench_settings import BenchSettings
 from probe_design.explorer.edges import find_edge_changes
 from probe_design.explorer.formats import EVALUATOR, FOLDER, LABELS, UNITS, Reading, convert_decimal_comma, format_number
 from probe_design.explorer.formulas import Formulas
+from probe_design.explorer.gap_mark import GAP_KEY, mark_gap, search_gap
 from probe_design.explorer.long_work import LongWork
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from probe_design.explorer.limits import Limit
 
 MAX_NAME_LENGTH = 20  # characters, of what can be dragged
+GAP_MARK_DELAY_S = 0.4  # s that a design rests before the gap is searched that its load closes: three limits, 30 ms each
 RECONNECT_S = 15.0  # s that a page of a busy machine may be silent before its design is dropped
 SLIDER_STEPS = 400  # of a slider from end to end
 
@@ -90,8 +92,10 @@ class Page:
         self._drawn: Scene | None = None
         self.readings: dict[str, Reading] = {}
         self._pending, self._is_updating, self._is_quiet, self._drawings = False, False, False, 0
+        self._gap_task: asyncio.Task[None] | None = None  # held, as a loop drops tasks that nobody holds
         self.client: Client = context.client
         self.client.on_delete(self.work.worker.cancel)
+        self.client.on_delete(self._cancel_gap)
         ui.add_css((FOLDER / "explorer.css").read_text())
         ui.add_body_html(f"<script>{(FOLDER / 'explorer.js').read_text()}</script>")
         ui.on("explorer_move", self._move_tumour)
@@ -280,14 +284,37 @@ class Page:
             return
         variables = list(self.session.variables.values())
         try:
-            self._warnings, limits = await self.formulas.compute("limits", scene, self.min_wall, variables)
+            self._warnings, limits, closure = await self.formulas.compute("limits", scene, self.min_wall, variables)
             self._show_limits(limits)
             self._say(refusal)
             if not self._has_newer_design():
                 varied = [variable for variable in variables if not variable.key.startswith("load.")]
                 self.curves.content = await self.formulas.compute("curves", scene, varied)
+            self._gap_task = asyncio.get_running_loop().create_task(self._mark_gap(scene, limits, closure))
         except ProbeError as fault:
             self._refuse(fault)
+
+    async def _mark_gap(self, scene: Scene, limits: list[Limit], closure: float | None) -> None:
+        """Mark the gap that the load closes once the design has rested; each step is one request, as others come between."""
+        variable = self.session.variables.get(GAP_KEY)
+        if variable is None or not closure or not scene.load.force:
+            return
+        await asyncio.sleep(GAP_MARK_DELAY_S)
+        search = search_gap(scene, closure, variable)
+        try:
+            design = next(search)
+            while scene is self.session.scene:
+                design = search.send(await self.formulas.compute("closure", design))
+        except StopIteration as end:
+            if end.value is not None and scene is self.session.scene:
+                self._show_limits(mark_gap(limits, end.value))
+        except ProbeError:  # the formulas refuse a design with another gap, which has no mark
+            pass
+
+    def _cancel_gap(self) -> None:
+        """End the search of the gap, whose page is gone."""
+        if self._gap_task is not None:
+            self._gap_task.cancel()
 
     def _refuse(self, fault: ProbeError) -> None:
         """Show why nothing was computed."""

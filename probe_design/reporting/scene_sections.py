@@ -25,6 +25,7 @@ from probe_design.reporting.page import Chapter, Code, Part, Picture, Text, Turn
 from probe_design.reporting.stresses import draw_stress_figure
 from probe_design.reporting.table import Table
 from solver import plan
+from solver.automatic import state_accuracy
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.sections import build_sections
@@ -33,6 +34,7 @@ from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solv
 from solver.results.evaluator import ProgressCallback, ignore_progress
 
 MAP_POINTS, CURVE_POINTS = 12, 13  # points on each side of a map, and on a curve
+MAX_SHOWN_EFFECT = 1e3  # relative; a plan states 1e9 for effects that it does not know
 NUMBER_ACCURACY, DRAWING_ACCURACY = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures
 
 
@@ -83,16 +85,21 @@ def _build_shape(scene: Scene) -> Iterator[Part]:
 
 def _build_plan(scene: Scene) -> Iterator[Part]:
     """Build the table of modelled and neglected features."""
-    scene_plan = plan(scene)
+    scene_plan = plan(state_accuracy(scene))
     rows = tuple(
-        (decision.feature, "yes" if decision.modelled else "no", f"{decision.effect:.2g}", decision.reason)
+        (decision.feature, "yes" if decision.modelled else "no", _format_effect(decision.effect), decision.reason)
         for decision in scene_plan.decisions
     )
-    yield Text(
-        f"Evaluated by {scene_plan.evaluator or 'no evaluator'}: {scene_plan.dimension}. Effects are relative changes "
-        "of the ratio."
+    evaluator = (
+        f"Evaluated by {scene_plan.evaluator}: {scene_plan.dimension}" if scene_plan.evaluator else "No evaluator takes it"
     )
+    yield Text(f"{evaluator}. Effects are relative changes of the ratio.")
     yield Table(("feature", "modelled", "effect", "reason"), rows)
+
+
+def _format_effect(effect: float) -> str:
+    """Return a relative effect as text; those that stand for "unknown" are beyond all others."""
+    return f"{effect:.2g}" if effect < MAX_SHOWN_EFFECT else "unknown"
 
 
 def _build_loads(scene: Scene) -> Iterator[Part]:
@@ -163,7 +170,7 @@ def _build_sensitivity_row(scene: Scene, derivatives: Gradients, k: int) -> tupl
         derivatives.derivatives[output][0, k] * size / (100 if output == "log_sensitivity" else derivatives.values[output][0])
         for output in ("ratio", "stiffness", "log_sensitivity")
     )
-    return name, *(f"{change:.3g}" for change in changes)
+    return name, *(f"{change:.3g}" if change else "0" for change in changes)  # no -0
 
 
 def _build_stresses(scene: Scene) -> Iterator[Part]:

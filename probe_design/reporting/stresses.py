@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh import compute_nodes
@@ -14,6 +15,7 @@ from solver.axisymmetric.base_states import BaseStates
 from solver.elements.quadrilateral import compute_gradients, project_dilations
 from solver.results.film_forces import compute_indentation
 
+PA_PER_KPA = 1e3
 ELEMENT_CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 
 
@@ -37,7 +39,7 @@ def compute_pressures(states: BaseStates, scene: Scene) -> Floats:
 def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
     """Draw the vertical pressures within three outer radii of the axis; return the figure.
 
-    The colours reach the 98 % quantile of the pressures shown, as those at the edges of the blocks are singular.
+    The colours reach the 98 % quantile of the pressures over the area shown, as those at the edges of the blocks are singular.
     """
     model, pressure = states.model, compute_pressures(states, scene)
     corners = MM_PER_M * np.asarray(compute_nodes(model.section, model.mesh, ELEMENT_CORNERS))  # (n, 4, 2)
@@ -45,12 +47,12 @@ def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
     height = MM_PER_M * max(scene.probe.core_height, scene.probe.tube_height)
     depth = min(radius, MM_PER_M * float(np.max(model.section.tissue_depth)))
     is_shown = (corners[..., 0].min(axis=1) < radius) & (corners[..., 1].min(axis=1) > -1.5 * depth)
-    max_pressure = float(np.quantile(np.abs(pressure[is_shown]), 0.98)) or 1.0
+    max_pressure = _find_quantile(np.abs(pressure[is_shown]), _compute_areas(corners[is_shown]), 0.98) / PA_PER_KPA or 1.0
     figure = Figure(figsize=(8.0, 1.0 + 7.0 * (depth + height) / radius), facecolor="white", layout="constrained")
     axes = figure.subplots()
     cells = PolyCollection(
         corners[is_shown],
-        array=pressure[is_shown],
+        array=pressure[is_shown] / PA_PER_KPA,
         cmap="RdBu_r",
         clim=(-max_pressure, max_pressure),
         edgecolors="face",
@@ -58,5 +60,26 @@ def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
     )
     axes.add_collection(cells)
     axes.set(xlim=(0, radius), ylim=(-depth, 1.05 * height), aspect="equal", xlabel="r, mm", ylabel="z, mm")
-    figure.colorbar(cells, ax=axes, label="vertical pressure, Pa (compression positive)", shrink=0.8)
+    for k, layer_depth in enumerate(scene.tissue.interfaces):
+        axes.axhline(-MM_PER_M * layer_depth, color="0.4", linewidth=0.8, linestyle="--", label="layer" if k == 0 else None)
+    for k, body in enumerate(scene.inclusion):
+        if body.diameter is not None:
+            centre, size = (0.0, -MM_PER_M * body.depth), MM_PER_M * body.diameter / 2
+            axes.add_patch(Circle(centre, size, fill=False, edgecolor="black", linewidth=1.2, label="tumour" if k == 0 else None))
+    if scene.inclusion or scene.tissue.interfaces:
+        axes.legend(loc="lower right")
+    figure.colorbar(cells, ax=axes, label="vertical pressure, kPa (compression positive)", shrink=0.8, extend="both")
     return figure
+
+
+def _compute_areas(corners: Floats) -> Floats:
+    """Return the areas of quadrilaterals from their corners, shape (n, 4, 2)."""
+    first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]  # diagonals
+    return np.asarray(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2)
+
+
+def _find_quantile(values: Floats, weights: Floats, fraction: float) -> float:
+    """Return the value below which a fraction of the weight lies."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, fraction * total[-1])])

@@ -8,6 +8,14 @@ from pathlib import Path
 from probe_design.reporting.page import Code, Text
 
 DESIGN_FILE, PACKAGE_FOLDER = "design.toml", "workshop"  # in the folder of an optimisation
+NEXT_PARTS = (
+    Text("In this folder: what the probe reads, which of its sizes to hold how closely, and the files for the workshop."),
+    Code(
+        f"probe-design evaluate {DESIGN_FILE}\nprobe-design tolerances {DESIGN_FILE}\n"
+        f'probe-design export {DESIGN_FILE} -o {PACKAGE_FOLDER} --step "0.1 mm"'
+    ),
+    Text("When it has been built: probe-design calibrate, then probe-design check, with the same file."),
+)
 WORKSHOP_PARTS = (
     Text(
         "The package for the workshop has, besides the solids, dimensioned drawings with tolerances, film patterns, moulds, bill "

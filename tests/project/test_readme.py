@@ -94,6 +94,9 @@ def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
         computed, stated = (numbers(text, row) for text in (printed, shown))
         assert len(computed) == len(stated) >= 2  # start and recommended at least
         assert computed == pytest.approx(stated, rel=0.02)  # IPOPT may stop elsewhere on another machine
+    build, detect, *_ = (line for line in printed.splitlines()[-6:] if not line.startswith(("│", "└", "Verified")))
+    assert build.startswith("Build this: inner radius ")  # it ends with a verdict
+    assert detect.startswith("Of 100 of your tumours it detects ")
     ended = run_line("probe-design evaluate out/design.toml", ROOT if kept else folder)  # the command that the first one names
     assert ended.returncode == 0, ended.stderr
     assert "charge_ratio_error" in ended.stdout

@@ -122,13 +122,3 @@ def test_without_standard_error_a_refusal_goes_nowhere() -> None:
 def test_without_standard_output_there_is_no_answer() -> None:
     output = ended(f"evaluate {shlex.quote(str(SCENE))} --evaluator published --json", ">&- <&-")
     assert (output.returncode, output.stderr) == (1, "probe-design: output: Bad file descriptor\n")
-
-
-def test_a_stream_without_a_character_prints_a_question_mark() -> None:
-    words = [sys.executable, "-m", "probe_design", "material", "show", "ecoflex-00-30"]
-    shown = [
-        subprocess.run(words, capture_output=True, env=os.environ | {"PYTHONIOENCODING": name}, timeout=100, check=True).stdout
-        for name in ("ascii", "utf-8")
-    ]
-    assert "±" in shown[1].decode()
-    assert shown[0].decode("ascii") == shown[1].decode().encode("ascii", "replace").decode()

@@ -79,14 +79,15 @@ KINDS = {  # the file of another kind, and what reads it
         "a calibration file",
         "use --calibration of probe-design read",
     ),
+    "tumours": ('[[inclusion]]\ndiameter = "9 mm"\n', "a file of tumours alone", "use --hide of probe-design survey --virtual"),
 }
 
 
 @pytest.mark.parametrize(
     ("reader", "given"),
     [
-        *(("evaluate", file_kind) for file_kind in ("design", "sweep", "bench", "calibration")),
-        *(("optimize", file_kind) for file_kind in ("sweep", "bench", "calibration")),
+        *(("evaluate", file_kind) for file_kind in ("design", "sweep", "bench", "calibration", "tumours")),
+        *(("optimize", file_kind) for file_kind in ("sweep", "bench", "calibration", "tumours")),
         *(("sweep", file_kind) for file_kind in ("design", "scene", "bench", "calibration")),
         *(("read", file_kind) for file_kind in ("design", "sweep", "scene", "calibration")),
     ],
@@ -101,6 +102,12 @@ def test_a_file_of_another_kind_is_named_with_what_reads_it(reader: str, given: 
     assert f"{file} = {kind}: " in message
     assert use in message
     assert not (tmp_path / "out").exists()
+
+
+def test_of_a_folder_its_file_is_named(tmp_path: Path) -> None:
+    for name in ("a.toml", "design.toml"):
+        (tmp_path / name).touch()
+    assert f"which holds {tmp_path / 'design.toml'}" in refused("evaluate", tmp_path)
 
 
 @pytest.mark.parametrize(

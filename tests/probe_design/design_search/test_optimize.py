@@ -137,13 +137,21 @@ def _check(output: dict[str, object], design_path: Path, folder: Path) -> None:
     assert isinstance(warnings, list)
     unused = [limit for limit in warnings if "limits.force of 0.05 N is more than the recommended design allows" in limit]
     assert len(unused) == (pressing["optimum"]["limited_by"] not in ("force", "charge"))
-    files = output["files"]
+    files, advice, design = output["files"], output["advice"], read_scene(folder / "design.toml")
     assert isinstance(files, list)
+    assert isinstance(advice, list)
+    built = "Build this" if output["status"] == "improved" else "Keep the start"
+    assert advice[0].startswith(built)
+    assert f"inner radius {1e3 * design.probe.inner_radius:.4g} mm" in advice[0]
+    assert "of dragon-skin-30" in advice[0] or output["status"] != "improved"
+    assert f"Press it with {pressing['optimum']['force']:.3g} N." in advice[0]
+    assert any(text.startswith("What would help most: ") for text in advice)
     assert {Path(limit).name for limit in files} == {path.name for path in folder.iterdir()}
     assert {"report.html", "maps.png", "levers.png", "assembly.step", "design.toml"} <= {path.name for path in folder.iterdir()}
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") >= 4  # maps, levers, drawing, stresses: inside, as a file alone is sent on
     assert 'src="maps' not in page
+    assert page.index(advice[0]) < page.index("<h2>")  # the report opens with it
     exported = read_scene(folder / "design.toml").probe.inner.poisson_ratio
     assert exported == pytest.approx(0.495 if output["status"] == "improved" else 0.4)  # without a gain that of the start
     assert read_design(folder / "question.toml") == read_design(design_path)
