@@ -112,7 +112,7 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
             **scans,
             "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
         },
-        limit_notes=(LIMITS_NOTE,),
+        limit_notes=(LIMITS_NOTE,) if {"linearity", "gap_closure"} & {limit.name for limit in optimum.limits} else (),
         last_chapters=(Chapter("What was asked", (Code(design_file),)),),
         additions={"levers": [asdict(item) for item in improvements], "pareto": [front.as_dict() for front in fronts]},
         messages=(f"search: {search}", f"error of the detection: {error_note}"),

@@ -129,7 +129,8 @@ def _describe_detection(optimum: PopulationOptimum, depth_map: DepthMap) -> str:
             parts.append(f"{100 * mean:.{digits}f} ± {100 * error:.{digits}f} by {CHANNEL_PHRASES[name]}")
     diameter = max(ScenePopulation.from_scene(optimum.design.scene, optimum.design.population).ranges["diameter"].values)
     deepest = depth_map.find_deepest(diameter)
-    reach = "at no depth" if deepest is None else f"down to a depth of {1e3 * deepest:.3g} mm"
+    at_least = "at least " if deepest == depth_map.depth.max() else ""  # the map ends there
+    reach = "at no depth" if deepest is None else f"down to a depth of {at_least}{1e3 * deepest:.3g} mm"
     return (
         f"Of 100 of your tumours it detects {', '.join(parts)}, with {100 * performance.false_alarm:g} % false alarms. "
         f"It detects those of {1e3 * diameter:.2g} mm, 9 times in 10, {reach}."

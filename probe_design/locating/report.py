@@ -29,6 +29,12 @@ SHOWN_UNITS = {  # unit that is shown, and its number in an SI unit
 QUANTITY_NAMES = {"youngs_modulus": "Young's modulus", "ln_contrast": "ln contrast"}
 FILE_NAMES = ("report.html", "locate.json", "plan.png", "section.png", "marginals.png", "fit.png")
 
+ASSUMPTIONS = (
+    "The tumours are those of [population]: round, bonded to their tissue, and no more of them than it states.",
+    "The noise is that of [noise]; a bench with more makes the regions too small. probe-design read measures it.",
+    "Tissue, layers and the way in which the probe touches them are those of the design file, within the ranges that it states.",
+)
+
 
 def format_probability(value: float) -> str:
     """Return a probability with the digits that its sampling supports."""
@@ -193,7 +199,7 @@ def write_files(result: Location, folder: Path, first_chapters: Sequence[Chapter
                 Chapter(title, (Picture.from_file(draft / name, title), Text(LEGENDS[name])))
                 for name, title in zip(drawings, ("Where", "How deep", "What is learnt", "Predicted and read"), strict=True)
             ),
-            Chapter("What to keep in mind", (Items(result.warnings or ("nothing",)),)),
+            Chapter("What to keep in mind", (Items((*result.warnings, *ASSUMPTIONS)),)),
             build_scene_section(result.scene, "The scene without tumours"),
         ]
         page = build_page("Tumours located", build_headline(result), chapters, summary, is_positive=result.explained)
