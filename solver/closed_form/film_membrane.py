@@ -4,7 +4,8 @@ Of a film (E, nu, thickness t) that a bond holds on the base, radial displacemen
 
     D (v' + v/r)' = k v,   D = E t / (1 - nu^2),   1/k = t_b / G_b + t / (3 G),   l = sqrt(D / k)                       (CF.25)
 
-with t_b and G_b the bond's thickness and shear modulus, G the film's. An actuator widens freely by 1 where its electrode is: v
+with t_b and G_b the bond's thickness and shear modulus, G the film's. Glue between block and film stretches with the film: its
+own E t / (1 - nu^2) counts in D, and film and glue together widen only by the film's share of D. An actuator widens freely by 1 where its electrode is: v
 and v' + nu v/r - (1 + nu) chi are continuous at the electrode's edges, chi = 1 under it, else 0; the latter is 0 at free
 edges. An edge of the electrode at x_0 = r_0 / l is thus a ring load. With signs + where the electrode ends, - where it begins,
 
@@ -68,8 +69,19 @@ class FilmArray:
 
     @property
     def membrane_stiffness(self) -> Array:
-        """D of eq. CF.25, N/m."""
+        """D of eq. CF.25, of the film and of the bond between block and film, N/m."""
+        bond = self.block_bond_modulus * self.block_bond_thickness / (1 - self.block_bond_poisson * self.block_bond_poisson)
+        return self._own_stiffness + bond
+
+    @property
+    def _own_stiffness(self) -> Array:
+        """The film's part of D, N/m."""
         return self.modulus * self.thickness / (1 - self.poisson * self.poisson)
+
+    @property
+    def stiffness_share(self) -> Array:
+        """The film's part of D, relative to D."""
+        return self._own_stiffness / self.membrane_stiffness
 
     @property
     def own_slip(self) -> Array:
@@ -185,7 +197,8 @@ def compute_actuator(film: FilmArray, start: Array | None, radius: Array, r: Arr
         columns.append(_compute_faded(places, edges[1][0].x[:, None]))
     for amplitude, (value, dilation) in zip(_balance_edges(edges, sources, nu), columns, strict=True):
         v, e = v + amplitude[:, None] * value, e + amplitude[:, None] * dilation
-    return v * ((1 + nu) * length)[:, None], e * (1 + nu)[:, None]
+    drive = film.stiffness_share * (1 + nu)
+    return v * (drive * length)[:, None], e * drive[:, None]
 
 
 def _compute_ring_load(source: Solutions, places: Solutions, sign: float) -> tuple[Array, Array]:
