@@ -26,7 +26,7 @@ from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, clas
 from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 
 CHARGE_QUANTITIES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")
-GLUE_ERROR_FACTOR = 2.0  # with it errors cover 95 % of 79 inner films with glue to the block and tape to the base, without it 90 %
+GLUE_ERROR_FACTOR = 2.0  # covers 76 of 79 inner films with glue to the block and tape to the base; without it 71
 MAX_EXPONENT = 20.0  # beyond it a charge is far below its error
 
 

@@ -5,9 +5,10 @@ Of a film (E, nu, thickness t) that a bond holds on the base, radial displacemen
     D (v' + v/r)' = k v,   D = E t / (1 - nu^2),   1/k = t_b / G_b + t / (3 G),   l = sqrt(D / k)                       (CF.25)
 
 with t_b and G_b the bond's thickness and shear modulus, G the film's. Glue between block and film stretches with the film: its
-own E t / (1 - nu^2) counts in D, and film and glue together widen only by the film's share of D. An actuator widens freely by 1 where its electrode is: v
-and v' + nu v/r - (1 + nu) chi are continuous at the electrode's edges, chi = 1 under it, else 0; the latter is 0 at free
-edges. An edge of the electrode at x_0 = r_0 / l is thus a ring load. With signs + where the electrode ends, - where it begins,
+own E t / (1 - nu^2) counts in D, and film and glue together widen only by the film's share of D. An actuator widens freely by 1
+where its electrode is: v and v' + nu v/r - (1 + nu) chi are continuous at the electrode's edges, chi = 1 under it, else 0; the
+latter is 0 at free edges. An edge of the electrode at x_0 = r_0 / l is thus a ring load. With signs + where the electrode ends,
+- where it begins,
 
     v / ((1 + nu) l) = sum +-x_0 I1(min(x, x_0)) K1(max(x, x_0)) + A I1(x) + B K1(x),   x = r / l                       (CF.26)
 
