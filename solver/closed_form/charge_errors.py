@@ -23,6 +23,7 @@ from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from solver.closed_form.designs import Shape
 from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, classify, compute_features
+from solver.closed_form.film_membrane import MIN_GLUE_MODULUS
 from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 
 CHARGE_QUANTITIES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")
@@ -73,7 +74,8 @@ def _bound_glue_errors(scene: Scene) -> Floats:
     widths, added = (probe.inner_radius, probe.tube_radius - probe.hole_radius), []
     for width, film in zip(widths, () if probe.film is None else probe.film.by_block, strict=True):
         bond, decay = film.bonds[0], _compute_slips(film)[0]
-        stiffness = bond.thickness * (bond.youngs_modulus or 0.0) / (film.thickness * film.youngs_modulus)
+        modulus = bond.youngs_modulus if bond.youngs_modulus is not None and bond.youngs_modulus >= MIN_GLUE_MODULUS else 0.0
+        stiffness = bond.thickness * modulus / (film.thickness * film.youngs_modulus)
         added.append(math.log1p(GLUE_ERROR_FACTOR * stiffness * decay / (width + decay)))
     return np.array(added)
 

@@ -32,6 +32,8 @@ FILM_PARAMETERS = (
     "block_bond_thickness", "block_bond_modulus", "block_bond_poisson",
 )  # fmt: skip
 
+MIN_GLUE_MODULUS = 1e7  # Pa: softer bonds are tape, whose own stiffness is below 1 % of the film's but for the thinnest films
+
 
 @dataclass(frozen=True)
 class FilmArray:
@@ -72,7 +74,7 @@ class FilmArray:
     def membrane_stiffness(self) -> Array:
         """D of eq. CF.25, of the film and of the bond between block and film, N/m."""
         bond = self.block_bond_modulus * self.block_bond_thickness / (1 - self.block_bond_poisson * self.block_bond_poisson)
-        return self._own_stiffness + bond
+        return self._own_stiffness + np.where(self.block_bond_modulus.real < MIN_GLUE_MODULUS, 0, bond)
 
     @property
     def _own_stiffness(self) -> Array:
