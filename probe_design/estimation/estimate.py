@@ -40,7 +40,7 @@ from probe_design.estimation.profile import Track
 from probe_design.estimation.reasons import Findings, explain_unidentifiable, iterate_warnings
 from solver.contact.evaluator import ContactEvaluator
 from solver.evaluators import check_accuracy
-from solver.planning.load_check import check_load, is_load_linear
+from solver.planning.load_check import is_load_linear, refuse_load
 
 TISSUE_KEY = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
 
@@ -141,10 +141,7 @@ def _is_linear(model: TargetModel, nuisances: Mapping[str, float]) -> bool:
         return True
     reason = None if can_mesh_target(model, bool(nuisances)) else ContactEvaluator().refusal_off_axis(scene)
     if reason is not None:
-        try:
-            check_load(scene, model.rule, model.tolerance, promise=False)
-        except Refusal as fault:
-            raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {reason}") from None
+        refuse_load(scene, model.rule, model.tolerance, False, reason)
     return False
 
 

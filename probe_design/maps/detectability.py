@@ -27,7 +27,14 @@ from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluators import check_accuracy
 from solver.inclusions.tumours import Tumours
-from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, compute_budget, is_load_linear
+from solver.planning.load_check import (
+    LoadChanges,
+    build_load_notes,
+    check_known_load,
+    compute_budget,
+    is_load_linear,
+    refuse_load,
+)
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
@@ -137,6 +144,9 @@ def detectability(
     readings = compute_readings(base, tumours, index, reflect=False)
     load = LoadChanges.from_stiffness(scene, rule, np.append(readings.stiffness, readings_without.stiffness))
     is_linear = linear or is_load_linear(scene, load.weakest, accuracy, True)
+    reason = None if is_linear else ContactEvaluator().refusal_off_axis(scene)
+    if reason is not None:
+        refuse_load(scene, load.weakest, accuracy, True, reason)
     pressed = None if is_linear else ContactEvaluator().press_tissue(scene, base.accuracy)
     films = base.films if pressed is None else pressed.bare.films
     if pressed is not None:

@@ -20,7 +20,7 @@ from solver.equivalent_inclusion.evaluator import REFLECTIONS_FEATURE, Equivalen
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluators import choose_accuracy
-from solver.planning.load_check import LoadChanges, build_load_notes, compute_budget, is_load_linear
+from solver.planning.load_check import LoadChanges, build_load_notes, compute_budget, is_load_linear, refuse_load
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.results.film_charges import compute_charge_ratio_fields
 from solver.results.film_forces import FilmForces, compute_ratio_fields, compute_sensitivity_tolerance
@@ -156,6 +156,9 @@ def scan(
     )
     is_linear = linear or is_load_linear(scene, load.weakest, accuracy, promise)
     if not is_linear:
+        reason = ContactEvaluator().refusal_off_axis(nearest_scene)
+        if reason is not None:
+            refuse_load(scene, load.weakest, accuracy, promise, reason)
         pressed = ContactEvaluator().press_tissue(nearest_scene, model_accuracy)
         film_readings = pressed.compute_readings(film_readings, tumours, scene.target or 0)
         load, films, evaluator = LoadChanges.from_contact(load), pressed.bare.films, ContactEvaluator().name

@@ -55,6 +55,14 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     )
 
 
+def refuse_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool, reason: str) -> None:
+    """Raise ``Refusal`` as ``check_load`` does where ``contact`` does not take the scene either, and say what it takes."""
+    try:
+        check_load(scene, rule, accuracy, promise)
+    except Refusal as fault:
+        raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {reason}") from None
+
+
 def is_load_linear(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> bool:
     """Return whether linear elasticity is accurate enough at the scene's load; parameters as of ``check_load``."""
     return _is_within(rule.compute_force(scene), find_largest_load(rule, accuracy, promise))
