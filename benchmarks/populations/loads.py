@@ -86,7 +86,7 @@ def main() -> None:
     given = parser.parse_args()
     design = read_builtin_design()
     design = design.model_copy(update={"population": design.population.model_copy(update={"samples": given.samples})})
-    columns = "design found at, N", "force, N", "detected of 100", "error", "simulated less P, of 100", "evaluator"
+    columns = "design found at, N", "force, N", "detected of 100", "error of that", "simulated less P, of 100", "evaluator"
     table = MeasuredTable("detection of the built-in population against force", columns)
     for search_force in given.found:
         scene = optimize_for_population(limit_force(design, search_force), lambda *_: None).scene

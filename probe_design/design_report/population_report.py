@@ -174,7 +174,8 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     located = "of simulated scans that locate explains" if optimum.start.trials else "as if readings were linear in the unknowns"
     places = "the places of each column" if optimum.search_space.scan_choices else f"{protocol.count} positions"
     against = "a baseline reading" if protocol.blank else "a prediction"
-    loads = f", each under {' and '.join(f'{load:g} N' for load in sorted(protocol.loads))}," if protocol.loads else ""
+    forces = " and ".join(f"{load:g} N" for load in sorted(protocol.loads))
+    loads = f", each under {forces}, or the design's force where that is less," if protocol.loads else ""
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
         f"{places}{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
