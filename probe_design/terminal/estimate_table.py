@@ -79,7 +79,7 @@ def _describe_noise(estimate: Estimate) -> str:
     """Describe the noise of the readings, and the uncertainty of nuisances, the other uncertain numbers of the scene."""
     min_noise, max_noise = min(estimate.noise), max(estimate.noise)
     nuisances = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
-    noise = f"noise {min_noise:g}{f' to {max_noise:g}' if max_noise > min_noise else ''}"
+    noise = f"noise {100 * min_noise:g}{f' to {100 * max_noise:g}' if max_noise > min_noise else ''} %"
     return ", ".join([f"{noise} on the ratio of {OBSERVABLE_WORDS[estimate.observable]}", *nuisances])
 
 

@@ -118,7 +118,7 @@ def build_scan_table(scan: Scan) -> Table:
 
 def build_threshold_table(maps: Detectability) -> Table:
     """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
-    noise = f"noise {maps.noise:g} on the ratio of {OBSERVABLE_WORDS[maps.observable]}"
+    noise = f"noise {100 * maps.noise:g} % on the ratio of {OBSERVABLE_WORDS[maps.observable]}"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     diameters = [1e3 * diameter for diameter in maps.diameter]
 

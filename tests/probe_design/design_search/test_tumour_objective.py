@@ -69,7 +69,7 @@ def test_what_is_no_noise_is_refused_alike(command: str, tmp_path: Path) -> None
 
 def test_noise_is_printed() -> None:
     for arguments in (("detectability", SCENE, "--points", "2", "--accuracy", "0.1"), ("estimate", SCENE, "--ratio", "0.62")):
-        assert "noise 0.02 on the ratio" in re.sub(r"\s+", " ", run(*arguments, "--noise", "0.02").stdout)
+        assert "noise 2 % on the ratio" in re.sub(r"\s+", " ", run(*arguments, "--noise", "0.02").stdout)
         output = json.loads(run(*arguments, "--noise", "0.02", "--json").stdout)["noise"]
         assert output == (0.02 if arguments[0] == "detectability" else [0.02])
 
