@@ -28,6 +28,7 @@ from probe_design.populations.objective import Objective
 from probe_design.populations.population import PLACE_AXES, ScenePopulation
 from probe_design.populations.tables import ChannelSet
 from probe_design.reporting.page import Chapter, Code, Text
+from probe_design.reporting.scene_sections import shorten_moduli
 from probe_design.reporting.table import Table
 
 MAPS_FILE, IMPROVEMENTS_FILE, FRONT_FILE = "maps.png", "levers.png", "pareto.png"
@@ -113,7 +114,7 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
             "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
         },
         limit_notes=(LIMITS_NOTE,) if {"linearity", "gap_closure"} & {limit.name for limit in optimum.limits} else (),
-        last_chapters=(Chapter("What was asked", (Code(design_file),)),),
+        last_chapters=(Chapter("What was asked", (Code(shorten_moduli(design_file)),)),),
         additions={"levers": [asdict(item) for item in improvements], "pareto": [front.as_dict() for front in fronts]},
         messages=(f"search: {search}", f"error of the detection: {error_note}"),
     )

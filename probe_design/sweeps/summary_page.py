@@ -64,7 +64,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
     counts = Counter(row["status"] for row in all_rows)
     headline = f"{request['designs']} designs: {counts['ok']} ok, {counts['refused']} refused, {counts['failed']} failed."
     record = {"designs": request["designs"], **counts, "provenance": read_provenance(folder)}
-    return write_text(path, build_page("Sweep", headline, sections, record))
+    return write_text(path, build_page("Sweep", headline, sections, record, is_positive=not counts["failed"]))
 
 
 def _build_counts_table(request: JsonObject, all_rows: list[JsonObject]) -> Table:

@@ -44,7 +44,8 @@ def build_check_report(check: Check, scene: Scene, json_object: dict[str, object
         Chapter("What it comes to", (Items(tuple(summary)),)),
         *iterate_scene_sections(scene, DEFAULT_NOISE, progress),
     ]
-    return build_page("Check of a built probe", f"{summary[0][0].upper()}{summary[0][1:]}.", sections, json_object)
+    headline = f"{summary[0][0].upper()}{summary[0][1:]}."
+    return build_page("Check of a built probe", headline, sections, json_object, is_positive=check.passed)
 
 
 def show_below_title(table: Table) -> tuple[Part, ...]:

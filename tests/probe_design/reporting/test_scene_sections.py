@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from geometry import Scene, read_scene
+from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import list_values
 from probe_design.reporting import scene_sections as sections_module
 from probe_design.reporting.page import Text, build_page
@@ -63,3 +65,10 @@ def test_what_cannot_be_told_says_why() -> None:
     )
     assert [type(part) for part in section.parts] == [Text]
     assert replace(section, parts=()).title
+
+
+def test_moduli_of_a_scene_are_shown_as_people_write_them() -> None:
+    text = scene_to_toml(read_scene(SCENE))
+    shown = sections_module.shorten_moduli(text)
+    assert all(f'youngs_modulus = "{modulus}"' in shown for modulus in ("1 MPa", "80 kPa", "6 kPa", "30 kPa"))
+    assert Scene.from_dict(tomllib.loads(shown)) == Scene.from_dict(tomllib.loads(text))
