@@ -29,6 +29,7 @@ from probe_design.locating.posterior import find_region
 OUTLIER_RATE, WILD_READINGS, WILD_SD = 0.05, 2, 0.5
 MARGIN_M = 6e-3
 GAIN_CHANGE = 0.15  # of ln ratio, after half of the readings
+NOTED = ("standard deviations off", "off alike", "may lie beyond")  # what warnings say of readings, gains and places
 BEYOND = (8.5e-3, 13e-3, 150e3)  # depth, diameter and modulus of a tumour that the population has not
 
 
@@ -112,7 +113,7 @@ class FlawedScans:
         region = find_region(maker.prior, sample.points[:, 0], sample.weights)
         return {
             "none": location.probability[0], "p_value": location.p_value, "region": region.contains(*tumour[0, :2].tolist()),
-            "notes": sum("standard deviations off" in line for line in location.warnings), "size": sample.size,
+            "notes": sum(any(text in line for text in NOTED) for line in location.warnings), "size": sample.size,
             "error": float(np.hypot(*(np.array([location.tumours[0].quantities[k].median for k in "xy"]) - tumour[0, :2]))),
         }  # fmt: skip
 
@@ -126,7 +127,15 @@ def main() -> None:
     rows = RowFile(arguments.rows)
     table = MeasuredTable(
         f"Scans of a tumour with a flaw, {arguments.scans} of each",
-        ("flaw", "unexplained", "region holds the place", "of those explained", "P(none) < 0.01", "and median off by 4 mm"),
+        (
+            "flaw",
+            "unexplained",
+            "region holds the place",
+            "of those explained",
+            "P(none) < 0.01",
+            "and median off by 4 mm",
+            "and no warning",
+        ),
     )
     for name, flaw in FLAWS.items():
         scans = FlawedScans(flaw)
@@ -135,9 +144,11 @@ def main() -> None:
         held = np.array([row["region"] for row in located])
         is_certain = is_explained & np.array([row["none"] < 0.01 for row in located])
         is_wrong = is_certain & np.array([row["error"] > 4e-3 for row in located])
+        is_quiet = is_wrong & np.array([row["notes"] == 0 for row in located])
         table.add(
             name, f"{1 - is_explained.mean():.2f}", f"{held.mean():.2f}",
             f"{held[is_explained].mean():.2f}" if is_explained.any() else None, int(is_certain.sum()), int(is_wrong.sum()),
+            int(is_quiet.sum()),
         )  # fmt: skip
     table.print(Console(width=140))
 

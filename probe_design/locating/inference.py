@@ -11,6 +11,7 @@ from scipy.special import ndtr, softmax
 from scipy.stats import chi2
 
 from geometry.common.arrays import Floats
+from geometry.scenes.probe import format_mm
 from probe_design.locating.common_errors import CHANNEL_NAMES, Rows, Sums
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
@@ -23,6 +24,7 @@ from probe_design.locating.scan_data import ScanConditions
 
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
 MIN_GAIN_P_VALUE = 1e-2  # of the gains before the readings, below which a warning names them
+EDGE_M, EDGE_PROBABILITY = 1e-3, 0.3  # within which a tumour lies at the edge of the places, and how probably, for a warning
 TESTED_SETS = 200  # most probable sets of each number, among which the residuals are the smallest
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
 MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
@@ -248,8 +250,7 @@ def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sam
             f"no tumour of this population explains these readings (p = {result.p_value:.1g}): another probe, calibration or "
             "tissue, a wild reading (--outliers), or tumours beyond the population"
         )
-    if note := _compare_gains(result.nuisances):
-        notes.append(note)
+    notes += filter(None, (_compare_gains(result.nuisances), _find_edge(result)))
     for index, residual in enumerate(result.residuals):
         for name in CHANNEL_NAMES:
             deviation = getattr(residual, name)
@@ -307,6 +308,24 @@ def _compare_gains(nuisances: dict[str, CommonSummary]) -> str:
     return (
         f"all readings are off alike, {' and '.join(factors)}, which [noise] gain makes improbable: perhaps another probe, "
         "calibration or tissue than the design file's"
+    )
+
+
+def _find_edge(result: Location) -> str:
+    """Return a note where the clearest tumour lies at the edge of the population's places, else an empty text."""
+    if result.probability[0] > 0.5:
+        return ""
+    edges = []
+    for axis, name in enumerate("xy"):
+        places, values = result.tumour_prior.ranges[axis], result.best.sets[:, 0, axis]
+        if places.continuous:
+            edges += [(float(np.mean(np.abs(values - edge) < EDGE_M)), name, edge) for edge in places.values]
+    share, name, edge = max(edges, default=(0.0, "", 0.0))
+    if share < EDGE_PROBABILITY:
+        return ""
+    return (
+        f"the clearest tumour lies within {format_mm(EDGE_M)} of {name} = {format_mm(edge)}, where the population's places end, "
+        f"with a probability of {share:.2f}: it may lie beyond, which [population] margin allows"
     )
 
 

@@ -101,14 +101,6 @@ def test_likelihood_is_that_of_the_whole_covariance(pose: float, scale: float) -
     assert values[1] - values[0] == pytest.approx(expected[1] - expected[0], abs=1e-6)
 
 
-def test_gains_beyond_their_noise_are_named() -> None:
-    """Those of another probe or calibration: ln gain of 0.3 with a standard deviation of 0.07."""
-    data = scan(CLEAR)
-    notes = result(replace(data, values=data.values + np.array([0.3, 0.0])), tumours=1).warnings
-    assert any("all readings are off alike" in line for line in notes)
-    assert not clear().warnings
-
-
 def test_wild_readings_are_integrated_over_the_gain() -> None:
     """Against the integral over the gain by quadrature."""
     data = scan(CLEAR)
