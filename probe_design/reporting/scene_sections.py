@@ -129,7 +129,8 @@ def _build_loads(scene: Scene) -> Iterator[Part]:
     yield Table(("load", "force, N", "indentation, mm", "limited by", "known"), (("here", force, indentation, "-", "-"), *rows))
     yield Text(
         "These limits hold for the tumours of this scene. Higher loads need the evaluator contact: "
-        "probe-design load draws ratio and walls against force."
+        "probe-design load draws ratio and walls against force. Curve, maps, sensitivities and stresses below are those of "
+        "linear elasticity, which holds for small loads."
     )
 
 
