@@ -199,7 +199,7 @@ def _write_number(name: str, value: float | None, sd: float | None, unit: str, f
     """Return the row of a number with its standard deviation, both SI; ``factor`` converts them to the unit."""
     text = "not known"
     if value is not None:
-        text = f"{format_number(factor * value, None if sd is None else factor * sd)} {unit}"
+        text = format_number(factor * value, None if sd is None else factor * sd, unit)
     return f'<tr><th>{name}</th><td data-bench="{name}" data-value="{value!r}">{text}</td></tr>'
 
 

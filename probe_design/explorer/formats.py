@@ -36,13 +36,15 @@ def convert_decimal_comma(text: str) -> str:
     return f"{match[1] or 0}.{match[2]}{match[3]}" if match else text
 
 
-def format_number(value: float, error: float | None) -> str:
-    """Return a number with the digits that its error supports, and the error."""
+def format_number(value: float, error: float | None, unit: str = "") -> str:
+    """Return a number with the digits that its error supports, the error and the unit."""
     if error is None:
-        return f"{value:.3g} (error not stated)"
+        return " ".join(filter(None, (f"{value:.3g}", unit, "(error not stated)")))
     if not 0 < error < math.inf:
-        return f"{value:.4g}"
-    if error < MIN_ERROR_RELATIVE * abs(value):
-        return f"{value:.7g} ± {error:.1g}"
-    decimals = max(0, 1 - math.floor(math.log10(error)))  # two digits of the error
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+        text = f"{value:.4g}"
+    elif error < MIN_ERROR_RELATIVE * abs(value):
+        text = f"{value:.7g} ± {error:.1g}"
+    else:
+        decimals = max(0, 1 - math.floor(math.log10(error)))  # two digits of the error
+        text = f"{value:.{decimals}f} ± {error:.{decimals}f}"
+    return f"{text} {unit}".rstrip()

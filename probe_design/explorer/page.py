@@ -379,4 +379,4 @@ def _write_cell(name: str, reading: Reading | None, is_present: bool) -> str:
     unit, factor = UNITS.get(name, ("", 1.0))
     value, error = factor * reading.value, None if reading.error is None else factor * reading.error
     mark = f' data-output="{name}"' if is_present else ""
-    return f'<td{mark} data-value="{reading.value!r}">{format_number(value, error)} {unit}</td>'
+    return f'<td{mark} data-value="{reading.value!r}">{format_number(value, error, unit)}</td>'
