@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
 from probe_design.locating.location import Location
-from probe_design.locating.posterior import PRIOR_SAMPLES, SUMMARY_NAMES, compute_plan, compute_section, list_values
+from probe_design.locating.posterior import SUMMARY_NAMES, compute_plan, compute_section, draw_prior_values, list_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -167,8 +167,8 @@ def _plot_marginal(axes: Axes, result: Location, name: str) -> None:
     """Plot prior and posterior of one quantity of the clearest tumour."""
     label, scale = QUANTITY_LABELS[name]
     prior, column = result.tumour_prior, SUMMARY_NAMES.index(name)
-    before = scale * list_values(prior, prior.transform(prior.draw(PRIOR_SAMPLES, 1, 0)))[:, 0, column]
-    after = scale * list_values(prior, result.best.sets)[:, 0, column]
+    before = scale * draw_prior_values(prior, result.best.log_tissue_sd)[:, column]
+    after = scale * list_values(prior, result.best.sets, result.best.log_tissue)[:, 0, column]
     edges = np.linspace(min(before.min(), after.min()), max(before.max(), after.max()), 31).tolist()
     if edges[-1] - edges[0] > 1e-9 * abs(edges[0]):
         axes.hist(before, edges, density=True, color=PRIOR_COLOUR, label="before the scan")

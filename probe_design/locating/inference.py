@@ -25,6 +25,7 @@ from probe_design.locating.scan_data import ScanConditions
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
 MIN_GAIN_P_VALUE = 1e-2  # of the gains before the readings, below which a warning names them
 EDGE_M, EDGE_PROBABILITY = 1e-3, 0.3  # within which a tumour lies at the edge of the places, and how probably, for a warning
+TISSUE_MODULUS = "tissue"  # its name among the common errors
 TESTED_SETS = 200  # most probable sets of each number, among which the residuals are the smallest
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
 MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
@@ -132,9 +133,10 @@ def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_f
     strengths = [np.abs(likelihood.predict(sets[:200, [index]])[0]).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])]
     tumours = tuple(
         Tumour(summary, find_region(prior, sample.points[:, index], sample.weights).area)
-        for index, summary in enumerate(summarise(prior, sample))
+        for index, summary in enumerate(summarise(prior, sample, *draw_tissues(likelihood, prior.transform(sample.points))))
     )
     order = np.argsort(strengths)[::-1]
+    log_tissue, log_tissue_sd = draw_tissues(likelihood, sets)
     return NumberResult(
         number=len(tumours),
         tumours=tuple(tumours[index] for index in order),
@@ -143,7 +145,24 @@ def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_f
         effective_sample_size=sample.size,
         converged=sample.is_converged,
         sets=sets[:, order],
+        log_tissue=log_tissue,
+        log_tissue_sd=log_tissue_sd,
     )
+
+
+def draw_tissues(likelihood: Likelihood, tumours: Floats) -> tuple[Floats, float]:
+    """Return ln of the tissue's modulus over the middle of its range, drawn given each set of tumours (n, m, 5), and its spread.
+
+    Shape (n,); the spread is its standard deviation before the readings. Both are 0 where the modulus is known.
+    """
+    errors = likelihood.common_errors
+    if TISSUE_MODULUS not in errors.names:
+        return np.zeros(len(tumours)), 0.0
+    index = errors.names.index(TISSUE_MODULUS)
+    deviation = float(errors.deviations[index])
+    mean, covariance = likelihood.solve_common(tumours)
+    chance = np.random.default_rng(0).standard_normal(len(tumours))
+    return deviation * (mean[:, index] + np.sqrt(covariance[:, index, index]) * chance), deviation
 
 
 def _test_residuals(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> tuple[float, Floats]:

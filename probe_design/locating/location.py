@@ -61,6 +61,10 @@ class NumberResult:
         Whether this size suffices.
     sets
         Equally probable sets of tumours, shape (n, number, 5): x, y, depth, diameter, Young's modulus.
+    log_tissue
+        Ln of the tissue's modulus over the middle of its range, drawn for each set, shape (n,).
+    log_tissue_sd
+        Its standard deviation before the readings; 0 where the modulus is known.
     """
 
     number: int
@@ -70,6 +74,8 @@ class NumberResult:
     effective_sample_size: float
     converged: bool
     sets: Floats
+    log_tissue: Floats
+    log_tissue_sd: float
 
     @property
     def place_region_90(self) -> float:
@@ -77,8 +83,9 @@ class NumberResult:
         return sum(tumour.place_region_90 for tumour in self.tumours)
 
     def as_dict(self) -> JsonObject:
-        """Return the JSON object, without the sets."""
-        values: JsonObject = {name: value for name, value in self.__dict__.items() if name != "sets"}
+        """Return the JSON object, without the sets and their tissues."""
+        internal = ("sets", "log_tissue", "log_tissue_sd")
+        values: JsonObject = {name: value for name, value in self.__dict__.items() if name not in internal}
         tumours = [tumour.as_dict() for tumour in self.tumours]
         return values | {"tumours": tumours, "place_region_90": self.place_region_90}
 

@@ -89,15 +89,39 @@ def compute_quantiles(values: Floats, weights: Floats, fractions: tuple[float, .
     return np.interp(fractions, cumulative, values[order])
 
 
-def list_values(prior: TumourPrior, tumours: Floats) -> Floats:
-    """Return the columns named in ``SUMMARY_NAMES`` of tumours (..., 5), shape (..., 6)."""
-    return np.concatenate([tumours, prior.compute_contrast(tumours)[..., None]], axis=-1)
+def list_values(prior: TumourPrior, tumours: Floats, log_tissue: Floats | float = 0.0) -> Floats:
+    """Return the columns named in ``SUMMARY_NAMES`` of tumours (n, m, 5), shape (n, m, 6).
+
+    ``log_tissue``, (n,), is ln of the tissue's modulus over the middle of its range: the contrast is to the tissue as it is.
+    """
+    contrast = prior.compute_contrast(tumours) - np.asarray(log_tissue)[..., None]
+    return np.concatenate([tumours, contrast[..., None]], axis=-1)
 
 
-def summarise(prior: TumourPrior, sample: Sample) -> tuple[dict[str, Summary], ...]:
-    """Return the summaries of all quantities of each tumour of a sample, by ``SUMMARY_NAMES``."""
-    values, weights = list_values(prior, prior.transform(sample.points)), sample.weights
-    prior_sd = _scale(list_values(prior, prior.transform(prior.draw(PRIOR_SAMPLES, 1, 0))))[:, 0].std(axis=0)
+def draw_prior_values(prior: TumourPrior, log_tissue_sd: float) -> Floats:
+    """Return ``list_values`` of single tumours of the prior, on tissues whose ln modulus has a standard deviation, (n, 6)."""
+    log_tissue = log_tissue_sd * np.random.default_rng(0).standard_normal(PRIOR_SAMPLES)
+    return list_values(prior, prior.transform(prior.draw(PRIOR_SAMPLES, 1, 0)), log_tissue)[:, 0]
+
+
+def summarise(
+    prior: TumourPrior, sample: Sample, log_tissue: Floats | float = 0.0, log_tissue_sd: float = 0.0
+) -> tuple[dict[str, Summary], ...]:
+    """Return the summaries of all quantities of each tumour of a sample, by ``SUMMARY_NAMES``.
+
+    Parameters
+    ----------
+    prior
+        Of the tumours.
+    sample
+        Of the posterior.
+    log_tissue
+        Ln of the tissue's modulus over the middle of its range for each set of the sample, shape (n,); 0 where it is known.
+    log_tissue_sd
+        Its standard deviation before the readings.
+    """
+    values, weights = list_values(prior, prior.transform(sample.points), log_tissue), sample.weights
+    prior_sd = _scale(draw_prior_values(prior, log_tissue_sd)).std(axis=0)
     scaled = _scale(values)
     mean = np.einsum("n,nmq->mq", weights, scaled)
     sd = np.sqrt(np.einsum("n,nmq->mq", weights, (scaled - mean) ** 2))

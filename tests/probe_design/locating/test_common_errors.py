@@ -78,6 +78,18 @@ def test_gains_and_tissue_are_those_of_the_linear_gaussian_posterior() -> None:
     assert [row[0] for row in rows_shown] == ["ln gain of the ratio", "ln gain of the stiffness", "tissue's Young's modulus, kPa"]
 
 
+def test_the_contrast_is_to_the_tissue_as_it_is() -> None:
+    """Of a tumour whose modulus is known, all that is not known of the contrast is the tissue, over its quantiles."""
+    modulus = CLEAR[0, 0, 4]
+    subject = replace(two_loads()[0], prior=likelihood(scan(CLEAR), tumours=1, object=modulus).prior)
+    location = infer(subject, CONDITIONS, 0, advise=False)
+    contrast, tissue = location.tumours[0].quantities["ln_contrast"], location.nuisances["tissue"]
+    changes = np.log(np.array(tissue.interval_90) / CONDITIONS.middles["tissue"])
+    expected = subject.prior.compute_contrast(CLEAR)[0, 0] - changes[::-1]
+    assert contrast.interval_90 == pytest.approx(expected, abs=0.1 * np.ptp(changes))
+    assert contrast.sd_relative == pytest.approx(tissue.sd_relative, rel=0.1)
+
+
 def test_charge_noise_falls_with_the_force() -> None:
     """Of a linear probe the charges are proportional to the force; the white noise is not."""
     known = read_design(ROOT / "examples" / "films.toml")
