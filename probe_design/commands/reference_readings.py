@@ -137,7 +137,6 @@ def _read_reference(
 
 def ask_for(label: str, place: str, source: SourceRequest) -> None:
     """Ask the user to press the probe on a reference or at a place, and wait; do nothing for recordings and the virtual probe."""
-    from geometry.common.errors import InputError, Words
     from probe_design.terminal.console import write_line
 
     if not source.is_live:
@@ -146,14 +145,27 @@ def ask_for(label: str, place: str, source: SourceRequest) -> None:
         write_line(f"{label}: press on: {place}; reading begins in {source.wait:g} s")
         sleep(source.wait)
         return
-    if not sys.stdin.isatty():
+    require_terminal(source)
+    write_line(f"{label}: press on: {place}; start the load, then press Enter")
+    input()
+
+
+def require_terminal(source: SourceRequest) -> None:
+    """Refuse a device whose user can neither be asked nor has said how long to wait.
+
+    Raises
+    ------
+    InputError
+        There is no terminal, and no ``wait``.
+    """
+    from geometry.common.errors import InputError, Words
+
+    if source.is_live and source.wait is None and not sys.stdin.isatty():
         raise InputError(
             "device",
             Words("without a terminal"),
             "a terminal, to change references at, --wait SECONDS or --replay for each reading",
         )
-    write_line(f"{label}: press on: {place}; start the load, then press Enter")
-    input()
 
 
 def simulate_on_scene(setup: HardwareSetup, source: SourceRequest, accuracy: float, *, linear: bool) -> Any:

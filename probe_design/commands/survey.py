@@ -115,8 +115,10 @@ class SurveyRequest(SourceRequest):
     def prepare_survey(self, design: Design) -> Survey:
         """Return the survey before its next press, interrupted or not."""
         from geometry.common.files import check_writable
+        from probe_design.commands.reference_readings import require_terminal
         from probe_design.terminal.console import show_spinner
 
+        require_terminal(self)  # before the map is prepared, which takes half a minute
         check_writable(self.output)
         survey = Survey.prepare(self, design)
         with show_spinner("preparing the map"):
