@@ -164,7 +164,7 @@ def require_terminal(source: SourceRequest) -> None:
         raise InputError(
             "device",
             Words("without a terminal"),
-            "a terminal, to change references at, --wait SECONDS or --replay for each reading",
+            "a terminal, in which to ask for each press, or --wait SECONDS, or --replay for each reading",
         )
 
 
