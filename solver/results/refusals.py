@@ -12,8 +12,8 @@ from geometry.scenes.scene_tables import Inclusion
 
 TOUCHING_RELATIVE = 1e-6  # of a body's half height: a body this close to an interface of layers counts as crossed by it
 
-TIED_FACES = "contact.interface = 'bonded' or 'frictionless'"
-ONE_SPHERE = "unless there is at most one inclusion, a sphere on the axis of an upright probe"
+ONE_SPHERE = "with at most one inclusion, a sphere on the axis of an upright probe"
+ANY_FACES = f"contact.interface = 'bonded' or 'frictionless', or 'unilateral' {ONE_SPHERE}"
 
 Kind = Literal["contact", "solid", "crossed sphere", "crossed", "layers"]
 GEOMETRY_KINDS: tuple[Kind, ...] = ("contact", "solid", "crossed")  # what no rotationally symmetric linear evaluator takes
@@ -37,10 +37,10 @@ def find_refusal(scene: Scene, kinds: tuple[Kind, ...]) -> str | None:
 def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
     """Yield the kinds to which a scene belongs, each with the words of a refusal: the evaluator for it, and "for" what."""
     if scene.contact.interface == "unilateral":
-        yield "contact", "contact for contact.interface = 'unilateral'" if is_round(scene) else f"{TIED_FACES} {ONE_SPHERE}"
+        yield "contact", "contact for contact.interface = 'unilateral'" if is_round(scene) else ANY_FACES
     if scene.contact.edge_radius > 0:
         text = "contact for contact.edge_radius above 0: round edges close bit by bit"
-        yield "contact", text if is_round(scene) else f"contact.edge_radius = 0 {ONE_SPHERE}"
+        yield "contact", text if is_round(scene) else f"contact.edge_radius = 0, or more {ONE_SPHERE}"
     if scene.placement.tilt != 0:
         yield "solid", "solid for placement.tilt other than 0"
     if any(body.surface is not None for body in scene.inclusion):

@@ -67,6 +67,6 @@ def test_export(tmp_path: Path, scene: Scene, handed: Handed) -> None:
 
 def test_optimize(tmp_path: Path, scene: Scene, handed: Handed) -> None:
     optimum: Any = SimpleNamespace(scene=scene)
-    report = Report(optimum, Table((), ()), (), build_provenance(scene), (), scene)
+    report = Report(optimum, Table((), ()), (), (), (), build_provenance(scene), (), scene)
     report.write(tmp_path, lambda *_: None)
     assert handed == [("parts", EDGE), ("drawing", EDGE)]
