@@ -1,4 +1,5 @@
 // The live waveform of the bench page: minimum and maximum of each channel in each column, drawn on one canvas.
+document.documentElement.lang = "en"; // which the framework leaves out
 window.drawWaveform = (wave) => {
   const canvas = document.querySelector("canvas.waveform");
   if (!canvas) return;

@@ -162,7 +162,7 @@ class BenchPage:
         else:
             self._show_map(state)
         rows = "".join(_write_press(press) for press in state["presses"])
-        head = "<tr><th></th><th>place</th><th>ratio</th><th>recording</th></tr>"
+        head = "<tr><th>press</th><th>place</th><th>ratio</th><th>recording</th></tr>"
         self.discard.visible = bool(state["presses"])
         self.presses.content = f'<table class="outputs"><thead>{head}</thead><tbody>{rows}</tbody></table>'
         self._show_ready()

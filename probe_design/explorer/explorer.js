@@ -1,4 +1,5 @@
 // What the server cannot do: drag and move tumours and edges of the section, and hand over the address.
+document.documentElement.lang = "en"; // which the framework leaves out
 addEventListener("DOMContentLoaded", () => {
   const find = (event) => event.target.closest?.("[data-tumour], [data-edge]");
   const round = (number) => Math.round(1000 * number) / 1000;

@@ -362,7 +362,7 @@ class Page:
     def _show_outputs(self) -> None:
         """Show the outputs, beside them those that were checked and kept."""
         others = [*self.work.list_columns(), *((f"kept {key}", readings) for key, (_, readings) in self.kept.items())]
-        heads = ["", f"{EVALUATOR}, 95 %", *(head for head, _ in others)]
+        heads = ["output", f"{EVALUATOR}, 95 %", *(head for head, _ in others)]
         rows = []
         for name, reading in self.readings.items():
             columns = [reading, *(readings.get(name) for _, readings in others)]

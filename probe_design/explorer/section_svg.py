@@ -43,7 +43,7 @@ def draw_section(scene: Scene) -> str:
     left, right = max(centre - reach, -half), min(centre + reach, half)
     size = (reach + depth) / 36  # of a text
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="section" role="img" aria-label="section of probe and tissue, to scale" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="section" role="group" aria-label="probe and tissue, to scale" '
         f'viewBox="{centre - reach:.4g} {-top - base - size:.5g} {2 * reach:.5g} {depth + top + base + 2.8 * size:.5g}">'
         f"<style>{STYLE}</style>"
     ]
