@@ -26,8 +26,8 @@ from benchmarks.locating.scans import NARROW, SKIN, WIDE, ScanMaker, Setting
 from benchmarks.rows import Row, RowFile
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Bools, Floats
-from probe_design.locating.inference import Posterior, draw_tissues, infer
-from probe_design.locating.posterior import find_region, summarise
+from probe_design.locating.inference import Posterior, infer
+from probe_design.locating.posterior import find_region
 from probe_design.populations.detection import compute_log_likelihood_ratio, whiten
 
 QUANTITIES = ("x", "y", "depth", "diameter", "ln_contrast")
@@ -92,7 +92,7 @@ def locate_scan(maker: ScanMaker, detector: DesignDetector, index: int) -> Row:
     if len(tumours):
         sample, known = posterior.samples[0], dict(zip(QUANTITIES, tumours[0].tolist(), strict=True))
         known["ln_contrast"] = float(np.log(tumours[0, 4] / maker.tissues[index % len(maker.tissues)].tissue.youngs_modulus))
-        summary = summarise(maker.prior, sample, *draw_tissues(likelihood, maker.prior.transform(sample.points)))[0]
+        summary = location.by_number[0].tumours[0].quantities
         intervals = {key: summary[key].interval_90 for key in QUANTITIES}
         region = find_region(maker.prior, sample.points[:, 0], sample.weights)
         row["held"] = [bool(intervals[key][0] <= known[key] <= intervals[key][1]) for key in QUANTITIES]

@@ -12,7 +12,7 @@ from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_report.improvements import Improvement
 from probe_design.design_search.optimum import PopulationOptimum, TumourOptimum
-from probe_design.design_search.verification import GAIN_SIGNIFICANCE
+from probe_design.design_search.verification import is_significant
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import ChannelSet
 
@@ -142,7 +142,7 @@ def _describe_resolution(fraction: float, improvements: Sequence[Improvement]) -
     """Return the fraction of the tumours whose stiffness is resolved, and, where it is small, what would raise it."""
     counted = f"of {100 * fraction:.0f} of 100"
     if fraction >= MIN_RESOLVED_FRACTION:
-        return f"It resolves the stiffness {counted}, to a factor of 1.6."
+        return f"It resolves the stiffness {counted}, to a factor of {math.exp(MAX_RESOLVED_LOG_SD):.2g}."
     best_change = max(improvements, key=lambda item: item.resolved)
     if best_change.resolved < fraction + MIN_RESOLVED_GAIN:
         return f"It cannot resolve their stiffness (that {counted}), nor could it after any single change of the readings."
@@ -152,7 +152,7 @@ def _describe_resolution(fraction: float, improvements: Sequence[Improvement]) -
 def _describe_improvement(optimum: PopulationOptimum, improvements: Sequence[Improvement]) -> str:
     """Return the change of the readings that helps most, if its gain is beyond twice its error."""
     aim, (present, *changes) = optimum.design.objective, improvements
-    helpful = [item for item in changes if item.gain > GAIN_SIGNIFICANCE * item.error]
+    helpful = [item for item in changes if is_significant(item.gain, item.error)]
     if not helpful:
         return "What would help most: no single change of the readings helps beyond its error; wider limits may."
     best_change = max(helpful, key=lambda item: item.gain)

@@ -130,13 +130,13 @@ def infer(
 def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_factor: float) -> NumberResult:
     """Return the posterior of one number of tumours, those first which change the readings most."""
     prior = likelihood.prior
+    log_tissues, log_tissue_sd = draw_tissues(likelihood, prior.transform(sample.points), sample.weights)
     strengths = [np.abs(likelihood.predict(sets[:200, [index]])[0]).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])]
     tumours = tuple(
         Tumour(summary, find_region(prior, sample.points[:, index], sample.weights).area)
-        for index, summary in enumerate(summarise(prior, sample, *draw_tissues(likelihood, prior.transform(sample.points))))
+        for index, summary in enumerate(summarise(prior, sample, log_tissues, log_tissue_sd))
     )
     order = np.argsort(strengths)[::-1]
-    log_tissue, log_tissue_sd = draw_tissues(likelihood, sets)
     return NumberResult(
         number=len(tumours),
         tumours=tuple(tumours[index] for index in order),
@@ -145,24 +145,26 @@ def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_f
         effective_sample_size=sample.size,
         converged=sample.is_converged,
         sets=sets[:, order],
-        log_tissue=log_tissue,
+        log_tissue=draw_tissues(likelihood, sets, np.ones(len(sets)))[0],
         log_tissue_sd=log_tissue_sd,
     )
 
 
-def draw_tissues(likelihood: Likelihood, tumours: Floats) -> tuple[Floats, float]:
+def draw_tissues(likelihood: Likelihood, tumours: Floats, weights: Floats) -> tuple[Floats, float]:
     """Return ln of the tissue's modulus over the middle of its range, drawn given each set of tumours (n, m, 5), and its spread.
 
-    Shape (n,); the spread is its standard deviation before the readings. Both are 0 where the modulus is known.
+    Shape (n,); the spread is its standard deviation before the readings. Both are 0 where the modulus is known, and draws are 0
+    for sets without a weight, whose readings may not be predictable.
     """
-    errors = likelihood.common_errors
+    errors, draws = likelihood.common_errors, np.zeros(len(tumours))
     if TISSUE_MODULUS not in errors.names:
-        return np.zeros(len(tumours)), 0.0
-    index = errors.names.index(TISSUE_MODULUS)
+        return draws, 0.0
+    index, is_likely = errors.names.index(TISSUE_MODULUS), weights > 0
     deviation = float(errors.deviations[index])
-    mean, covariance = likelihood.solve_common(tumours)
-    chance = np.random.default_rng(0).standard_normal(len(tumours))
-    return deviation * (mean[:, index] + np.sqrt(covariance[:, index, index]) * chance), deviation
+    mean, covariance = likelihood.solve_common(tumours[is_likely])
+    chance = np.random.default_rng(0).standard_normal(len(mean))
+    draws[is_likely] = deviation * (mean[:, index] + np.sqrt(covariance[:, index, index]) * chance)
+    return draws, deviation
 
 
 def _test_residuals(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> tuple[float, Floats]:

@@ -155,15 +155,15 @@ class StudentMixture:
 
 
 def raise_to(values: Floats, power: int) -> Floats:
-    """Return a whole power, 1 or more, of an array by products."""
-    result, square = None, values
+    """Return a whole power of an array by products."""
+    result, square = np.ones_like(values), values
     while power:
         if power & 1:
-            result = square if result is None else result * square
+            result = result * square
         power >>= 1
         if power:
             square = square * square
-    return values.copy() if result is None else result if result is not values else values.copy()
+    return result
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import Refusal, Words
 from probe_design.locating.common_errors import CommonErrors
-from probe_design.locating.inference import infer
+from probe_design.locating.inference import draw_tissues, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.report import build_tables
 from probe_design.locating.scan_loads import ScanLoads
@@ -88,6 +89,21 @@ def test_the_contrast_is_to_the_tissue_as_it_is() -> None:
     expected = subject.prior.compute_contrast(CLEAR)[0, 0] - changes[::-1]
     assert contrast.interval_90 == pytest.approx(expected, abs=0.1 * np.ptp(changes))
     assert contrast.sd_relative == pytest.approx(tissue.sd_relative, rel=0.1)
+
+
+def test_sets_that_cannot_be_predicted_have_no_weight_and_no_tissue() -> None:
+    class Shallow(StandInModel):
+        def predict(self, tumours: Floats, positions: Floats) -> Floats:
+            if np.any(tumours[..., 2] < 5e-3):
+                raise Refusal("inclusion", Words("a tumour that takes all of a film's load"), "a smaller or a deeper one")
+            return super().predict(tumours, positions)
+
+    subject, tumours = replace(two_loads()[0], models=(Shallow(), StrongerModel())), np.concatenate([CLEAR, CLEAR, CLEAR])
+    alone, _ = draw_tissues(subject, CLEAR, np.ones(1))
+    tumours[1, 0, 2] = 4e-3
+    drawn, deviation = draw_tissues(subject, tumours, np.array([0.5, 0.0, 0.5]))
+    assert (drawn[0], drawn[1], deviation) == (pytest.approx(alone[0]), 0.0, 0.2)
+    assert drawn[2] != 0
 
 
 def test_charge_noise_falls_with_the_force() -> None:
