@@ -169,6 +169,7 @@ def _warn_tolerances(optimum: PopulationOptimum) -> Iterator[str]:
     item = next(item for verified, item in zip(designs, optimum.robust, strict=True) if verified is optimum.best)
     if optimum.design.objective.maximise == "detection" and item.nominal - item.low > MAX_TOLERANCE_LOSS:
         yield (
-            f"Build it closely: to the tolerances that the report states, one probe in twenty detects fewer than "
-            f"{100 * item.low:.0f} of 100; probe-design tolerances says which size to hold."
+            f"Build it closely: of probes built to the tolerances that the report states, one in twenty detects fewer than about "
+            f"{100 * item.low:.0f} of 100 ({100 * item.nominal:.0f} as drawn), by the closed form; probe-design tolerances says "
+            "which size to hold."
         )
