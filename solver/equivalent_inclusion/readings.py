@@ -24,6 +24,7 @@ SERIES_SAFETY_FACTOR = 3.0  # on the estimate of the truncation error
 LAYERED_SAFETY_FACTOR = 2.0  # further factor in layers: close under a stiff film errors reach 2.2 times the estimate
 SLOPE_ERROR_FACTOR = 5.0  # mesh error of derivatives, relative to that of the effect
 SETS_AT_ONCE = 8  # sets whose reflections are solved together
+CLOSE_SETS_AT_ONCE = 32  # likewise close to a face, where each order is factorised again for each reflection of all of them
 MAX_SETS_WITHOUT_MATRIX = (
     400  # up to so many sets the matrix of each azimuthal order does not pay without PARDISO; in layers never
 )
@@ -236,12 +237,15 @@ def compute_readings(
         insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
         chosen = np.flatnonzero(insufficient)
         often = len(chosen) > MAX_SETS_WITHOUT_MATRIX and not base.strata.interfaces
-        at_once = 1 if often else SETS_AT_ONCE
-        for k in range(0, len(chosen), at_once):
-            if progress is not None:
-                progress(k, len(chosen))
-            numbers = chosen[k : k + at_once].tolist()
-            _add_reflections(base, inside, left_out, first, numbers=numbers, target=target, sensitive=sensitive, often=often)
+        is_close = np.array([base.choose_reflector(inside.select(k).select(~left_out[k])).close for k in chosen], dtype=bool)
+        done = 0
+        for group, at_once in ((chosen[is_close], CLOSE_SETS_AT_ONCE), (chosen[~is_close], 1 if often else SETS_AT_ONCE)):
+            for k in range(0, len(group), at_once):
+                if progress is not None:
+                    progress(done, len(chosen))
+                numbers = group[k : k + at_once].tolist()
+                _add_reflections(base, inside, left_out, first, numbers=numbers, target=target, sensitive=sensitive, often=often)
+                done += len(numbers)
         if progress is not None:
             progress(len(chosen), len(chosen))
     return first.add_baseline_bounds(base.films)

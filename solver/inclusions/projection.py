@@ -6,38 +6,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 from solver.inclusions.eshelby import place_on_sphere
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 
 OVERSAMPLING_DEGREES = 6
-POINTS_PER_BATCH = 128  # points at a time: work arrays are ten times as large as the result
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Points on the unit sphere, and the matrix from displacements there to coefficients of modes.
+    """Points on the unit sphere, on latitudes and longitudes, and the projection of displacements there on modes.
 
     Attributes
     ----------
     points
         Shape (q, 3): the whole sphere for parity "both", its half y > 0 for "even", one meridian (y = 0, x > 0) for axisymmetric
-        modes.
+        modes. Longitudes vary first.
     weights
         Each point's part of the whole sphere's 4 pi, its images' included, shape (q,).
-    matrix
-        Coefficients per displacement, shape (modes, q, 3).
+    axes
+        Matrices from components along x, y and z to those along r, phi and z on each longitude, shape (3, 3, longitudes).
+    waves
+        The cosines and sines of m phi by which components vary, shape (2, orders, longitudes).
+    families
+        For each order and each of its two symmetries: the order, the numbers of the waves of r, phi and z, shape (3,), the
+        numbers of the modes, and their coefficients per component times wave, summed over longitudes, (modes, 3, latitudes).
     """
 
     points: Floats
     weights: Floats
-    matrix: Values
+    axes: Floats
+    waves: Floats
+    families: tuple[tuple[int, Ints, Ints, Values], ...]
 
     def compute_coefficients(self, displacement: Values) -> Values:
         """Return coefficients (modes, k) for ``Modes.evaluate_regular`` from displacements (q, 3, k) in the sphere's axes."""
-        rows = self.matrix.reshape(len(self.matrix), -1)
-        out: Values = rows @ displacement.reshape(rows.shape[1], -1)
+        longitudes, k = self.waves.shape[-1], displacement.shape[-1]
+        local = np.einsum("axl,nlxk->lank", self.axes, displacement.reshape(-1, longitudes, 3, k))
+        summed = (self.waves.reshape(-1, longitudes) @ local.reshape(longitudes, -1)).reshape(*self.waves.shape[:2], 3, -1, k)
+        out = np.empty((sum(len(family[2]) for family in self.families), k), np.result_type(displacement, self.families[0][3]))
+        for m, wave, numbers, coefficients in self.families:
+            out[numbers] = coefficients.reshape(len(numbers), -1) @ summed[wave, m, np.arange(3)].reshape(-1, k)
         return out
 
 
@@ -45,21 +55,36 @@ def build_projection(modes: Modes, oversample: int = OVERSAMPLING_DEGREES) -> Pr
     """Build the projection that is exact for fields of degree up to ``modes.degree + oversample``.
 
     Higher degrees of a field are aliased to lower modes, in latitude and in azimuth: oversample more where fields vary strongly
-    over the sphere. Only the displacement is needed, not the traction.
+    over the sphere. Only the displacement is needed, not the traction. Components along r, phi and z vary as cos m phi or
+    sin m phi, so that those on one meridian, where none of these waves vanishes, determine all.
     """
     points, weights = build_quadrature(modes, oversample)
-    matrix = np.empty((len(modes), len(points), 3), np.result_type(modes.nu, float))
-    for low in range(0, len(points), POINTS_PER_BATCH):
-        part = slice(low, low + POINTS_PER_BATCH)
-        fields = _evaluate_orthonormal(modes, points[part]) * weights[part, None, None]
-        matrix[:, part] = np.moveaxis(_convert_to_regular(modes, fields), -1, 0)
-    return Projection(points, weights, matrix)
+    longitudes = _count_points(modes, oversample)[1]
+    phi, meridian = np.arctan2(points[:longitudes, 1], points[:longitudes, 0]), np.array([np.pi / 2 / (modes.order + 1)])
+    on_meridian = place_on_sphere(points[::longitudes, 2], meridian)
+    fields = _convert_to_regular(modes, _evaluate_orthonormal(modes, on_meridian)) * weights[::longitudes, None, None]
+    components = np.einsum("ax,nxm->man", _build_axes(meridian)[..., 0], fields)
+    kind, _, m, sine = modes.labels
+    mirrors = (kind == 2) == (sine == 1)  # in the plane y = 0: along r and z as cos m phi, else as sin m phi
+    families = []
+    for order, symmetry in sorted(set(zip(m.tolist(), mirrors.tolist(), strict=True))):
+        numbers, wave = np.flatnonzero((m == order) & (mirrors == symmetry)), np.array([0, 1, 0] if symmetry else [1, 0, 1])
+        sizes = _evaluate_waves(order, meridian)[wave, 0]  # sin 0 vanishes, and with it the component
+        coefficients = components[numbers] * np.divide(1.0, sizes, out=np.zeros(3), where=sizes != 0)[:, None]
+        families.append((order, wave, numbers, coefficients))
+    waves = np.stack([_evaluate_waves(order, phi) for order in range(int(m.max()) + 1)], axis=1)
+    return Projection(points, weights, _build_axes(phi), waves, tuple(families))
 
 
-def count_projection_bytes(modes: Modes) -> int:
-    """Return how many bytes the projection of these modes takes."""
-    latitudes, longitudes = _count_points(modes, OVERSAMPLING_DEGREES)
-    return 8 * 3 * len(modes) * latitudes * longitudes
+def _build_axes(phi: Floats) -> Floats:
+    """Return the matrices from components along x, y and z to those along r, phi and z on n longitudes, shape (3, 3, n)."""
+    cos, sin, none = np.cos(phi), np.sin(phi), np.zeros(len(phi))
+    return np.array([[cos, sin, none], [-sin, cos, none], [none, none, none + 1]])
+
+
+def _evaluate_waves(m: int, phi: Floats) -> Floats:
+    """Return cos m phi and sin m phi on n longitudes, shape (2, n)."""
+    return np.array([np.cos(m * phi), np.sin(m * phi)])
 
 
 def build_quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:

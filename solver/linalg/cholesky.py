@@ -109,7 +109,7 @@ class _PatternAnalysis:
     lower
         Mask of the matrix's entries in the lower triangle.
     values
-        Entries of the lower triangle that were factorised last.
+        Entries of the matrix that was factorised last, both triangles.
     lock
         Held while the solver is used.
     """
@@ -139,16 +139,15 @@ class _Pardiso:
         """Factorise a matrix with the pattern's analysis, made if there is none; see ``factorise``."""
         analysis = None if pattern is None else pattern.analysis
         if analysis is None:
-            lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-            values = matrix.data[lower]
-            solver = _analyse(library, matrix, (lower, values), METIS_ORDERING if pattern is None else MINIMUM_DEGREE_ORDERING)
+            lower, values = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)), matrix.data
+            solver = _analyse(library, matrix, lower, METIS_ORDERING if pattern is None else MINIMUM_DEGREE_ORDERING)
             if pattern is None:  # no other matrix shares the analysis: its values are not needed again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
             analysis = _PatternAnalysis(solver, lower, values)
             if pattern is not None:
                 pattern.analysis = analysis
             return cls(analysis, values)
-        factor = cls(analysis, matrix.data[analysis.lower])
+        factor = cls(analysis, matrix.data)  # an array that the matrix has already
         with analysis.lock:
             factor._refresh()
         return factor
@@ -162,11 +161,11 @@ class _Pardiso:
     def _refresh(self) -> None:
         """Factorise again if another matrix of the pattern was factorised since."""
         if self.analysis.values is not self.values:  # the same array, not only equal numbers
-            self.analysis.solver.refactor_values(self.values)
+            self.analysis.solver.refactor_values(self.values[self.analysis.lower])
             self.analysis.values = self.values
 
 
-def _analyse(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
+def _analyse(library: Any, matrix: Any, lower: NDArray[np.bool_], ordering: dict[int, int]) -> Any:
     """Analyse and factorise a matrix by PARDISO; return the library's object.
 
     PARDISO reads rows: the lower triangle by columns is the upper one by rows.
@@ -177,16 +176,15 @@ def _analyse(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Float
         PARDISO's compiled module.
     matrix
         Both triangles in compressed columns, rows sorted.
-    triangle
-        Mask of the matrix's entries in the lower triangle, and their values.
+    lower
+        Mask of the matrix's entries in the lower triangle.
     ordering
         PARDISO's parameters (number: value) that choose the order of elimination.
     """
-    lower, values = triangle
     solver = library.PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
     for key, value in ordering.items():
         solver.set_iparm(key, value)
     starts = np.append(0, np.cumsum(lower))[matrix.indptr]
     solver.set_pattern(ia=starts.astype(np.int64), ja=matrix.indices[lower].astype(np.int64), n=matrix.shape[0])
-    solver.factor(values)
+    solver.factor(matrix.data[lower])
     return solver

@@ -64,6 +64,12 @@ class Workspace:
         with self._lock:
             return self._measure()
 
+    def measure_with(self, value: Any) -> int:
+        """Return the bytes of all values and of another, which may be one of them; arrays of several are counted once."""
+        with self._lock:
+            counted: set[int] = set()
+            return self._measure(counted) + measure_bytes(value, counted)
+
     def clear(self) -> None:
         """Drop all values."""
         with self._lock:
@@ -116,12 +122,12 @@ class Workspace:
                 held -= self._entries.pop(key).bytes
         give_back(MIN_RETURNED_BYTES)
 
-    def _measure(self) -> int:
-        """Measure all values again, as some grow, and return their bytes in all.
+    def _measure(self, counted: set[int] | None = None) -> int:
+        """Measure all values again, as some grow, and return their bytes in all; ``counted`` as of ``measure_bytes``.
 
         An array that several share is counted with the value used last.
         """
-        counted: set[int] = set()
+        counted = set() if counted is None else counted
         for entry in reversed(self._entries.values()):
             if not entry.fixed:
                 entry.bytes, entry.measured = measure_bytes(entry.value, counted), self._evaluation

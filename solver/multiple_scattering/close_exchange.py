@@ -24,6 +24,7 @@ from solver.elements.shape_functions import evaluate_functions, evaluate_pressur
 from solver.inclusions.mode_sums import Sampler, Table
 from solver.inclusions.vector_modes import DISPLACEMENT_COMPONENTS, build_stack
 from solver.multiple_scattering.interior_solution import LIFTED_EDGES, EdgeData, Interior
+from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.rings import PLANE_COMPONENTS, SIDE_COMPONENTS, AzimuthalGrid, build_turn_matrices
 from solver.multiple_scattering.spheres import ScatteringSphere
 
@@ -64,7 +65,9 @@ class CloseExchange:
     spheres: Sequence[ScatteringSphere]
     rounds: AzimuthalGrid
 
-    def reflect(self, scattered: Sequence[Floats], min_work: float, max_orders: int) -> tuple[list[Floats], int]:
+    def iterate_reflection(
+        self, scattered: Sequence[Floats], min_work: float, max_orders: int
+    ) -> Steps[tuple[list[Floats], int]]:
         """Reflect fields; parameters and what is returned are those of ``Exchange.iterate_reflection``."""
         samples, negligible_orders = [self._sample_edges(layer, scattered) for layer in self._layers], 0
         total = [np.zeros_like(c) for c in scattered]
@@ -75,7 +78,9 @@ class CloseExchange:
                 for layer, values in zip(self._layers, samples, strict=True)
             ]
             imposed, forces = (functools.reduce(operator.add, part) for part in zip(*loads, strict=True))
-            displacement = self.interior(m, self._layers[0]).solve(imposed, forces, self._elements)
+            interior = self.interior(m, self._layers[0])
+            v = yield interior.harmonic, forces
+            displacement = interior.compute_values(v, imposed, self._elements)
             work = np.zeros((scattered[0].shape[1],) * 2)
             for k, (sphere, c, place) in enumerate(zip(self.spheres, scattered, self._places, strict=True)):
                 returned = sphere.compute_coefficients(*self._evaluate_returned(sphere, place, m, displacement))

@@ -98,7 +98,8 @@ class Reflector:
         """
         needed = self._harmonics.bytes_per_order
         get_workspace().make_room(needed)
-        total_bytes = get_workspace().bytes_held + other_bytes + needed
+        # a caller may use a solution that the workspace has dropped already
+        total_bytes = get_workspace().measure_with(self) + other_bytes + needed
         if not self._harmonic_of_order:
             check_memory(
                 f"reflections of tumours close to the surface, to other faces or to the probe ({LESS_MEMORY_HINT})", total_bytes

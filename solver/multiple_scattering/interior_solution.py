@@ -44,7 +44,7 @@ class Interior:
     harmonic: Harmonic
     boundary: Boundary
     recovery: Callable[[Ints], Floats]
-    _recovered: dict[bytes, Floats] = field(default_factory=dict, repr=False)
+    _recovered: dict[int, Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _force_assembly(self) -> Any:
@@ -104,33 +104,26 @@ class Interior:
         forces = self._place_data(tractions) + self.harmonic.stiffness @ (imposed + self._place_data(ends))
         return imposed, -(self._force_assembly @ forces.reshape(-1, forces.shape[-1]))
 
-    def solve(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:
-        """Solve eq. MS.4; return values U, V, W of the reflection w in some of the tissue's elements, (e, 3, s, k).
+    def compute_values(self, v: Floats, imposed: Floats, elements: Ints) -> Floats:
+        """Return values U, V, W of the reflection w, eq. MS.4, in some of the tissue's elements, (e, 3, s, k).
 
         Parameters
         ----------
+        v
+            The unknowns, ``Harmonic.solve`` of the forces.
         imposed
             Imposed values of the boundary's elements, by all layers' data, see ``compute_loads``.
-        forces
-            Forces by the same data.
         elements
             The elements.
-
-        Raises
-        ------
-        SolveError
-            See ``Harmonic.solve``.
         """
-        v = self.harmonic.solve(forces)
         edge = (self.harmonic.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])
         on_boundary = np.isin(elements, self.harmonic.boundary)
         edge[on_boundary] += imposed[np.searchsorted(self.harmonic.boundary, elements[on_boundary])]
         return self.harmonic.compute_values(edge, self._find_recovery(elements))
 
     def _find_recovery(self, elements: Ints) -> Floats:
-        """Return the recovery of some elements; the last is cached, as one exchange uses it repeatedly."""
-        key = elements.tobytes()
-        if key not in self._recovered:
-            self._recovered.clear()
-            self._recovered[key] = self.recovery(elements)
-        return self._recovered[key]
+        """Return the recovery of some elements; it is cached, as exchanges use it repeatedly."""
+        missing = [element for element in elements.tolist() if element not in self._recovered]
+        if missing:
+            self._recovered.update(zip(missing, self.recovery(np.array(missing)), strict=True))
+        return np.stack([self._recovered[element] for element in elements.tolist()])

@@ -1,20 +1,28 @@
 """Advance many sets of spheres at one boundary together, so that each azimuthal order is solved for all sets at once.
 
-The reflections of a set are a generator, which yields an order's ``BoundaryResponse`` with data (6 n, k) and receives the
+The reflections of a set are a generator, which yields an order's ``Response`` with data, one column or several, and receives the
 response of the same shape. A factorised system takes hardly longer for the data of eight sets than for those of one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from solver.multiple_scattering.boundary_compliance import BoundaryResponse
 
-OrderRequest = tuple[BoundaryResponse, Floats]
+
+class Response(Protocol):
+    """The linear response of one azimuthal order to data on the boundary."""
+
+    def apply(self, data: Floats, often: bool, /) -> Floats:
+        """Return the response to data, shape (n, k) both; ``often`` says that many calls will follow."""
+        ...
+
+
+OrderRequest = tuple[Response, Floats]
 T = TypeVar("T")
 Steps = Generator[OrderRequest, Floats, T]
 

@@ -27,17 +27,17 @@ from typing import Literal
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.resources import check_memory, check_time
+from geometry.common.resources import check_time
 from geometry.meridian.section import Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.refinement import compute_total_change
 from solver.axisymmetric.tissue_field import TissueField
-from solver.inclusions.projection import Projection, build_projection, count_projection_bytes
+from solver.inclusions.projection import build_projection
 from solver.inclusions.tumours import Strata, Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import keep_table
 from solver.multiple_scattering.close_exchange import CloseExchange
-from solver.multiple_scattering.exchange import LESS_MEMORY_HINT, Exchange, Reflector
+from solver.multiple_scattering.exchange import Exchange, Reflector
 from solver.multiple_scattering.lockstep import Steps
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.rings import AzimuthalGrid
@@ -46,9 +46,8 @@ from solver.multiple_scattering.spheres import DEGREE_LIMITS, ScatteringSphere, 
 
 MAX_MODE_ORDER = 16  # maximum azimuthal order of the modes
 ANGLE_LIMITS = (10, 40)  # minimum and maximum number of angles if a sphere lies off the axis
-MAX_CACHED_DEGREE = 20  # maximum degree of off-axis modes with cached projections: 1 to 30 MB each
 MAX_REFLECTIONS = 6  # each costs one solution per azimuthal order
-_find_cached_projection = keep_table(build_projection)
+_find_projection = keep_table(build_projection)
 SLOPE_TOLERANCE_FACTOR = 5.0  # derivatives with respect to the modulus are this much more sensitive to omitted terms
 MIN_TIMED_TUMOURS = 4  # tumours after which the time for the rest can be estimated
 TIME_SHARE = 0.5  # of that time: the machine may be busier now than later
@@ -218,13 +217,7 @@ def _list_shape_derivatives(
 
 
 def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
-    """Rotate spheres about the probe's axis, if possible into the plane y = 0, and choose modes and angles that resolve them.
-
-    Raises
-    ------
-    LimitReached
-        Their projections would exceed the memory limit.
-    """
+    """Rotate spheres about the probe's axis, if possible into the plane y = 0, and choose modes and angles that resolve them."""
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))  # the sphere furthest from the axis is rotated to y = 0, x > 0
     angle = float(np.arctan2(tumours.y[far], tumours.x[far])) if offset[far] > 0 else 0.0
@@ -238,36 +231,15 @@ def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple
         _share_modes(Modes(degree, strata.materials[layer].poisson_ratio, 0 if axis else min(degree, MAX_MODE_ORDER), parity))
         for degree, layer in zip(required, layers, strict=True)
     ]
-    projections = _find_projections(modes)
     centres = np.stack([x * (not axis), 0 * y if plane else y, -tumours.depth], axis=1)
     spheres = [
-        ScatteringSphere(centre, float(size), sphere_modes, projections[sphere_modes], strata.materials[layer], layer)
+        ScatteringSphere(centre, float(size), sphere_modes, _find_projection(sphere_modes), strata.materials[layer], layer)
         for centre, size, sphere_modes, layer in zip(centres, radius, modes, layers, strict=True)
     ]
     distance = np.minimum(tumours.cover, strata.compute_gap(tumours))
     # more angles where a sphere lies far off the axis and close to a face, as its field there is narrow
     angles = int(np.clip(np.ceil(np.max(3 * offset / (distance + 0.2 * radius))) + 6, *ANGLE_LIMITS))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
-
-
-def _find_projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
-    """Return the projections on all modes; small ones are cached, as they take half of the time of a tumour on the axis.
-
-    Raises
-    ------
-    LimitReached
-        They would exceed the memory limit.
-    """
-    distinct = set(modes)
-    check_memory(
-        f"reflections of {len(modes)} tumours ({LESS_MEMORY_HINT})",
-        sum(count_projection_bytes(sphere_modes) for sphere_modes in distinct),
-    )
-    projections = {}
-    for sphere_modes in distinct:
-        is_small = sphere_modes.order == 0 or sphere_modes.degree <= MAX_CACHED_DEGREE
-        projections[sphere_modes] = (_find_cached_projection if is_small else build_projection)(sphere_modes)
-    return projections
 
 
 @lru_cache(maxsize=64)
@@ -294,10 +266,7 @@ def _reflect(
     Returns the regular coefficients at all spheres, (modes of all, s), and the number of azimuthal orders that mattered.
     """
     sent = _exchange_between_spheres(exchange.spheres, outgoing)  # first, because it estimates its time early
-    if isinstance(exchange, CloseExchange):
-        returned, orders = exchange.reflect(outgoing, min_work, orders)
-    else:
-        returned, orders = yield from exchange.iterate_reflection(outgoing, min_work, orders)
+    returned, orders = yield from exchange.iterate_reflection(outgoing, min_work, orders)
     return np.concatenate([a + b for a, b in zip(returned, sent, strict=True)]), orders
 
 

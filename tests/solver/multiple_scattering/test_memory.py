@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import tracemalloc
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from geometry import read_scene
 from geometry.common.resources import LIBRARY_MEMORY_BYTES, LimitReached, Limits, use_limits
 from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
-from solver.inclusions.projection import build_projection, count_projection_bytes
+from solver.inclusions.projection import build_projection
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import Workspace, get_workspace, measure_bytes, use_workspace
 from solver.multiple_scattering.exchange import Reflector
-from solver.multiple_scattering.solve import arrange_spheres
 from tests.support.paths import REFERENCE
 
 SCENE = read_scene(REFERENCE / "axisymmetric" / "shallow.toml")
@@ -30,38 +26,10 @@ def make_tumours(count: int) -> Tumours:
     return Tumours(0.02 + 0.03 * ends, 0.02 * ends, depth, body.diameter + 0 * ends, *moduli)
 
 
-def test_a_projection_takes_little_more_than_it_holds() -> None:
-    modes = Modes(30, 0.45, 16, "even")
-    tracemalloc.start()
-    try:
-        made = build_projection(modes)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert made.matrix.nbytes == count_projection_bytes(modes)
-    assert peak < 6 * made.matrix.nbytes
-
-
-@pytest.mark.slow
-def test_alike_spheres_share_what_projects_on_their_modes() -> None:
-    base = solve_undisturbed(SCENE, 0.05)
-    same_tumours = make_tumours(2).select([0, 0])
-    first_group, second_group = arrange_spheres(
-        base.field.states.model.section, base.strata, replace(same_tumours, y=np.array([0.0, 0.02]))
-    )[0]
-    assert first_group.modes.degree > 20  # those below are kept in any case
-    assert first_group.projection is second_group.projection
-
-
-def test_spheres_whose_modes_hold_too_much_are_refused_before_any_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    def made(modes: Modes) -> None:
-        raise AssertionError(modes)
-
-    monkeypatch.setattr("solver.multiple_scattering.solve.build_projection", made)
-    monkeypatch.setattr("solver.multiple_scattering.solve._find_cached_projection", made)
-    base = solve_undisturbed(SCENE, 0.05)
-    with use_limits(Limits(memory=4e8)), pytest.raises(LimitReached, match=r"reflections of 30 tumours .* take less.*--memory"):
-        arrange_spheres(base.field.states.model.section, base.strata, make_tumours(30))
+def test_a_projection_takes_a_fraction_of_its_matrix() -> None:
+    modes = Modes(36, 0.45, 16, "both")
+    made = build_projection(modes)
+    assert measure_bytes(made) < 0.03 * 8 * len(modes) * made.points.size
 
 
 @pytest.mark.slow
