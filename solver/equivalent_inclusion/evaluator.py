@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal, Words
+from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.ellipsoids import check_ellipsoids, correct_for_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, solve_alone, solve_undisturbed
@@ -59,9 +59,13 @@ class EquivalentInclusion(FilmEvaluator):
             read = compute_readings(base, tumours, target, sensitive=scene.target is not None)
             read = correct_for_ellipsoids(base, scene, read)
         else:
-            if any(body.diameter is None for body in scene.inclusion):
-                raise Refusal("inclusion", Words("an ellipsoid"), "spheres for a curve (evaluate takes ellipsoids)")
             read = compute_readings(base, tumours.with_moduli(moduli, target), target, sensitive=True)
+            for k, modulus in enumerate(moduli if any(body.diameter is None for body in scene.inclusion) else ()):
+                body = scene.inclusion[target].model_copy(update={"youngs_modulus": float(modulus)})
+                bodies = (*scene.inclusion[:target], body, *scene.inclusion[target + 1 :])
+                other_scene = scene.model_copy(update={"inclusion": bodies})
+                spheres = compute_readings(base, Tumours.from_scene(other_scene), target, sensitive=True)
+                read.store(np.array([k]), correct_for_ellipsoids(base, other_scene, spheres))
         films = tuple(build_film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
         errors = read.compute_max_error(scene)
         worst = int(np.argmax(errors))  # the modulus with the largest error

@@ -11,7 +11,7 @@ import pytest
 
 from geometry import Refusal, Scene, read_scene
 from geometry.scenes.scene_tables import Load
-from solver import evaluate
+from solver import curve, evaluate
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.path import Path
 from solver.contact.pressed_tissue import PressedTissue
@@ -167,3 +167,15 @@ def test_auto_presses_tumours_off_the_axis_beyond_linear_elasticity() -> None:
     result = evaluate(press(move(SCENE, 4e-3), 0.05), accuracy=0.02)
     assert result.evaluator == "contact"
     assert evaluate(press(move(SCENE, 4e-3), 0.001), accuracy=0.02).evaluator == "equivalent-inclusion"
+
+
+def test_a_curve_of_an_ellipsoid_beyond_linear_elasticity_is_that_of_its_evaluations() -> None:
+    """Not by linear elasticity in three dimensions, which a curve of ellipsoids took at any load."""
+    body = SCENE.inclusion[0].model_copy(update={"diameter": None, "diameters": (6e-3, 5e-3, 4e-3), "x": 3e-3})
+    scene = press(SCENE.model_copy(update={"inclusion": (body,)}), 0.1)
+    moduli = np.array([15e3, 60e3])
+    result = curve(scene, moduli, 0.05)
+    single = [evaluate(scene.replace({"inclusion[0].youngs_modulus": float(modulus)}), accuracy=0.05) for modulus in moduli]
+    assert result.evaluator == "contact"
+    assert result.ratio == pytest.approx([item.ratio for item in single], rel=1e-9)
+    assert result.log_sensitivity == pytest.approx([item.log_sensitivity for item in single], rel=1e-6)
