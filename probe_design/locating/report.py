@@ -18,10 +18,6 @@ from probe_design.reporting.page import Chapter, Items, Picture, Text, build_pag
 from probe_design.reporting.scene_sections import build_scene_section
 from probe_design.reporting.table import Table
 
-CONDITION = (
-    "Conditional on the population, the noise and the priors of the design file. It is no diagnosis: other causes of a stiff or "
-    "soft place are not considered."
-)
 SHOWN_UNITS = {  # unit that is shown, and its number in an SI unit
     "x": ("mm", MM_PER_M), "y": ("mm", MM_PER_M), "depth": ("mm", MM_PER_M), "diameter": ("mm", MM_PER_M),
     "youngs_modulus": ("kPa", 1e-3), "ln_contrast": ("", 1.0),
@@ -99,6 +95,19 @@ def _build_tumour_table(result: Location, part: NumberResult) -> Table:
     return Table(("quantity", "median", "50 %", "90 %", "readings"), rows, title, left=(0, 4))
 
 
+def _describe_conditions(result: Location) -> str:
+    """Say what the probabilities assume that the readings cannot check."""
+    places = []
+    for name, part in zip("xy", result.tumour_prior.ranges, strict=False):
+        low, high = (MM_PER_M * limit for limit in (min(part.values), max(part.values)))
+        places.append(f"{name} = {low:.3g}{f' to {high:.3g}' if low < high else ''} mm")
+    return (
+        "Conditional on the probe as drawn (calibrate it: readings hardly tell another one), on tumours within "
+        f"{', '.join(places)} only ([population] margin allows more), and on the noise and the priors of the design file. "
+        "It is no diagnosis: other causes of a stiff or soft place are not considered."
+    )
+
+
 def _format_summary(summary: Summary, scale: float) -> tuple[str, ...]:
     """Return median and both intervals as texts."""
     pairs = (summary.interval_50, summary.interval_90)
@@ -118,7 +127,7 @@ def list_lines(result: Location) -> Iterator[str]:
     if (unlearnt := list_unlearnt(result)) and result.probability[0] < 0.5:
         yield f"Not learnt: {', '.join(unlearnt)}: as before the scan."
     yield from _describe_pose(result)
-    yield CONDITION
+    yield _describe_conditions(result)
     if result.next is not None:
         x, y = result.next.x * MM_PER_M, result.next.y * MM_PER_M
         force = "" if result.next.force is None else f", {FORCE_QUANTITY.format_value(result.next.force)}"

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from probe_design.locating.report import list_lines
 from tests.probe_design.locating.test_inference import CLEAR, clear, result, scan
 
 
@@ -26,3 +27,10 @@ def test_a_tumour_beyond_the_population_s_places_is_said_to_lie_at_their_edge() 
     assert not any("margin" in line for line in wide.warnings)
     low, high = wide.tumours[0].quantities["x"].interval_90
     assert low < 20e-3 < high
+
+
+def test_every_answer_says_which_probe_and_places_it_assumes() -> None:
+    """Readings do not tell another probe, nor a weak tumour beyond the margin: with 6 mm of it places end at 22 mm."""
+    (line,) = (text for text in list_lines(result(scan(CLEAR), tumours=1, margin=6e-3)) if "Conditional" in text)
+    assert "the probe as drawn" in line
+    assert "x = -22 to 22 mm, y = -22 to 22 mm only" in line
