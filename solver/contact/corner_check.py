@@ -9,7 +9,7 @@ equally coarse there agree with each other and are wrong alike. One layer of cor
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from geometry.common.errors import SolveError
@@ -34,6 +34,7 @@ class CornerCheck:
     """
 
     build: Callable[[], Path]
+    _ends: list[float] = field(default_factory=list, repr=False)  # where no further step converges, m: it is not tried again
 
     @cached_property
     def path(self) -> Path:
@@ -46,10 +47,15 @@ class CornerCheck:
             path = self.path
         except SolveError:
             return 0.0
+        if self._ends and indentation > self._ends[0]:
+            return self._ends[0]
         try:
             path.press_to_indentation(indentation)
         except SolveError:
-            return min(indentation, path.last.indentation)
+            reached = min(indentation, path.last.indentation)
+            if reached < indentation:
+                self._ends.append(reached)
+            return reached
         return indentation
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -81,3 +82,11 @@ def test_stated_error_covers_corners_without_a_finer_mesh() -> None:
 def _fail() -> Path:
     """Build no path: no finer mesh converges."""
     raise SolveError("no step converges")
+
+
+def test_fine_corners_that_no_longer_converge_are_not_pressed_again() -> None:
+    path = Mock(last=Mock(indentation=1e-3))
+    path.press_to_indentation.side_effect = SolveError("an element folds over")
+    check = CornerCheck(lambda: path)
+    assert check.press(2e-3) == check.press(3e-3) == 1e-3
+    assert path.press_to_indentation.call_count == 1
