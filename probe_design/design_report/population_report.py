@@ -33,8 +33,8 @@ from probe_design.reporting.table import Table
 
 MAPS_FILE, IMPROVEMENTS_FILE, FRONT_FILE = "maps.png", "levers.png", "pareto.png"
 TOLERANCE_NOTE = (
-    "The objective by the closed form over 64 draws of what is built: radii and height to 0.05 mm, gap to 0.02 mm, each modulus "
-    "to 10 % or to its material's own tolerance, one standard deviation each."
+    "The objective by the closed form over 64 draws of what is built, each with all that probe-design tolerances lists: sizes as "
+    "exactly as each block is made, moduli as measured or as their material scatters, films, and bonds as their makers vary."
 )
 LIMITS_NOTE = (
     "linearity and gap_closure are forces: up to the first, finite strain changes the ratio by at most 1 %; up to the second, "

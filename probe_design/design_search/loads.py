@@ -148,6 +148,8 @@ class PressingRule:
         Whether eq. PL.13 holds, 1 or 0, and eq. PL.14 at the start, likewise; 0 and 1 where stresses are read.
     loaded
         Whether forces beyond linear elasticity are allowed.
+    omits_cancelling
+        Whether designs whose films' charges nearly cancel get no force, see ``weigh_charges``, as a search leaves them out.
     """
 
     design: Design
@@ -157,6 +159,7 @@ class PressingRule:
     charge_factors: tuple[int, float]
     safety_factor: float = COARSE_MODEL_SAFETY_FACTOR
     loaded: bool = False
+    omits_cancelling: bool = True
 
     @classmethod
     def from_draws(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
@@ -281,7 +284,8 @@ class PressingRule:
                 self.design.scene, sizes, film_totals, tissue, charges=charges, closure=closure
             )
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
-            weights *= weigh_charges(self.design.scene, totals[:, members[0]])
+            if self.omits_cancelling:
+                weights *= weigh_charges(self.design.scene, totals[:, members[0]])
         force = weights * find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
         return np.repeat(force[:, None], totals.shape[1], axis=1)
 

@@ -138,7 +138,7 @@ class PopulationStudy:
             tuple(design for design, _ in verified),
             search,
             None if single is None else single[0],
-            (compute_robustness(self.objective, self.design.scene, ()), *(robustness for _, robustness in verified)),
+            (compute_robustness(self.objective, self.design.scene), *(robustness for _, robustness in verified)),
             reason,
         )
 
@@ -166,7 +166,7 @@ class PopulationStudy:
     ) -> tuple[PopulationVerification, Robustness]:
         """Return the verification of a design, and the effect of workshop tolerances on it."""
         objective = self.objective.set_choices(choice.combination)
-        return self.verify(scene, advance, choice), compute_robustness(objective, scene, choice.combination.materials)
+        return self.verify(scene, advance, choice), compute_robustness(objective, scene)
 
     def _design_for_one_tumour(
         self, scan: ScanChoice | None, progress: Progress

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats
 from geometry.common.json_types import JsonObject
-from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
+from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.design_search.population_objective import PopulationObjective
-from probe_design.design_search.variables import ProbeSizes, has_separate_heights, name_variables, read_vector
+from probe_design.design_search.search_tumours import split_stacks
+from probe_design.design_search.variables import SEPARATE_HEIGHT_NAMES, ProbeSizes
+from probe_design.tolerancing.budget import split_heights
+from probe_design.tolerancing.sample_statistics import build_draw_function
+from probe_design.tolerancing.uncertain_numbers import UncertainNumber, list_uncertain_numbers
+from solver.closed_form.contact import Films as FilmStacks
+from solver.closed_form.designs import PROBE_PARAMETERS
 
 TOLERANCE_DRAWS, SOBOL_SEED = 64, 22
-LENGTH_SD_M = {"inner_radius": 0.05e-3, "outer_radius": 0.05e-3, "gap": 0.02e-3, "height": 0.05e-3}  # m, one standard deviation
-LOG_MODULUS = 0.1  # of a measured modulus, if the material does not state its own
-MIN_LENGTH_RELATIVE = 0.2  # minimum of a length as built, over the drawn one
+MIN_WALL_RELATIVE = 0.2  # minimum of the outer block's thickness as built, over the drawn one
 
 
 @dataclass(frozen=True)
@@ -44,61 +49,64 @@ class Robustness:
         return vars(self) | {"evaluator": "closed-form", "draws": TOLERANCE_DRAWS}
 
 
-def compute_robustness(objective: PopulationObjective, scene: Scene, materials: tuple[str, ...]) -> Robustness:
-    """Return the objective of a scene's probe as drawn and its distribution under workshop tolerances."""
-    probe = scene.probe
-    poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
-    built = np.concatenate([read_vector(scene)[:, None], draw_built_designs(scene, materials)], axis=1)
-    searched = objective.evaluate_designs(built, poisson)
-    convert = objective.design.objective.convert_searched
-    finite_values = np.array([convert(value) for value in searched[1:].tolist() if np.isfinite(value)])
-    nominal = convert(float(searched[0]))
-    if not len(finite_values):
-        return Robustness(nominal, nominal, nominal, nominal)
-    low, high = np.quantile(finite_values, [0.05, 0.95]).tolist()
-    return Robustness(nominal, objective.design.objective.compute_statistic(finite_values), low, high)
+def compute_robustness(objective: PopulationObjective, scene: Scene) -> Robustness:
+    """Return the objective of a scene's probe as drawn and its distribution under workshop tolerances.
+
+    The probes as built differ by the uncertain numbers of the command ``tolerances``, films and bonds included. A built probe for
+    which the closed form has no result, such as one with a charge of the other sign, counts as one that detects nothing (of place
+    errors: as the largest of the others).
+    """
+    drawn = split_heights(express_by_outer_radius(scene.model_copy(update={"inclusion": ()})))
+    variables = list_uncertain_numbers(drawn)
+    eta = norm.ppf(qmc.Sobol(len(variables), seed=SOBOL_SEED).random(TOLERANCE_DRAWS)).T
+    # the first column is the probe as drawn
+    designs, poisson, stacks = draw_built_probes(drawn, variables, np.insert(eta, 0, 0.0, axis=1))
+    rule = replace(objective.rule, omits_cancelling=False)  # a search leaves such designs out, a built probe is as it is
+    searched = replace(objective, rule=rule, stacks=stacks, scans={}).evaluate_designs(designs, poisson)
+    aim, is_finite = objective.design.objective, np.isfinite(searched)
+    worst = 0.0 if aim.sign > 0 else np.min(searched, where=is_finite, initial=np.inf)
+    nominal, *built = map(aim.convert_searched, np.where(is_finite, searched, worst).tolist())
+    low, high = np.quantile(built, [0.05, 0.95]).tolist()
+    return Robustness(nominal, aim.compute_statistic(np.array(built)), low, high)
 
 
-def draw_built_designs(scene: Scene, materials: tuple[str, ...]) -> Floats:
-    """Draw probes as built: lengths and logarithms of moduli are normally distributed about the drawn ones.
+def draw_built_probes(
+    scene: Scene, variables: Sequence[UncertainNumber], eta: Floats
+) -> tuple[Floats, Floats, FilmStacks | None]:
+    """Draw probes as built.
 
     Parameters
     ----------
     scene
-        The scene with the probe as drawn.
-    materials
-        Names of the blocks' materials, whose own tolerances hold; empty: ``LOG_MODULUS`` for both.
+        The scene with the probe as drawn, without tumours, given by its outer radius.
+    variables
+        The v uncertain numbers.
+    eta
+        Standard normal numbers, shape (v, n).
 
     Returns
     -------
-    Floats
-        Designs as in ``variables``, with one height or two, shape (6 or 7, ``TOLERANCE_DRAWS``).
+    tuple[Floats, Floats, FilmStacks | None]
+        Designs as in ``variables``, with two heights, shape (7, n); Poisson's ratios of both blocks, shape (2, n); and films and
+        bonds where the scene reads charges that need them.
     """
-    separate, probe = has_separate_heights(scene), scene.probe
-    z = norm.ppf(qmc.Sobol(6 + separate, seed=SOBOL_SEED).random(TOLERANCE_DRAWS)).T
-
-    def draw_length(key: str, size: float, normal: Floats) -> Floats:
-        """Return lengths as built, m, for standard normal numbers; never near 0."""
-        return np.maximum(size + LENGTH_SD_M[key] * normal, MIN_LENGTH_RELATIVE * size)
-
-    inner, gap = draw_length("inner_radius", probe.inner_radius, z[0]), draw_length("gap", probe.gap, z[2])
-    # the wall, too, keeps a minimum thickness
-    outer = np.maximum(
-        draw_length("outer_radius", probe.tube_radius, z[1]),
-        inner + gap + MIN_LENGTH_RELATIVE * (probe.tube_radius - probe.hole_radius),
-    )
-    deviations = [find_material(name).log_sd for name in materials] or [LOG_MODULUS, LOG_MODULUS]
-    inner_modulus, outer_modulus = (
-        block.youngs_modulus * np.exp(deviation * normal)
-        for block, deviation, normal in zip((probe.inner, probe.outer), deviations, z[4:6], strict=True)
-    )
+    shape, draw_parameters = build_draw_function(scene, variables)
+    columns, _ = draw_parameters(eta)
+    numbers = dict(zip(PROBE_PARAMETERS, columns, strict=False))  # those of the tissue follow
+    hole = numbers["inner_radius"] + numbers["gap"]
+    outer = np.maximum(numbers["outer_radius"], hole + MIN_WALL_RELATIVE * (scene.probe.tube_radius - scene.probe.hole_radius))
     sizes = ProbeSizes(
-        inner_radius=inner,
-        area_ratio=inner**2 / (outer**2 - (inner + gap) ** 2),
-        gap=gap,
-        inner_height=draw_length("height", probe.core_height, z[3]),
-        outer_height=draw_length("height", probe.tube_height, z[6 if separate else 3]),
-        inner_modulus=inner_modulus,
-        outer_modulus=outer_modulus,
+        inner_radius=numbers["inner_radius"],
+        area_ratio=numbers["inner_radius"] ** 2 / (outer**2 - hole**2),
+        gap=numbers["gap"],
+        inner_height=numbers["inner_height"],
+        outer_height=numbers["outer_height"],
+        inner_modulus=numbers["inner_modulus"],
+        outer_modulus=numbers["outer_modulus"],
     )
-    return sizes.build_vector(name_variables(len(z)))
+    poisson = np.array([numbers["inner_poisson"], numbers["outer_poisson"]])
+    return (
+        sizes.build_vector(SEPARATE_HEIGHT_NAMES),
+        poisson,
+        split_stacks(shape, columns) if scene.observable == "charge" else None,
+    )

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import PLACE_AXES, TumourDraw
 from solver.closed_form.contact import Films as FilmStacks
-from solver.closed_form.designs import build_parameters, split_parameters
+from solver.closed_form.designs import Shape, build_parameters, split_parameters
 from solver.closed_form.film_membrane import FilmArray
 from solver.tumour_waves.moments import TumourDraws
 from solver.tumour_waves.population_films import ManyTumours
@@ -23,9 +24,14 @@ PLACE_UNIT_M = 10e-3  # m: x and y count in it, so that their steps are about as
 def build_stacks(scene: Scene) -> FilmStacks | None:
     """Return the films and bonds of a scene's blocks, for one probe, where the scene reads charges that need them."""
     shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}))
-    if scene.observable == "stress" or not shape.films:
+    return split_stacks(shape, values[:, None]) if scene.observable == "charge" else None
+
+
+def split_stacks(shape: Shape, parameters: Floats) -> FilmStacks | None:
+    """Return the films and bonds of n probes from the closed form's parameters, shape (parameters, n); None without films."""
+    if not shape.films:
         return None
-    inner, outer = (FilmArray(*row[:, None]) for row in split_parameters(shape, values)[2])
+    inner, outer = (FilmArray(*row) for row in split_parameters(shape, parameters)[2])
     return FilmStacks(inner, outer, shape.insets)
 
 

@@ -28,7 +28,7 @@ from probe_design.tolerancing.film_numbers import (
     list_tape_moduli,
 )
 from probe_design.tolerancing.uncertain_numbers import GAIN_NAMES, UncertainNumber
-from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_products
+from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_products
 from solver.closed_form.film_membrane import FILM_PARAMETERS
 from solver.results.film_charges import reads_film_states
 
@@ -193,12 +193,30 @@ def _estimate_indices(f_A: Floats, f_B: Floats, f_AB: Floats) -> tuple[Floats, F
 
 def build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:
     """Return the function that computes the four outputs, shape (4, n), at eta of shape (v, n), real or complex."""
-    shape, nominal = build_parameters(scene)
-    parameters = {variable.name: list_parameters(scene, variable.name, len(nominal)) for variable in variables}
+    shape, draw_parameters = build_draw_function(scene, variables)
     read = slice(2, 4) if reads_film_states(scene) else slice(0, 2)
 
     def compute_outputs(eta: Any) -> Any:
         """Return the outputs of n built probes."""
+        columns, gains = draw_parameters(eta)
+        with np.errstate(all="ignore"):  # designs without a result become NaN
+            products, derivatives = compute_products(shape, columns)
+            stiffness = (products[:, :2].sum(axis=2).T * np.exp(gains)).sum(axis=0)
+            return _compute_readings(products[:, read], derivatives[:, read], stiffness, columns, gains)
+
+    return compute_outputs
+
+
+def build_draw_function(scene: Scene, variables: Sequence[UncertainNumber]) -> tuple[Shape, Callable[[Any], tuple[Any, Any]]]:
+    """Return the closed form's shape and the function that draws built probes at eta of shape (v, n), real or complex.
+
+    It returns the closed form's parameters, shape (parameters, n), and the logarithms of the films' gains, shape (2, n).
+    """
+    shape, nominal = build_parameters(scene)
+    parameters = {variable.name: list_parameters(scene, variable.name, len(nominal)) for variable in variables}
+
+    def draw_parameters(eta: Any) -> tuple[Any, Any]:
+        """Return the parameters and gains of n built probes."""
         columns = np.repeat(nominal[:, None], eta.shape[1], axis=1).astype(eta.dtype)
         gains = np.zeros((2, eta.shape[1]), dtype=eta.dtype)
         for variable, row in zip(variables, eta, strict=True):
@@ -215,12 +233,9 @@ def build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) ->
         radius, gap = PROBE_PARAMETERS.index("inner_radius"), PROBE_PARAMETERS.index("gap")
         # the gap is the hole's radius less the inner block's, both of which vary on their own (eq. TO.6)
         columns[gap] = keep_gap_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
-        with np.errstate(all="ignore"):  # designs without a result become NaN
-            products, derivatives = compute_products(shape, columns)
-            stiffness = (products[:, :2].sum(axis=2).T * np.exp(gains)).sum(axis=0)
-            return _compute_readings(products[:, read], derivatives[:, read], stiffness, columns, gains)
+        return columns, gains
 
-    return compute_outputs
+    return shape, draw_parameters
 
 
 def list_parameters(scene: Scene, name: str, count: int) -> list[int]:

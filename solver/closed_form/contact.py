@@ -115,6 +115,11 @@ class Films:
     outer: FilmArray
     insets: bool
 
+    @property
+    def count(self) -> int:
+        """N."""
+        return len(self.inner.thickness)
+
     def take(self, which: Ints) -> Films:
         """Return the films of the designs with indices ``which``."""
         return Films(self.inner.take(which), self.outer.take(which), self.insets)

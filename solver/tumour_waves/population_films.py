@@ -107,10 +107,10 @@ class ManyTumours:
         probes
             The parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
         stacks
-            Films and bonds of all probes, one of each block; None for forces alone.
+            Films and bonds, of each probe or of all alike; None for forces alone.
         """
-        chunks = range(0, probes.shape[1], self._chunk)
-        parts = [self._compute_chunk(probes[:, k : k + self._chunk], stacks) for k in chunks]
+        chunks = np.split(np.arange(probes.shape[1]), range(self._chunk, probes.shape[1], self._chunk))
+        parts = [self._compute_chunk(probes[:, chunk], stacks and stacks.take(chunk % stacks.count)) for chunk in chunks]
         return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))
 
     @property
@@ -122,7 +122,8 @@ class ManyTumours:
         """Compute the film forces of a few probes, shape (9, n), on all tissues, in one evaluation on arrays."""
         tissues, tissue_of_draw = self.draws.tissues
         n, u = probes.shape[1], tissues.shape[2]
-        bare = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n), stacks)
+        films = stacks and stacks.take(np.repeat(np.arange(n), u))
+        bare = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(tissues, n), films)
         blocks = build_blocks(probes)
         k = np.repeat(self.moments.k[None], n, axis=0)
         kinds = transform_long_waves(blocks, k, self.bonded)
@@ -138,14 +139,13 @@ class ManyTumours:
         baseline = bare.products.sum(axis=2).reshape(n, u, -1)[:, tissue_of_draw]
         return Films(baseline, change, by_log)
 
-    def _solve_without_tumours(self, probes: Array, tissues: Floats, stacks: FilmStacks | None) -> ContactSolution:
+    def _solve_without_tumours(self, probes: Array, tissues: Floats, films: FilmStacks | None) -> ContactSolution:
         """Solve eq. CF.12 for pairs of probe and tissue without tumours, a pair in each column."""
         *upper, (depth, modulus, poisson) = tissues
         layers = tuple(TissueLayer(*layer) for layer in upper)
         side = np.full(probes.shape[1], self.side[0])
         tissue = Tissue(depth if self.draws.bounded else None, modulus, poisson, side, layers)
         settings: JsonObject = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
-        films = None if stacks is None else stacks.take(np.zeros(probes.shape[1], dtype=int))
         return solve_contact(build_blocks(probes), tissue, (), target=None, bonded=self.bonded, films=films, **settings)
 
     def _compute_moments(self, pressed: Array, sheared: Array) -> Array:

@@ -167,6 +167,8 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.inference",
         "probe_design.locating",  # simulated scans verify what a scan says
         "probe_design.populations",
+        "probe_design.built_probe.block_predictions",  # the probe as a workshop measures it
+        "probe_design.tolerancing",  # how it varies as built
         "solver.casadi_functions",
         "solver.closed_form",
         "solver.equivalent_inclusion",

@@ -11,12 +11,14 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
+from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.population_objective import PopulationObjective
-from probe_design.design_search.robustness import draw_built_designs
+from probe_design.design_search.robustness import draw_built_probes
 from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.variables import SEPARATE_HEIGHT_NAMES, ProbeSizes, read_vector
+from probe_design.tolerancing.uncertain_numbers import list_uncertain_numbers
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
 from tests.support.searches import design
 
@@ -147,9 +149,12 @@ def test_rounded_and_exact_scenes_have_both_heights() -> None:
 
 
 def test_a_workshop_errs_in_both_heights() -> None:
-    built = draw_built_designs(stepped(), ())
+    drawn = express_by_outer_radius(stepped())
+    variables = list_uncertain_numbers(drawn)
+    built, _, _ = draw_built_probes(drawn, variables, np.random.default_rng(3).standard_normal((len(variables), 64)))
     assert len(built) == 7
-    for row, height in ((3, 3e-3), (OUTER_HEIGHT_INDEX, 4.5e-3)):
+    deviations = {item.name: item.sd for item in variables}
+    for row, height, name in ((3, 3e-3, "inner"), (OUTER_HEIGHT_INDEX, 4.5e-3, "outer")):
         assert built[row].mean() == pytest.approx(height, rel=0.01)
-        assert built[row].std() == pytest.approx(0.05e-3, rel=0.25)
+        assert built[row].std() == pytest.approx(deviations[f"probe.{name}_height"], rel=0.25)
     assert abs(np.corrcoef(built[3], built[OUTER_HEIGHT_INDEX])[0, 1]) < 0.3
