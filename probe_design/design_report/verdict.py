@@ -94,7 +94,7 @@ def _iterate_population_verdict(
     yield _describe_detection(optimum, [*maps.values()][-1])
     yield _describe_resolution(best.performance.means["resolved"], improvements)
     yield _describe_improvement(optimum, improvements)
-    yield from _warn_tolerances(optimum)
+    yield from _describe_tolerances(optimum)
 
 
 def _describe_probe(scene: Scene, force: float, *, improved: bool) -> str:
@@ -163,13 +163,17 @@ def _describe_improvement(optimum: PopulationOptimum, improvements: Sequence[Imp
     return f"What would help most: {best_change.label}; {aim.label} {value} in place of {now}, by the closed form."
 
 
-def _warn_tolerances(optimum: PopulationOptimum) -> Iterator[str]:
-    """Yield a warning where workshop tolerances cost much of the detection."""
+def _describe_tolerances(optimum: PopulationOptimum) -> Iterator[str]:
+    """Yield what the probes as built detect; a warning where workshop tolerances cost much of the detection."""
     designs = (optimum.start, *optimum.finalists)
     item = next(item for verified, item in zip(designs, optimum.robust, strict=True) if verified is optimum.best)
-    if optimum.design.objective.maximise == "detection" and item.nominal - item.low > MAX_TOLERANCE_LOSS:
+    if optimum.design.objective.maximise != "detection":
+        return
+    built, low, drawn = "built to the tolerances that the report states", f"{100 * item.low:.0f}", f"{100 * item.nominal:.0f}"
+    if item.nominal - item.low > MAX_TOLERANCE_LOSS:
         yield (
-            f"Build it closely: of probes built to the tolerances that the report states, one in twenty detects fewer than about "
-            f"{100 * item.low:.0f} of 100 ({100 * item.nominal:.0f} as drawn), by the closed form; probe-design tolerances says "
-            "which size to hold."
+            f"Build it closely: of probes {built}, one in twenty detects fewer than about {low} of 100 ({drawn} as drawn), by "
+            "the closed form; probe-design tolerances says which size to hold."
         )
+    else:
+        yield f"Of probes {built}, 19 in 20 detect at least {low} of 100 ({drawn} as drawn), by the closed form."
