@@ -333,6 +333,6 @@ def curve(
     start = perf_counter()
     with use_limits(limits), start_clock():
         planned = build_allowed_plan(scene, accuracy, linear)
-        result = get_evaluator(planned.curve_evaluator, progress).curve(planned.scene, moduli, planned.accuracy)
+        result = get_evaluator(planned.evaluator, progress).curve(planned.scene, moduli, planned.accuracy)
     record = build_provenance(scene, evaluator=AUTO, accuracy=accuracy)
     return replace(planned.complete_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=record)

@@ -79,12 +79,6 @@ class Plan(LoadedRecord):
     warnings: tuple[Note, ...] = ()
     refusal: InputError | None = None
 
-    @property
-    def curve_evaluator(self) -> str | None:
-        """The evaluator for a curve: of ellipsoids ``solid``, but ``contact`` beyond linear elasticity."""
-        has_ellipsoids = any(body.diameter is None for body in self.scene.inclusion)
-        return SOLID if has_ellipsoids and self.evaluator != CONTACT else self.evaluator
-
     def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design plan``."""
         entries = super().as_dict()

@@ -135,8 +135,10 @@ def test_derivatives_by_the_tumours_own_numbers(key: str, reflect: bool) -> None
     assert derivative / scale == pytest.approx(differences, abs=5e-3 * np.abs(differences).max())
 
 
-def test_curve_passes_through_evaluate_and_its_slope_is_the_sensitivity() -> None:
+@pytest.mark.parametrize("shape", [{}, {"diameter": None, "diameters": (4e-3, 3e-3, 2e-3)}], ids=["sphere", "ellipsoid"])
+def test_curve_passes_through_evaluate_and_its_slope_is_the_sensitivity(shape: dict[str, object]) -> None:
     scene = named("solid", "flank").scene
+    scene = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update=shape),)})
     moduli = scene.inclusion[0].youngs_modulus * np.array([0.98, 1.0, 1.02])
     modulus_curve = curve(scene, moduli, 0.003)
     assert modulus_curve.evaluator == LEVEL
