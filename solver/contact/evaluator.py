@@ -118,7 +118,7 @@ class ContactEvaluator(FilmEvaluator):
         try:
             yield
         except StoppedError as fault:
-            raise self.build_stop_refusal(describe_load(scene), fault) from fault
+            raise self.build_stop_refusal(describe_load(scene), fault, scene.contact.interface) from fault
         except SolveError as fault:
             raise self._build_extreme_refusal(fault) from fault
 
@@ -149,7 +149,7 @@ class ContactEvaluator(FilmEvaluator):
         residual = max(loaded.linear.sample.states.residual, *(result.point.residual for result in results))
         return FilmSolution(films, residual, (*loaded.linear.plan, decision), tuple(notes))
 
-    def build_stop_refusal(self, load_entry: tuple[str, object], fault: StoppedError) -> Refusal:
+    def build_stop_refusal(self, load_entry: tuple[str, object], fault: StoppedError, interface: str = "bonded") -> Refusal:
         """Build the refusal of a load beyond which no step converges.
 
         Parameters
@@ -158,12 +158,15 @@ class ContactEvaluator(FilmEvaluator):
             The load's key in the scene, or its name, and its value.
         fault
             The error, with the last point that was reached.
+        interface
+            That of the scene: faces that slide or open converge less far than bonded ones.
         """
         key, value = load_entry
         if fault.last.indentation == 0:
             return Refusal(key, value, f"no load but 0 for {self.name}: {fault.reason}")
         limit = format_mm(fault.last.indentation) if "indentation" in key else Words(f"{fault.last.force:.3g} N")
-        return Refusal(key, value, f"up to {limit} for {self.name}: {fault.reason}")
+        remedy = "" if interface == "bonded" else ", or contact.interface = 'bonded', which mostly converges further"
+        return Refusal(key, value, f"up to {limit} for {self.name}: {fault.reason}{remedy}")
 
     def _build_extreme_refusal(self, fault: SolveError) -> Refusal:
         """Build the refusal of a scene whose equations cannot be solved."""

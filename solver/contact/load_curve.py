@@ -77,7 +77,7 @@ def compute_load_curve(
                 if not isinstance(fault, StoppedError):
                     raise
                 load_entry = ("force", Words(f"{load:g} N")) if by_force else ("indentation", format_mm(float(load)))
-                raise evaluator.build_stop_refusal(load_entry, fault) from fault
+                raise evaluator.build_stop_refusal(load_entry, fault, scene.contact.interface) from fault
             stopped = fault.allowed if isinstance(fault, Refusal) else str(fault)
     return _build_curve(scene, points, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
 
