@@ -217,6 +217,16 @@ class LoadedScene:
         forces, *charges = (outputs.build_films(fine) for outputs in self.outputs)
         return LoadedForces(fine, replace(forces, charges=charges[0] if charges else None))
 
+    def find_first_stop(self, fault: StoppedError) -> StoppedError:
+        """Return the stop of the mesh that ends first, given that of a mesh: a load counts as reached where both reach it."""
+        stops = [fault]
+        for path in self.paths:
+            try:
+                path.press_to_indentation(fault.last.indentation)
+            except StoppedError as stop:
+                stops.append(stop)
+        return min(stops, key=lambda stop: stop.last.indentation)
+
     @property
     def outputs(self) -> tuple[LoadedOutputs, ...]:
         """The film forces on both load paths, and the charges where they are modelled."""
@@ -260,7 +270,7 @@ def press_with_enough_points(
     except StoppedError as fault:
         denser = loaded.add_contact_points()
         if denser is None:
-            raise
+            raise loaded.find_first_stop(fault) from None
         try:
             return press(denser), denser
         except StoppedError as second:

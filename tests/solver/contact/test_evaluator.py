@@ -197,6 +197,25 @@ def test_a_load_that_no_step_reaches_is_refused_with_the_one_reached(monkeypatch
     assert 0.9 * reached < float(said[1]) <= reached * 1.001
 
 
+def test_a_refused_load_names_what_both_meshes_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under faces that slide the coarse mesh ends at 0.3 mm, the fine one at 0.2 mm."""
+    scene = with_load(EXAMPLE.model_copy(update={"contact": Contact(interface="frictionless")}), force=0.1)
+    coarse, fine = (len(path.model.mesh.body) for path in ContactEvaluator().prepare_scene(scene).paths)
+
+    def stops(model: ContactModel, guess: State, *, known: bool = False) -> Equilibrium:
+        if guess.indentation > {coarse: 0.3e-3, fine: 0.2e-3}[len(model.mesh.body)]:
+            raise SolveError("the elements fold")
+        return solve(model, guess, known=known)
+
+    monkeypatch.setattr(path, "solve", stops)
+    reached = ContactEvaluator().prepare_scene(scene).press_to_indentation(0.2e-3).point.force
+    with pytest.raises(Refusal, match=r"contact\.interface = 'bonded'") as refusal:
+        ContactEvaluator().evaluate(scene)
+    said = re.search(r"up to ([\d.]+) N", str(refusal.value))
+    assert said is not None
+    assert 0.9 * reached < float(said[1]) <= reached * 1.001
+
+
 @pytest.mark.slow
 def test_a_load_beyond_all_that_is_reached_is_refused_with_the_one_reached() -> None:
     """What stands in the way, Newton's method or the depth that has been compared, hangs on rounding."""
