@@ -20,7 +20,7 @@ from geometry.scenes.variables import PIEZO_KEYS, list_values
 from hw.common.limits import ReadLimits
 from hw.common.samples import Floats, Samples
 from hw.files.columns import ColumnMap, read_rate
-from hw.files.open_file import HDF5_SUFFIXES, is_self_describing, raw_recording_path
+from hw.files.open_file import HDF5_SUFFIXES, is_from_other_program, is_self_describing, raw_recording_path
 from hw.reader import DEFAULT_COLUMNS, Reader
 from hw.recordings.recording import compute_sha256
 from hw.simulation.virtual import make_virtual_probe
@@ -114,9 +114,16 @@ def name_recording(source: SourceRequest, k: int, count: int, attempt: int = 1) 
     """Return the name of the recording of reading ``k`` (from 0) of ``count`` by --record, or None without that option.
 
     The name has a number if there are several readings, and one of the attempt from the second on.
+
+    Raises
+    ------
+    InputError
+        Its ending is that of another program's files.
     """
     if source.record is None:
         return None
+    if is_from_other_program(source.record) and source.record.suffix.lower() not in HDF5_SUFFIXES:  # nothing would read it again
+        raise InputError("record", str(source.record), "a name that ends in .probe, raw data, or in .h5, samples in volts")
     number = [str(k + 1)] if count > 1 else []
     name = "-".join([source.record.stem, *number] + ([f"again{attempt}"] if attempt > 1 else []))
     return source.record.with_name(f"{name}{source.record.suffix}")

@@ -64,7 +64,7 @@ def compute_robustness(objective: PopulationObjective, scene: Scene) -> Robustne
     rule = replace(objective.rule, omits_cancelling=False)  # a search leaves such designs out, a built probe is as it is
     searched = replace(objective, rule=rule, stacks=stacks, scans={}).evaluate_designs(designs, poisson)
     aim, is_finite = objective.design.objective, np.isfinite(searched)
-    worst = 0.0 if aim.sign > 0 else np.min(searched, where=is_finite, initial=np.inf)
+    worst = 0.0 if aim.sign > 0 else min(searched[is_finite].tolist(), default=0.0)
     nominal, *built = map(aim.convert_searched, np.where(is_finite, searched, worst).tolist())
     low, high = np.quantile(built, [0.05, 0.95]).tolist()
     return Robustness(nominal, aim.compute_statistic(np.array(built)), low, high)
@@ -105,8 +105,4 @@ def draw_built_probes(
         outer_modulus=numbers["outer_modulus"],
     )
     poisson = np.array([numbers["inner_poisson"], numbers["outer_poisson"]])
-    return (
-        sizes.build_vector(SEPARATE_HEIGHT_NAMES),
-        poisson,
-        split_stacks(shape, columns) if scene.observable == "charge" else None,
-    )
+    return sizes.build_vector(SEPARATE_HEIGHT_NAMES), poisson, split_stacks(scene, shape, columns)

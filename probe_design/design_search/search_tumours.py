@@ -24,12 +24,12 @@ PLACE_UNIT_M = 10e-3  # m: x and y count in it, so that their steps are about as
 def build_stacks(scene: Scene) -> FilmStacks | None:
     """Return the films and bonds of a scene's blocks, for one probe, where the scene reads charges that need them."""
     shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}))
-    return split_stacks(shape, values[:, None]) if scene.observable == "charge" else None
+    return split_stacks(scene, shape, values[:, None])
 
 
-def split_stacks(shape: Shape, parameters: Floats) -> FilmStacks | None:
-    """Return the films and bonds of n probes from the closed form's parameters, shape (parameters, n); None without films."""
-    if not shape.films:
+def split_stacks(scene: Scene, shape: Shape, parameters: Floats) -> FilmStacks | None:
+    """Return ``build_stacks`` of n probes, from the closed form's parameters, shape (parameters, n)."""
+    if scene.observable == "stress" or not shape.films:
         return None
     inner, outer = (FilmArray(*row) for row in split_parameters(shape, parameters)[2])
     return FilmStacks(inner, outer, shape.insets)

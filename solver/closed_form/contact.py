@@ -117,7 +117,7 @@ class Films:
 
     @property
     def count(self) -> int:
-        """N."""
+        """How many designs these are."""
         return len(self.inner.thickness)
 
     def take(self, which: Ints) -> Films:

@@ -219,13 +219,13 @@ class LoadedScene:
 
     def find_first_stop(self, fault: StoppedError) -> StoppedError:
         """Return the stop of the mesh that ends first, given that of a mesh: a load counts as reached where both reach it."""
-        stops = [fault]
         for path in self.paths:
             try:
-                path.press_to_indentation(fault.last.indentation)
-            except StoppedError as stop:
-                stops.append(stop)
-        return min(stops, key=lambda stop: stop.last.indentation)
+                for _ in path.iterate_steps(fault.last.indentation):
+                    pass
+            except StoppedError as earlier:
+                return earlier
+        return fault
 
     @property
     def outputs(self) -> tuple[LoadedOutputs, ...]:

@@ -39,8 +39,7 @@ class EquivalentInclusion(FilmEvaluator):
         Raises
         ------
         Refusal
-            The scene is of another kind, or so extreme that its equations cannot be solved in double precision; a curve of a
-            scene with ellipsoids.
+            The scene is of another kind, or so extreme that its equations cannot be solved in double precision.
         """
         return self.solve_readings(self.prepare(scene, accuracy), scene, accuracy, moduli)[0]
 
@@ -63,9 +62,8 @@ class EquivalentInclusion(FilmEvaluator):
             for k, modulus in enumerate(moduli if any(body.diameter is None for body in scene.inclusion) else ()):
                 body = scene.inclusion[target].model_copy(update={"youngs_modulus": float(modulus)})
                 bodies = (*scene.inclusion[:target], body, *scene.inclusion[target + 1 :])
-                other_scene = scene.model_copy(update={"inclusion": bodies})
-                spheres = compute_readings(base, Tumours.from_scene(other_scene), target, sensitive=True)
-                read.store(np.array([k]), correct_for_ellipsoids(base, other_scene, spheres))
+                other_scene, sets = scene.model_copy(update={"inclusion": bodies}), np.array([k])
+                read.store(sets, correct_for_ellipsoids(base, other_scene, read.select(sets)))
         films = tuple(build_film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
         errors = read.compute_max_error(scene)
         worst = int(np.argmax(errors))  # the modulus with the largest error

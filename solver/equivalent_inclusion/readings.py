@@ -89,6 +89,12 @@ class Readings:
         if self.charges is not None and readings.charges is not None:
             self.charges.store(sets, readings.charges)
 
+    def select(self, sets: Ints | Bools) -> Readings:
+        """Return the readings of some sets, given by indices or by a mask; a copy."""
+        stored = {key: getattr(self, key)[sets] for key in STORED_FIELDS}
+        derivatives = {key: values[sets] for key, values in self.derivatives.items()}
+        return replace(self, **stored, derivatives=derivatives, charges=self.charges and self.charges.select(sets))
+
     def get_observable(self, scene: Scene) -> Readings:
         """Return what a scene's readings are the ratio of: the charges, or where it reads stresses the forces themselves.
 

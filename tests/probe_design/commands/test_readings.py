@@ -188,6 +188,14 @@ def test_names_of_hdf5_recordings_may_be_as_long_as_the_disk_allows(length: int,
         list_new_recordings(source, 1)
 
 
+@pytest.mark.parametrize("name", ["run.csv", "run.TXT", "run.wav"])
+def test_a_recording_is_not_named_as_what_it_is_not(tmp_path: Path, name: str) -> None:
+    """Raw data under such a name would be read as a table, and refused."""
+    with pytest.raises(InputError, match=r"record = .*run.*: allowed: a name that ends in \.probe, raw data, or in \.h5"):
+        list_new_recordings(ReferenceRequest(device="usb", record=tmp_path / name), 1)
+    assert list_new_recordings(ReferenceRequest(device="usb", record=tmp_path / "run"), 1) == (tmp_path / "run",)
+
+
 def test_a_killed_reading_counts_as_recorded(tmp_path: Path) -> None:
     """Its name is taken, and who resumes gets it for the reading that it was."""
     source = ReferenceRequest(device="usb", record=tmp_path / "run.h5", resume=True)
