@@ -1,6 +1,6 @@
 """Any data acquisition device as a source of samples: put what your driver gives in place of ``driver``, 30 lines in all.
 
-``python examples/daq_adapter.py run.h5`` reads 2 s and writes a recording that ``probe-design read --replay run.h5`` reads.
+``python examples/daq_adapter.py run.probe`` reads 2 s and writes a recording that ``probe-design read --replay run.probe`` reads.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class DaqTransport:
         self._next = 0
 
     def read(self) -> Chunk:
-        """Return the next 50 ms; an index that jumps tells what was lost, a note an interruption of unknown length."""
+        """Return the next 50 ms; an index that jumps states what was lost, a note of the chunk why."""
         volts = driver(self._next, 50)
         index = np.arange(self._next, self._next + len(volts))
         self._next += len(volts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +19,7 @@ from hw.files.columns import ColumnMap, resolve_channel_numbers
 from hw.files.open_file import is_from_other_program, open_file
 from hw.files.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
-from hw.reading_recorder import ReadingRecorder
-from hw.recordings.recording import Replay
+from hw.recordings.recording import Recorder, Replay
 from hw.serial_port.device import SerialDevice
 from hw.simulation.virtual import VirtualProbe
 from hw.usb.device import UsbDevice
@@ -91,9 +90,8 @@ class Reader:
         seconds
             Duration by the device's own clock, gaps included; None: until the source ends.
         record
-            A new file for the raw bytes, which are written before they are decoded. A name that ends in .h5 or .hdf5 makes an
-            HDF5 file of the samples instead. It gets its name when it is complete; until then, and if it fails, the raw bytes are
-            in a second file next to it.
+            A new file for the raw bytes, which are written before they are decoded. A full disk ends the recording, but not the
+            reading; a note of the samples says so.
 
         Raises
         ------
@@ -111,40 +109,31 @@ class Reader:
         self._drain = Drain(self.transport)
         with ExitStack() as stack:
             stack.callback(self._drain.close)
-            recorder: ReadingRecorder | None = None
+            recorder: Recorder | None = None
             for chunk in self._drain:
                 if record is not None and recorder is None:
-                    recorder = ReadingRecorder(Path(record), self.header)
-                    stack.callback(self._try_recording, recorder, recorder.close)
+                    recorder = stack.enter_context(Recorder(record, self.header))
                 if recorder is not None:
-                    self._try_recording(recorder, recorder.write, chunk)
+                    self._record(recorder, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
                     self._note_rate_difference(clock, chunk, block)
-                    wanted = block if end is None else block.select_before(end)
-                    if recorder is not None:
-                        self._try_recording(recorder, recorder.write_samples, wanted)
-                    yield wanted
+                    yield block if end is None else block.select_before(end)
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def _try_recording(self, recorder: ReadingRecorder, step: Callable[..., None], *data: object) -> None:
-        """Run a step of recording with its data. A full disk ends the recording, but not the reading.
-
-        After a fault only a step without data runs, which is the recorder's ``close``.
-        """
-        if "unrecorded" in self.header.source and data:
+    def _record(self, recorder: Recorder, chunk: Chunk) -> None:
+        """Write a chunk to the recording, unless the disk has failed before."""
+        if "unrecorded" in self.header.source:
             return
         try:
-            step(*data)
+            recorder.write(chunk)
         except OSError as fault:
             reason = (fault.strerror or str(fault)).lower()
-            self.header.source.setdefault("unrecorded", f"{recorder.failure_text}: {reason}")
+            self.header.source["unrecorded"] = f"the recording ends early, whole up to there: {reason}"
 
     def _note_rate_difference(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
         """Record in the header's source, as ``clock``, that samples arrive at another rate than stated; else remove it."""
-        if chunk.time is None:  # no arrival times: a note that the source has already, as HDF5 recordings may, is kept
-            return
         if self.header.source.get("transport") in CLOCKED_TRANSPORTS and (difference := clock.describe_difference(chunk, block)):
             self.header.source["clock"] = difference
         else:

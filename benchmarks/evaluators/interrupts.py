@@ -39,7 +39,7 @@ COMMAND_LINES = {
     "next reading": ("estimate", SCENE, "--ratio", "0.563", "--noise", "0.01", "--next"),
     "check": ("check", SCENE, "--virtual", "--seconds", "5", "-o", "OUT/check.json", "--report", "OUT/check.html"),
     "doctor": ("doctor", "--virtual", "--seconds", "2"),
-    "a recording": ("read", SCENE, "--virtual", "--seconds", "3", "--record", "OUT/run.h5"),
+    "a recording": ("read", SCENE, "--virtual", "--seconds", "3", "--record", "OUT/run.probe"),
     "optimize a design": ("optimize", "-o", "OUT", "--json"),
     "solid": ("evaluate", GROOVE, "--evaluator", "solid", "--accuracy", "0.05"),
 }

@@ -28,12 +28,11 @@ def recordings() -> dict[str, Readable]:
     sound = tuple(word for key, n in (("inner", 1), ("outer", 2)) for word in ("--column", f"{key}={n} 65.536 mV"))
     return {
         "recording": Readable(".probe", (*read, FILE, "--json"), _bytes("run.probe")),
-        "recording, HDF5": Readable(".h5", (*read, FILE, "--json"), _bytes("run.h5")),
         "HDF5": Readable(".h5", (*read, FILE, *columns, "--json"), _bytes("other.h5")),
         "samples as CSV": Readable(".csv", (*read, FILE, *columns, "--json"), _bytes("other.csv")),
         "WAV": Readable(".wav", (*read, FILE, *sound, "--json"), _bytes("other.wav")),
         "columns": Readable(".toml", (*read, str(folder / "other.csv"), "--column", FILE, "--json"), COLUMNS),
-        "a field reading": Readable(".h5", ("estimate", SCENE, "--reading", FILE, *LIMITS, "--json"), _bytes("run.h5")),
+        "a field reading": Readable(".probe", ("estimate", SCENE, "--reading", FILE, *LIMITS, "--json"), _bytes("run.probe")),
     }
 
 
@@ -45,9 +44,8 @@ def _bytes(name: str) -> bytes:
 def write_samples() -> Path:
     """Return the folder of one short reading as all of these files."""
     folder = Path(tempfile.mkdtemp(prefix="robustness-samples-"))
-    for name in ("run.probe", "run.h5"):
-        read_printed("read", SCENE, *VIRTUAL, "--record", str(folder / name), "--json")
-    with Reader.open(f"replay:{folder / 'run.h5'}") as reader:
+    read_printed("read", SCENE, *VIRTUAL, "--record", str(folder / "run.probe"), "--json")
+    with Reader.open(f"replay:{folder / 'run.probe'}") as reader:
         samples = reader.collect()
     _as_others(folder, samples.volts[:, :2], round(samples.rate))
     return folder

@@ -29,7 +29,7 @@ OPTIONAL_USES = {  # what could become an extra: packages that only some command
     "cadquery": "export, solid", "cadquery-ocp": "export, solid", "llvmlite": "none: cadquery", "numba": "none: cadquery",
     "trame-vuetify": "none: cadquery", "casadi": "optimize", "netgen-mesher": "solid",
     "netgen-occt": "solid", "pytetwild": "solid, bodies from files", "pyvista": "solid pictures", "vtk": "solid pictures",
-    "ezdxf": "export", "h5py": "recordings as HDF5", "matplotlib": "pictures",
+    "ezdxf": "export", "h5py": "HDF5 files", "matplotlib": "pictures",
 }  # fmt: skip
 
 

@@ -1,7 +1,6 @@
 """Read HDF5 files of unknown origin in a child process with limits of memory and time: see `hdf5_program`.
 
-A file is a recording of this project, or a table of another program: a 1-D dataset is a column, a matrix gives one for each of
-its columns.
+A 1-D dataset is a column, a matrix gives one for each of its columns.
 """
 
 from __future__ import annotations
@@ -23,19 +22,15 @@ from typing import IO, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.common.clock import describe_rate_difference
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
-from hw.common.samples import CHANNEL_NAMES, Floats, Gap
+from hw.common.samples import Floats
 from hw.files.columns import build_refusal
-from hw.files.hdf5_recorder import FILE_FORMAT, FORMAT_VERSION
 from hw.files.table import ColumnTable
-from hw.files.volts import VoltsTransport, build_volts_header
 
 READER_PROGRAM = Path(__file__).with_name("hdf5_program.py")
 RATE_ATTRIBUTES = ("rate", "sample_rate", "sampling_rate", "SampleRate", "fs")
 MAX_MATRIX_COLUMNS = 16  # a wider matrix is a picture, not channels
-RATE_TOLERANCE = 1e-4  # relative difference of stated rate and times: rounding of the times over a second causes less
 
 
 @dataclass(frozen=True)
@@ -50,16 +45,13 @@ class Dataset:
         Of one or two dimensions.
     unit
         As text; empty where none is stated.
-    is_complete
-        Whether all its values are stored, uncompressed: HDF5 returns zeros for values that were never written.
     is_written
-        Whether any value is stored.
+        Whether any value is stored: HDF5 returns zeros for values that were never written.
     """
 
     path: str
     shape: tuple[int, ...]
     unit: str
-    is_complete: bool
     is_written: bool
 
 
@@ -79,8 +71,6 @@ class Hdf5File:
         Texts and numbers of the file's root.
     datasets
         Descriptions by path.
-    gaps
-        What was lost, if the file is a recording of this project.
 
     Raises
     ------
@@ -109,12 +99,6 @@ class Hdf5File:
             raise
         self.attributes: dict[str, Any] = description["attributes"]
         self.datasets = {entry["path"]: Dataset(**entry) for entry in description["datasets"]}
-        self.gaps = tuple(Gap(*gap) for gap in description["gaps"])
-
-    @property
-    def is_recording(self) -> bool:
-        """Whether the file is a recording of this project."""
-        return bool(self.attributes.get("format") == FILE_FORMAT)
 
     def read(self, columns: Sequence[tuple[str, int | None]]) -> list[NDArray[Any]]:
         """Return columns, each given by its dataset's path and a matrix column or None; floats are doubles.
@@ -159,39 +143,6 @@ class Hdf5File:
         names, units = tuple(name for name, _, _ in columns), tuple(dataset.unit for _, dataset, _ in columns)
         return ColumnTable(self.path.name, names, units, read, self._find_rate(), source={"transport": "hdf5"})
 
-    def read_recording(self) -> VoltsTransport:
-        """Read a recording of this project.
-
-        Raises
-        ------
-        InvalidSource
-            The recording has another version, is damaged, or claims more samples than the memory can hold.
-        """
-        source = dict(self.attributes)
-        if source.pop("version", None) != FORMAT_VERSION:
-            raise InvalidSource(f"{self.path} is not a recording of version {FORMAT_VERSION}, as this program reads")
-        channels = tuple(name for name in CHANNEL_NAMES if name in self.datasets)
-        rows = self.datasets["index"].shape[0] if "index" in self.datasets else 0
-        has_columns = all(self._is_complete(name, (rows,)) for name in ("index", *channels))
-        has_flags = "saturated" in self.datasets and self.datasets["saturated"].shape == (rows, len(channels))
-        rate, overruns, _ = (source.pop(key, None) for key in ("rate", "overruns", "format"))
-        has_rate = isinstance(rate, float | int) and 1e-6 < rate < 1e12 and isinstance(overruns, int)
-        if len(channels) < 2 or not (has_columns and has_flags and has_rate):
-            raise InvalidSource(f"{self.path} is damaged: columns of different lengths, or no rate")
-        self._limits.check_values(self.path.name, rows * (1 + len(channels)))
-        flags = [("saturated", k) for k in range(len(channels))]
-        index, *values = self.read([("index", None), *((name, None) for name in channels), *flags])
-        volts, saturated = (np.stack(part, axis=1) for part in (values[: len(channels)], values[len(channels) :]))
-        header = build_volts_header(float(rate), channels, **(source | {"replayed": str(self.path)}))
-        if self._is_complete("time", (rows,)) and (difference := self._describe_clock(index, header.rate)):
-            header.source["clock"] = difference
-        return VoltsTransport(header, index, volts, saturated, gaps=self.gaps, overruns=overruns)
-
-    def _is_complete(self, name: str, shape: tuple[int, ...]) -> bool:
-        """Whether a dataset has this shape and all its values."""
-        dataset = self.datasets.get(name)
-        return dataset is not None and dataset.is_complete and dataset.shape == shape
-
     def _check_columns(self, columns: Sequence[tuple[str, Dataset, int | None]]) -> None:
         """Refuse columns of different lengths, columns without stored values, and columns too large for the memory.
 
@@ -210,17 +161,6 @@ class Hdf5File:
         """Return the rate in Hz that the file states by one of RATE_ATTRIBUTES, or None."""
         values = [self.attributes[key] for key in RATE_ATTRIBUTES if key in self.attributes]
         return next((float(value) for value in values if not isinstance(value, str) and value > 0), None)
-
-    def _describe_clock(self, index: NDArray[Any], rate: float) -> str:
-        """Describe by how much a recording's times contradict its rate; return "" if they do not, or are unusable.
-
-        ``index`` holds the index of each row, ``rate`` the stated rate in Hz.
-        """
-        (times,) = self.read([("time", None)])
-        rows, seconds = float(index[-1] - index[0]), float(times[-1] - times[0])
-        if rows > 0 and 0 < seconds < math.inf and abs(rows / seconds / rate - 1) > RATE_TOLERANCE:
-            return describe_rate_difference(rows / seconds, rate)
-        return ""
 
     def close(self) -> None:
         """End the process."""

@@ -109,15 +109,12 @@ def describe(file: h5py.File, memory: int) -> dict[str, object]:
         if 2 * chunk > memory:  # HDF5 holds a whole chunk, compressed and uncompressed, for any of its values
             return f"is refused: {path!r} is stored in chunks of {chunk / 1e9:.3g} GB: --memory raises the limit"
         units = [decode_text(node.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in node.attrs]
-        stored = node.id.get_storage_size()
-        is_complete = stored >= math.prod(node.shape) * node.dtype.itemsize
         datasets.append(
             {
                 "path": path,
                 "shape": node.shape,
                 "unit": units[0] if units else "",
-                "is_complete": is_complete,
-                "is_written": stored > 0,
+                "is_written": node.id.get_storage_size() > 0,
             }
         )
         if len(datasets) > MAX_DATASETS:
@@ -127,14 +124,7 @@ def describe(file: h5py.File, memory: int) -> dict[str, object]:
     if reason := file.visititems(add_dataset):
         raise Refused(reason)
     attributes = {key: value for key in file.attrs if (value := convert_attribute(file.attrs[key])) is not None}
-    return {"attributes": attributes, "datasets": datasets, "gaps": read_gaps(file)}
-
-
-def read_gaps(file: h5py.File) -> list[tuple[int, int, str]]:
-    """Return the gaps (first, count, reason) of a recording of this project; empty for other files."""
-    if "gaps" not in file or getattr(file["gaps"].dtype, "names", None) != ("first", "count", "reason"):
-        return []
-    return [(int(row["first"]), int(row["count"]), decode_text(row["reason"])) for row in file["gaps"][:]]
+    return {"attributes": attributes, "datasets": datasets}
 
 
 def read_column(file: h5py.File, path: str, column: int | None) -> NDArray[np.generic]:

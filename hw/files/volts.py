@@ -6,9 +6,6 @@ the index jumps, and the neighbouring rows are unchanged.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Generator
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -44,14 +41,6 @@ def pack_samples(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = Fals
     return data.tobytes()
 
 
-def encode_note(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
-    """Encode a chunk's note that lists its gaps; without a note, gaps follow from the index.
-
-    A gap of unknown length has the count -1 and takes up one index.
-    """
-    return json.dumps({"gaps": [[gap.first, gap.count, gap.reason] for gap in gaps], "overruns": overruns})
-
-
 def build_volts_header(rate: float, channels: tuple[str, ...] = CHANNEL_NAMES[:2], **source: object) -> Header:
     """Build the header of a source of volts.
 
@@ -76,41 +65,13 @@ class VoltsTransport(FileTransport):
         Of a source of volts.
     index, volts, saturated
         As of ``pack_samples``.
-    gaps
-        What was lost, in order; None: as the index shows.
-    overruns
-        Number of overflows that the device reported.
     """
 
-    def __init__(  # see the class for the parameters
-        self,
-        header: Header,
-        index: Ints,
-        volts: Floats,
-        saturated: Bools,
-        *,
-        gaps: tuple[Gap, ...] | None = None,
-        overruns: int = 0,
-    ) -> None:
+    def __init__(self, header: Header, index: Ints, volts: Floats, saturated: Bools) -> None:
         self.header = header
-        self._chunks = _iterate_chunks(index, volts, saturated, gaps=gaps, overruns=overruns)
-
-
-def _iterate_chunks(
-    index: Ints, volts: Floats, saturated: Bools, *, gaps: tuple[Gap, ...] | None, overruns: int
-) -> Generator[Chunk, None, None]:
-    """Yield samples, as of ``pack_samples``, in chunks of at most CHUNK_ROWS rows.
-
-    A gap is in the note of the chunk whose rows follow it; all overruns are in the note of the first chunk.
-    """
-    for first in range(0, len(index), CHUNK_ROWS):
-        rows = slice(first, first + CHUNK_ROWS)
-        note = ""
-        if gaps is not None:
-            last_index = index[rows][-1]
-            note = encode_note(tuple(gap for gap in gaps if gap.first <= last_index), overruns)
-            gaps, overruns = tuple(gap for gap in gaps if gap.first > last_index), 0
-        yield Chunk(pack_samples(index[rows], volts[rows], saturated[rows]), note=note)
+        starts = range(0, len(index), CHUNK_ROWS)
+        parts = (slice(first, first + CHUNK_ROWS) for first in starts)
+        self._chunks = (Chunk(pack_samples(index[rows], volts[rows], saturated[rows])) for rows in parts)
 
 
 class VoltsDecoder:
@@ -122,7 +83,7 @@ class VoltsDecoder:
         self._next: int | None = None
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
-        """Return the samples of a chunk.
+        """Return the samples of a chunk; a note is the reason of its gaps.
 
         Raises
         ------
@@ -137,27 +98,17 @@ class VoltsDecoder:
         steps = np.diff(index, prepend=first - 1)
         if not (np.abs(volts) <= MAX_VOLTS).all() or (steps < 1).any():
             raise InvalidSource(f"volts: values that are no numbers or above {MAX_VOLTS:g} V, or an index that does not increase")
-        gaps, overruns = _decode_note(note) if note else (self._find_gaps(index, steps), 0)
+        gaps = self._find_gaps(index, steps, note or GAP_REASON)
         self._next = int(index[-1]) + 1 if len(index) else self._next
         header = self.header
         return Samples(
             header.rate, header.channels, index, volts, rows["saturated"].astype(bool),
-            gaps=gaps, overruns=overruns, source=header.source,
+            gaps=gaps, overruns=0, source=header.source,
         )  # fmt: skip
 
-    def _find_gaps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
+    def _find_gaps(self, index: Ints, steps: Ints, reason: str) -> tuple[Gap, ...]:
         """Return the gaps where an index jumps; ``steps`` holds the difference of each index from the one before."""
         jumps = np.flatnonzero(steps > 1)
         if self._next is None:
             jumps = jumps[jumps > 0]  # rows before the first one read are no gap
-        return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), GAP_REASON) for k in jumps)
-
-
-def _decode_note(note: str) -> tuple[tuple[Gap, ...], int]:
-    """Return the gaps and the number of overruns of a note by ``encode_note``. Raises ``InvalidSource`` for other notes."""
-    try:
-        contents = json.loads(note)
-        gaps = tuple(Gap(int(first), int(count), str(reason)) for first, count, reason in contents["gaps"])
-        return gaps, int(contents["overruns"])
-    except (ValueError, TypeError, KeyError) as fault:
-        raise InvalidSource("a note of volts that lists no gaps: another program wrote it") from fault
+        return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), reason) for k in jumps)

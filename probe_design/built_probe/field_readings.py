@@ -149,17 +149,6 @@ def build_reading_without_prediction(
     return build_reading_json(result, compute_ratio_noise(measurement, scene, bench, gains), origin, scene, fingerprint)
 
 
-def read_placement(source: JsonObject) -> Any:
-    """Return the placement in a recording's source (its table of origins), not validated; None if there is none."""
-    place = source.get("placement")
-    if not isinstance(place, str):  # HDF5 stores it as text
-        return place
-    try:
-        return json.loads(place)
-    except ValueError:
-        return place
-
-
 def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldReading:
     """Build a reading from the JSON object of `read`.
 

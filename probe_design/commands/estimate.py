@@ -42,7 +42,7 @@ class EstimateRequest(LimitedRequest):
     probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --stiffness 80 --unknown diameter
     probe-design estimate scene.toml --ratio 0.62 --noise 0.01 --nuisance "inclusion.diameter = 20 %" --next
     probe-design estimate scene.toml --readings scan.csv --nuisance "tissue.layer[0].thickness = 20 %"
-    probe-design estimate scene.toml --calibration probe.toml --reading over.probe "beside.h5, x=30 mm, blank=true"
+    probe-design estimate scene.toml --calibration probe.toml --reading over.probe "beside.probe, x=30 mm, blank=true"
 
     Where SCENE reads charges ([reading] observable, by default that of films with bonds), every ratio is charge_ratio: inner over
     outer film charge, each over its block's end area. Otherwise it is stress_inner / stress_outer. The result says which.

@@ -22,7 +22,6 @@ from probe_design.built_probe.field_readings import (
     compute_spreads,
     find_common_bonds,
     parse_field_reading,
-    read_placement,
     read_result,
 )
 from probe_design.built_probe.film_forces import measure_samples
@@ -137,7 +136,7 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
     frequency = None if setup.calibration is None else setup.calibration.frequency
     with Reader.open(f"replay:{path}", rate, columns, get_reading_limits()) as reader:
         samples = reader.collect()
-    origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
+    origin = setup.origin | {"placement": samples.source.get("placement"), "serial": read_board_serial(samples.source)}
     measurement = measure_samples(samples, setup.bench, frequency)
     if load is None and samples.source.get("load") is not None:  # as `survey` records it
         load = read_force(f"{path.name}: load", f"{samples.source['load']} N", setup.scene)

@@ -48,7 +48,6 @@ class ReadRequest(SourceRequest):
     probe-design read scene.toml --record run.probe --calibration probe.toml
     probe-design read scene.toml --replay run.probe --calibration probe.toml --json
     probe-design read scene.toml --replay scope.csv --column "inner=CH1 mV" --column "outer=CH2 mV" --rate "1 kHz"
-    probe-design read scene.toml --replay run.probe --record run.h5
     """  # noqa: D301
 
     any_probe: AnyProbe = False
@@ -68,15 +67,14 @@ class ReadRequest(SourceRequest):
         taken = self.take_reading(HardwareSetup.from_files(self.scene, self.bench, self.calibration))
         print_result(taken.build_json, lambda: [build_reading_table(taken.result)], self.as_json)
         warn(taken.warnings)
-        # on a full disk no HDF5 file is written, and a warning says so
-        if taken.recording is not None and taken.recording.exists():
+        if taken.recording is not None:
             write_message(f"wrote {taken.recording}")
 
     def take_reading(self, setup: HardwareSetup) -> TakenReading:
         """Read the probe, show live numbers meanwhile, and compare the result with the prediction."""
         from hw.signal.reading_fit import ReadingFit
         from hw.signal.sine_fit import check_rate
-        from probe_design.built_probe.field_readings import build_reading_json, compute_ratio_noise, read_placement
+        from probe_design.built_probe.field_readings import build_reading_json, compute_ratio_noise
         from probe_design.built_probe.film_forces import measure_reading, measure_samples
         from probe_design.built_probe.probe_identity import check_serials, read_board_serial
         from probe_design.built_probe.reading import compute_reading
@@ -121,7 +119,7 @@ class ReadRequest(SourceRequest):
                 )
         measurement = measure_reading(running_fit, setup.bench, calibration_frequency)
         result = compare(measurement)
-        origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}
+        origin = setup.origin | {"placement": reader.header.source.get("placement"), "serial": serial}
 
         def build_json() -> JsonObject:
             """Return the JSON object of the reading, with the noise of its ratio."""

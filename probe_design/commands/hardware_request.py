@@ -43,7 +43,7 @@ class SourceRequest(LimitedRequest):
     seconds: Annotated[Seconds | None, Option("How long to read.", left_out="10; a recording to its end")] = None
     record: Annotated[
         Path | None,
-        Option("Write the raw data to this file, or samples in volts where it ends in .h5; several are numbered."),
+        Option("Write the raw data to this file; several are numbered."),
     ] = None
     bench: Annotated[Path | None, Option("TOML file of load, amplifier and references.")] = None
     built: Annotated[tuple[str, ...], Option("Deviation of the virtual probe from the drawing: 'probe.gap=0.12 mm'.")] = ()
@@ -65,12 +65,7 @@ class SourceRequest(LimitedRequest):
         if self.built and not self.virtual:
             raise InputError("built", self.built[0], "nothing without --virtual: it states how the virtual probe was built")
         if self.record is not None and not self.has_source:
-            from hw.files.open_file import HDF5_SUFFIXES
-
-            if self.record.suffix.lower() not in HDF5_SUFFIXES:
-                raise InputError(
-                    "record", str(self.record), "a name that ends in .h5 beside --replay, whose file is the recording"
-                )
+            raise InputError("record", str(self.record), "nothing beside --replay alone, whose files are the recordings")
         if self.hide is not None and not self.virtual:
             raise InputError("hide", str(self.hide), "nothing without --virtual: it states what the virtual tissue holds")
         for key, value in (("column", self.column), ("rate", self.rate)):

@@ -20,7 +20,7 @@ from geometry.scenes.variables import PIEZO_KEYS, list_values
 from hw.common.limits import ReadLimits
 from hw.common.samples import Floats, Samples
 from hw.files.columns import ColumnMap, read_rate
-from hw.files.open_file import HDF5_SUFFIXES, is_from_other_program, is_self_describing, raw_recording_path
+from hw.files.open_file import is_from_other_program
 from hw.reader import DEFAULT_COLUMNS, Reader
 from hw.recordings.recording import compute_sha256
 from hw.simulation.virtual import make_virtual_probe
@@ -87,7 +87,7 @@ def _open_recording(source: SourceRequest, path: Path, rate: float | None, colum
 
     If a device is read, too, and the recording states its own rate and columns, --rate and --column are meant for the device.
     """
-    if source.has_source and is_self_describing(path, get_reading_limits()):
+    if source.has_source and not is_from_other_program(path):
         rate, columns = None, DEFAULT_COLUMNS
     return Reader.open(f"replay:{path}", rate, columns, get_reading_limits())
 
@@ -122,20 +122,15 @@ def name_recording(source: SourceRequest, k: int, count: int, attempt: int = 1) 
     """
     if source.record is None:
         return None
-    if is_from_other_program(source.record) and source.record.suffix.lower() not in HDF5_SUFFIXES:  # nothing would read it again
-        raise InputError("record", str(source.record), "a name that ends in .probe, raw data, or in .h5, samples in volts")
+    if is_from_other_program(source.record):  # it would be read as a table, and refused
+        raise InputError("record", str(source.record), "a name that ends in .probe: a recording holds raw data")
     number = [str(k + 1)] if count > 1 else []
     name = "-".join([source.record.stem, *number] + ([f"again{attempt}"] if attempt > 1 else []))
     return source.record.with_name(f"{name}{source.record.suffix}")
 
 
-def name_copy(source: SourceRequest, k: int, count: int) -> Path | None:
-    """Return the name of the copy of a replayed recording: that of --record where only recordings are read, else None."""
-    return None if source.has_source else name_recording(source, k, count)
-
-
 def list_new_recordings(source: SourceRequest, count: int) -> tuple[Path | None, ...]:
-    """Return the new file of each reading, None for recordings that exist already and are not copied.
+    """Return the new file of each reading, None for recordings that exist already.
 
     Raises
     ------
@@ -143,30 +138,18 @@ def list_new_recordings(source: SourceRequest, count: int) -> tuple[Path | None,
         A new file exists already, or cannot be written.
     """
     recorded_files = list_recorded_files(source, count)
-    files = tuple(
-        name_recording(source, k, count) if path is None else name_copy(source, k, count) for k, path in enumerate(recorded_files)
-    )
+    files = tuple(name_recording(source, k, count) if path is None else None for k, path in enumerate(recorded_files))
     for path in filter(None, files):
-        for written_file in _list_written_files(path):
-            if os.path.exists(written_file):
-                raise InputError("record", str(written_file), "a name that is not taken: recordings are never overwritten")
-            check_writable_file(written_file, "record")
+        if os.path.exists(path):
+            raise InputError("record", str(path), "a name that is not taken: recordings are never overwritten")
+        check_writable_file(path, "record")
     return files
 
 
 def _find_last_attempt(source: SourceRequest, k: int, count: int) -> Path | None:
     """Return the existing recording of the last attempt at reading ``k`` (from 0) of ``count``, or None if there is none."""
     paths = (name_recording(source, k, count, attempt) for attempt in range(MAX_ATTEMPTS, 0, -1))
-    return next(
-        (
-            written_file
-            for path in paths
-            if path is not None
-            for written_file in _list_written_files(path)
-            if os.path.exists(written_file)
-        ),
-        None,
-    )
+    return next((path for path in paths if path is not None and os.path.exists(path)), None)
 
 
 @dataclass(frozen=True)
@@ -252,20 +235,10 @@ def get_reading_limits() -> ReadLimits:
 
 def hash_raw_data(samples: Samples, recording: Path | None) -> Raw:
     """Return the hash of a reading's raw data: of its file, or of index and volts if there is no file."""
-    file = (
-        None
-        if recording is None
-        else next((written_file for written_file in _list_written_files(recording) if written_file.exists()), None)
-    )
-    if file is not None:
-        return Raw(compute_sha256(file), file.name)
+    if recording is not None:
+        return Raw(compute_sha256(recording), recording.name)
     # in fixed types and byte order, so that the hash is the same on every computer
     return Raw(hashlib.sha256(samples.index.astype("<i8").tobytes() + samples.volts.astype("<f8").tobytes()).hexdigest())
-
-
-def _list_written_files(path: Path) -> tuple[Path, ...]:
-    """Return a recording's file, and for HDF5 also the file that holds its raw bytes until it is complete."""
-    return (path, raw_recording_path(path)) if path.suffix.lower() in HDF5_SUFFIXES else (path,)
 
 
 def describe_device(samples: Samples) -> str:

@@ -106,7 +106,7 @@ def _read_reference(
     from hw.signal.waveform import Flawed
     from probe_design.built_probe.film_forces import measure_strict_reading
     from probe_design.built_probe.probe_identity import check_serials, read_board_serial
-    from probe_design.commands.hardware_sources import MAX_ATTEMPTS, build_device_opener, name_copy, name_recording
+    from probe_design.commands.hardware_sources import MAX_ATTEMPTS, build_device_opener, name_recording
     from probe_design.terminal.console import write_message
 
     for attempt in range(1, MAX_ATTEMPTS + 1):
@@ -119,8 +119,8 @@ def _read_reference(
             with opener() as reader:
                 check_serials(setup.collect_serials({reference.name: read_board_serial(reader.header.source)}), source.any_probe)
                 length = source.duration if recorded is None or source.seconds is not None else None
-                copy_file = file if recorded is None else name_copy(source, *index_and_count)
-                samples = setup.describe_recording(reader).collect(length, copy_file).require_complete()
+                new_file = file if recorded is None else None
+                samples = setup.describe_recording(reader).collect(length, new_file).require_complete()
             measurement = measure_strict_reading(samples, setup.bench, setup.scene)
         except InvalidSource:  # the source given by the user is wrong, not the reading
             raise

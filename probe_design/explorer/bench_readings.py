@@ -22,7 +22,6 @@ from probe_design.built_probe.field_readings import (
     NO_SAMPLES,
     build_reading_without_prediction,
     parse_field_reading,
-    read_placement,
 )
 from probe_design.built_probe.film_forces import measure_reading, measure_samples
 from probe_design.built_probe.probe_identity import check_serials, read_board_serial
@@ -219,7 +218,7 @@ class Measuring:
         gains = None
         if settings.calibration is not None:
             gains = settings.calibration.build_gains().add_warming(settings.bench.channels.warming)
-        origin = {"placement": read_placement(source), "serial": read_board_serial(source)}
+        origin = {"placement": source.get("placement"), "serial": read_board_serial(source)}
         fingerprint = NO_SAMPLES if running is None else running.fingerprint
         return build_reading_without_prediction(
             measurement, settings.scene, settings.bench, gains, origin=origin, fingerprint=fingerprint

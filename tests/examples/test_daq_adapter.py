@@ -1,4 +1,4 @@
-"""The adapter that docs/guides/lab.md shows: what it records is read by h5py and by the program."""
+"""The adapter that docs/guides/lab.md shows: what it records is read by the program and by Python."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 
+from hw.reader import Reader
 from tests.support import program
 from tests.support.paths import EXAMPLES, SCENE
 
 
 def test_adapter_records_what_read_reads(tmp_path: Path) -> None:
-    command = [sys.executable, "-W", "error", str(EXAMPLES / "daq_adapter.py"), "run.h5"]
+    command = [sys.executable, "-W", "error", str(EXAMPLES / "daq_adapter.py"), "run.probe"]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False)
     assert (ended.returncode, ended.stdout) == (0, "2000 samples, 0 gaps\n"), ended.stderr
-    with h5py.File(tmp_path / "run.h5") as file:
-        amplitudes = [np.sqrt(2) * np.std(file[name][:]) for name in ("inner", "outer")]
+    with Reader.open(f"replay:{tmp_path / 'run.probe'}") as reader:
+        amplitudes = np.sqrt(2) * np.std(reader.collect().volts, axis=0)
     np.testing.assert_allclose(amplitudes, [8e-5, 12e-5], rtol=1e-3)
-    ended = program.run("read", SCENE, "--replay", tmp_path / "run.h5", "--json")
+    ended = program.run("read", SCENE, "--replay", tmp_path / "run.probe", "--json")
     assert ended.returncode == 0, ended.stderr
     output = json.loads(ended.stdout)
     # charges are as 2 to 3, and A2/A1 = 1.2 in the scene

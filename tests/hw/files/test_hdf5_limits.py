@@ -13,14 +13,10 @@ import pytest
 
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
-from hw.common.samples import Samples
 from hw.files.columns import ColumnMap
 from hw.files.hdf5_file import Hdf5File
-from hw.files.hdf5_recorder import Hdf5Recorder
-from hw.files.volts import build_volts_header
 from hw.reader import DEFAULT_COLUMNS, Reader
 from tests.hw.files.test_hdf5 import ROWS, TIMES, VOLTS, got
-from tests.support.hw.virtual_probes import probe
 
 
 def with_films(path: Path, add: Callable[[h5py.File], object]) -> None:
@@ -115,15 +111,6 @@ def test_numbers_beyond_reason_end_in_words_not_in_warnings(large: float, column
         assert np.isfinite(got(tmp_path / "a.h5").volts).all()
 
 
-def test_a_recording_has_the_rights_of_any_new_file(tmp_path: Path) -> None:
-    """One rule for both kinds: what the user's umask allows."""
-    for name in ("a.h5", "a.probe"):
-        with Reader.open(probe()) as reader:
-            reader.collect(0.01, record=tmp_path / name)
-    (tmp_path / "any").touch()
-    assert {path.stat().st_mode for path in tmp_path.iterdir()} == {(tmp_path / "any").stat().st_mode}
-
-
 def test_a_filter_that_is_not_installed_is_named(tmp_path: Path) -> None:
     """Blosc, LZ4 and the like need plugins, which a file must not load; the file itself is not damaged."""
     path = tmp_path / "a.h5"
@@ -150,18 +137,3 @@ def test_whole_numbers_of_64_bits_keep_their_sign(tmp_path: Path) -> None:
     with_films(path, lambda file: file.create_dataset("counts", data=high))
     with Hdf5File(path, ReadLimits()) as file:
         assert file.read([("counts", None)])[0] == pytest.approx(high.astype(float))
-
-
-@pytest.mark.parametrize("column", ["inner", "force"])
-def test_a_recording_of_impossible_volts_is_refused_without_a_warning(column: str, tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    header = build_volts_header(1000.0, ("inner", "outer", "force"))
-    index = np.arange(3000)
-    volts = np.sin(0.03 * index)[:, None] * np.array([1e-3, 2e-3, 1e-2])
-    with Hdf5Recorder(path, header) as recorder:
-        saturated = np.zeros(volts.shape, bool)
-        recorder.write_samples(Samples(1000.0, header.channels, index, volts, saturated, gaps=(), overruns=0, source={}))
-    with h5py.File(path, "r+") as file:
-        file[column][:] = 1e300 * file[column][:]
-    with pytest.raises(InvalidSource, match="above 1e\\+06 V"):
-        got(path)

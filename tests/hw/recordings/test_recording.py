@@ -7,6 +7,8 @@ import json
 import re
 import resource
 import struct
+import subprocess
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -134,6 +136,49 @@ def test_a_full_disk_ends_the_recording_not_the_reading(tmp_path: Path) -> None:
     assert right(repeated)
     np.testing.assert_array_equal(repeated.index, live.index[: len(repeated)])
     assert 0 < len(repeated) < 30_000
+
+
+def test_a_disk_that_is_full_from_the_beginning_leaves_no_recording(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        with Reader.open(probe()) as reader, pytest.raises(OSError, match="File too large"):
+            reader.collect(0.1, record=tmp_path / "run.probe")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with Reader.open(probe()) as reader, pytest.raises(FileNotFoundError):
+        reader.collect(0.01, record=tmp_path / "none" / "run.probe")
+
+
+KILLED = """
+import sys, time
+import numpy as np
+from hw.reader import Reader
+from hw.simulation.virtual import make_virtual_probe
+
+source = make_virtual_probe(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e4, scale=1e-4)
+with Reader.open(source) as reader:
+    for block in reader.blocks(60.0, record=sys.argv[1]):
+        if block.index[-1] > 20_000:
+            print("recorded", flush=True)
+            time.sleep(1000)
+"""
+
+
+def test_a_killed_recording_is_read_up_to_the_kill(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path / "a.probe")], stdout=subprocess.PIPE) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == b"recorded\n"
+        running.kill()
+    with Reader.open(f"replay:{tmp_path / 'a.probe'}") as reader:
+        samples = reader.collect()
+    assert len(samples) > 20_000
+    assert any("was cut" in note for note in samples.notes)
+    np.testing.assert_allclose(samples.volts[:, 0], np.sin(31 * samples.times), atol=1e-4)
 
 
 def test_a_cut_recording_says_so(recorded: Path) -> None:

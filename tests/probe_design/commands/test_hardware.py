@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 
+from hw.reader import Reader
 from probe_design.built_probe.virtual_probe import BuiltProperties
 from tests.support import program
 from tests.support.paths import DOCS, EXAMPLES, SCENE
@@ -131,11 +132,12 @@ def test_a_calibration_takes_readings_of_one_board(folder: Path, tmp_path: Path)
 
 def test_a_board_that_nobody_knows_is_warned_of(folder: Path, tmp_path: Path) -> None:
     """What a spreadsheet has recorded has no serial number."""
-    run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.h5")
+    run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.probe")
     table = tmp_path / "one.csv"
-    with h5py.File(tmp_path / "one.h5") as file:
-        columns = [file[name][:] for name in ("time", "inner", "outer", "force")]
-    np.savetxt(table, np.stack(columns, axis=1), delimiter=",", header="time (s),inner (V),outer (V),force (V)", comments="")
+    with Reader.open(f"replay:{tmp_path / 'one.probe'}") as reader:
+        samples = reader.collect()
+    columns = np.column_stack([samples.times, samples.volts])
+    np.savetxt(table, columns, delimiter=",", header="time (s),inner (V),outer (V),force (V)", comments="")
     ended = run("read", SCENE, "--replay", table, "--calibration", folder / "probe.toml")
     assert "no serial number of the reading" in ended.stderr
 
@@ -143,9 +145,10 @@ def test_a_board_that_nobody_knows_is_warned_of(folder: Path, tmp_path: Path) ->
 @pytest.mark.parametrize("kind", ["csv", "h5"])
 def test_millivolts_taken_as_volts_are_refused_without_a_force_channel(kind: str, tmp_path: Path) -> None:
     """Stresses came out a thousand times too large, exit code 0."""
-    run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.h5")
-    with h5py.File(tmp_path / "one.h5") as file:
-        columns = {name: file[name][:] * (1.0 if name == "time" else 1e3) for name in ("time", "inner", "outer")}
+    run("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.probe")
+    with Reader.open(f"replay:{tmp_path / 'one.probe'}") as reader:
+        samples = reader.collect()
+    columns = {"time": samples.times, "inner": 1e3 * samples.volts[:, 0], "outer": 1e3 * samples.volts[:, 1]}
     path = tmp_path / f"millivolts.{kind}"
     if kind == "csv":
         header = "time (s),inner (V),outer (V)"
@@ -262,7 +265,7 @@ def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     assert abs(best["change"] - 12e3) < 3 * best["uncertainty"]
 
 
-LONG = "x" * 5000 + ".h5"
+LONG = "x" * 5000 + ".probe"
 
 
 def test_no_probe_is_one_line() -> None:
