@@ -13,6 +13,8 @@ from pydantic_core import ErrorDetails
 from geometry.common.errors import InputError, Words, describe_choices, suggest_word
 from geometry.scenes.units import Quantity
 
+_TABLES_NAMED = 3  # tables that a message names for a key in the wrong place: more would hide the point
+_UNION_TYPES = ("literal", "float", "constrained")  # as pydantic begins their names in a path; no key of a file begins so
 _TAG_ERRORS = ("union_tag_invalid", "union_tag_not_found")
 
 
@@ -25,7 +27,7 @@ def convert_error(refused: ValidationError, model: type[BaseModel], label: str =
     cause = error.get("ctx", {}).get("error")
     key = _format_key(error)
     if isinstance(cause, InputError):
-        return InputError(f"{key}.{cause.key}".lstrip("."), cause.value, cause.allowed)
+        return InputError(f"{key}.{cause.key}".strip("."), cause.value, cause.allowed)
     if error["type"] in _TAG_ERRORS and isinstance(error["input"], Mapping):
         value = error["input"].get("shape", Words("missing"))
         return InputError("tissue.shape", value, f"'cylinder', 'block' or 'half-space'{_suggest_tag(error)}")
@@ -45,16 +47,23 @@ def _format_key(error: ErrorDetails) -> str:
 
 def _find_path(error: ErrorDetails) -> list[str | int]:
     """Return the keys as they are in the file: without the tag that pydantic adds for the tissue's shape."""
-    path = list(error["loc"])
+    path = _find_tagged_path(error)
     if path[:1] == ["tissue"] and len(path) > 1:
         del path[1]
     return path
 
 
+def _find_tagged_path(error: ErrorDetails) -> list[str | int]:
+    """Return the keys with the tag of the tissue's shape, without the types of a union, which pydantic adds as well."""
+    return [part for part in error["loc"] if isinstance(part, int) or not part.startswith(_UNION_TYPES)]
+
+
 def _describe_allowed(error: ErrorDetails, model: type[BaseModel]) -> str:
     """Describe what is allowed: the keys, the range with its unit, the field's description, or pydantic's own text."""
     if error["type"] == "extra_forbidden":
-        return describe_choices(error["loc"][-1], find_model(model, error["loc"][:-1]).model_fields)
+        key, table = error["loc"][-1], find_model(model, error["loc"][:-1])
+        homes = [path for path, home in _iterate_tables(model) if home is not table and key in home.model_fields]
+        return describe_choices(key, table.model_fields) + (f"; {key!r} is a key of {_join_tables(homes)}" if homes else "")
     if error["type"] == "quantity":
         return error["msg"]
     if error["type"] == "bool_type":
@@ -66,7 +75,7 @@ def _describe_allowed(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 def _describe_field(error: ErrorDetails, model: type[BaseModel]) -> str | None:
     """Describe what a field allows: its description, its range or that it is a table; None where neither is known."""
-    names = tuple(part for part in error["loc"] if isinstance(part, str))
+    names = tuple(part for part in _find_tagged_path(error) if isinstance(part, str))
     field = find_model(model, names[:-1]).model_fields.get(names[-1]) if names else None
     if field is None:
         return "a table" if not names else f"a table, [{_format_key(error)}]"
@@ -100,6 +109,20 @@ def _find_annotation(model: type[BaseModel], key: str | int) -> object:
     """Return the type annotation of a model's field; None where it has no such field."""
     field = model.model_fields.get(key) if isinstance(key, str) else None
     return None if field is None else field.annotation
+
+
+def _iterate_tables(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the tables of a file with their paths, such as ``tissue.layer``, each table before those inside it."""
+    yield path, model
+    for name, field in model.model_fields.items():
+        for part in list_models(field.annotation):
+            yield from _iterate_tables(part, f"{path}.{name}".lstrip("."))
+
+
+def _join_tables(paths: Sequence[str]) -> str:
+    """Return the first tables that have a key, as a file writes them."""
+    tables = [f"[{path}]" if path else "the file's top level" for path in dict.fromkeys(paths)]
+    return " or ".join(tables[:_TABLES_NAMED])
 
 
 def _suggest_tag(error: ErrorDetails) -> str:

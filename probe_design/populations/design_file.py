@@ -7,7 +7,6 @@ from importlib.resources import files
 from pathlib import Path
 
 from pydantic import Field, ValidationError
-from pydantic_core import ErrorDetails
 
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import parse_tables, read_tables, read_text
@@ -16,8 +15,7 @@ from geometry.scenes.quantities import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene, read_scene
 from geometry.scenes.scene_tables import Reading
-from geometry.scenes.units import Quantity
-from geometry.scenes.validation_messages import find_model
+from geometry.scenes.validation_messages import convert_error
 from probe_design.populations.objective import Objective
 from probe_design.populations.tables import (
     FORCE_QUANTITY,
@@ -163,7 +161,7 @@ def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", uni
     try:
         design = Design.model_validate({**sections, "scene": scene}, context={"units_required": units_required})
     except ValidationError as refused:
-        raise _convert_first_fault(refused) from None
+        raise convert_error(refused, Design, "design") from None
     return _resolve_calibration_path(_check_against_scene(_set_observable(design)), Path(folder))
 
 
@@ -234,29 +232,3 @@ def _resolve_calibration_path(design: Design, folder: Path) -> Design:
     if name is None:
         return design
     return design.model_copy(update={"noise": design.noise.model_copy(update={"calibration": str((folder / name).absolute())})})
-
-
-def _convert_first_fault(refused: ValidationError) -> InputError:
-    """Convert one of pydantic's errors to an ``InputError``: an unknown key if there is one, else the first."""
-    error = min(refused.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
-    # pydantic names the branches of a union in the path; these are no keys of the file
-    path = [part for part in error["loc"] if isinstance(part, int) or not part.startswith(("literal", "float", "constrained"))]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
-    cause = error.get("ctx", {}).get("error")
-    if isinstance(cause, InputError):
-        return InputError(f"{key}.{cause.key}".rstrip(".") if cause.key else key, cause.value, cause.allowed)
-    return InputError(key, Words("missing") if error["type"] == "missing" else error["input"], _describe_allowed(error, path))
-
-
-def _describe_allowed(error: ErrorDetails, path: list[str | int]) -> str:
-    """Describe what is allowed in place of a refused entry, given pydantic's error and the keys that lead to the entry."""
-    model, last = find_model(Design, path[:-1]), next((part for part in reversed(path) if isinstance(part, str)), "")
-    if error["type"] == "extra_forbidden":
-        return describe_choices(path[-1], model.model_fields)
-    if error["type"] == "quantity":
-        return error["msg"]
-    field = model.model_fields.get(last)
-    if field is None or error["type"] in ("model_type", "model_attributes_type"):
-        return f"a table, [{last}]"
-    quantities = [note.allowed for note in field.metadata if isinstance(note, Quantity)]
-    return next(iter(quantities), None) or field.description or error["msg"].removeprefix("Input should be ")

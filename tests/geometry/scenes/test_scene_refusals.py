@@ -179,6 +179,19 @@ def test_one_fault(key: str, value: object, message: str) -> None:
     assert len(fault) < 600
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("force", "0.3 N", "; 'force' is a key of [load]"),
+        ("layer", [], "; 'layer' is a key of [tissue]"),
+        ("load.x", "2 mm", "; 'x' is a key of [inclusion] or [placement]"),
+        ("noise", {}, "contact, placement, load, reading"),
+    ],
+)
+def test_a_key_in_the_wrong_table_names_the_right_one(key: str, value: object, message: str) -> None:
+    assert refused(edited({key: value})).endswith(message)
+
+
 def test_outer_radius_within_the_hole() -> None:
     message = refused(edited({"probe.area_ratio": REMOVED, "probe.outer_radius": "5.1 mm"}))
     assert message == "probe.outer_radius = 5.1 mm: allowed: an outer radius, now 5.1 mm, above inner_radius + gap = 5.1 mm"
