@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import Material, Probe
+from geometry.scenes.units import format_modulus
 
 STIFFEST_CAST = 50e6  # Pa: above the hardest castable silicones and polyurethane rubbers, below the softest plastics
 KIND_OF_PROCESS = {"casting": "elastomer", "machining": "solid material"}  # of a block that has no name, by how it is made
@@ -63,12 +64,6 @@ def find_part_materials(probe: Probe) -> dict[str, PartMaterial]:
 def describe_elastic(youngs_modulus: float, poisson_ratio: float) -> str:
     """Write both constants of an isotropic material (Pa, 1)."""
     return f"E = {format_modulus(youngs_modulus)}, Poisson's ratio {poisson_ratio:g}"
-
-
-def format_modulus(value: float) -> str:
-    """Write a modulus (Pa) with the unit that suits it."""
-    size, unit = next(((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if value >= size), (1.0, "Pa"))
-    return f"{value / size:.4g} {unit}"
 
 
 def _block_material(material: Material) -> PartMaterial:

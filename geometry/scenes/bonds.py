@@ -11,10 +11,10 @@ from importlib.resources import files
 
 from geometry.common.errors import InputError, describe_choices
 from geometry.common.json_types import JsonObject
-from geometry.scenes.catalogue import MAX_DEVIATIONS, format_modulus
+from geometry.scenes.catalogue import MAX_DEVIATIONS
 from geometry.scenes.quantities import THICKNESS_QUANTITY
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
-from geometry.scenes.units import MODULUS_QUANTITY
+from geometry.scenes.units import MODULUS_QUANTITY, format_modulus
 
 BOND_SIDES = ("bond_to_block", "bond_to_base")
 BOND_NUMBERS = ("thickness", "youngs_modulus", "poisson_ratio", "loss_factor")  # that a name in the catalogue stands for

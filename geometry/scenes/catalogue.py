@@ -27,16 +27,14 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.catalogue_laws import build_law_numbers, fill_in_law
 from geometry.scenes.recipes import MixingRatio, Thinned, parse_name
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
-from geometry.scenes.units import MODULUS_QUANTITY
+from geometry.scenes.units import MODULUS_DIGITS, MODULUS_QUANTITY, format_modulus
 
 Kind = Literal["elastomer", "base", "film"]
 TABLE_OF_KIND: dict[str, str] = {"elastomer": "probe.inner", "base": "probe.base", "film": "probe.film"}
 FILM_KEYS = ("thickness", "d31", "d33")
-MODULUS_UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"))
 CATALOGUE_NUMBERS = ("youngs_modulus", "poisson_ratio")  # that a name in the catalogue stands for
 MAX_DEVIATIONS = 2.0  # standard deviations of ln E: what measures further off is another material, or another recipe
 MAX_POISSON_DIFFERENCE = 0.05  # the catalogue's own are assumed, or differ between data sheets by less
-MODULUS_DIGITS = 4  # of a modulus: enough for values known to some per cent at best
 
 
 @dataclass(frozen=True)
@@ -267,12 +265,6 @@ def set_number(table: JsonObject, key: str, value: float) -> None:
     if key in CATALOGUE_NUMBERS and table.get(key) != value:
         table.pop("material", None)
     table[key] = value
-
-
-def format_modulus(value: float) -> str:
-    """Write a modulus with the unit that suits it."""
-    scale, unit = next((pair for pair in MODULUS_UNITS if value >= pair[0]), MODULUS_UNITS[-1])
-    return f"{value / scale:.{MODULUS_DIGITS}g} {unit}"
 
 
 def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> CatalogueMaterial:

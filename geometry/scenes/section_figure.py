@@ -10,9 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
 
-from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.scene_tables import BlockTissue, CylinderTissue
-from geometry.scenes.units import MM_PER_M
+from geometry.scenes.units import MM_PER_M, format_modulus
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 MM_PER_M = 1e3  # millimetres in a metre
+PA_PER_KPA = 1e3
+MODULUS_DIGITS = 4  # of a modulus: enough for values known to some per cent at best
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
 _UNIT_NAME_PATTERN = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[1-9])?"
 # pint evaluates its argument, so only names joined by *, / and blanks with one-digit powers reach it; every blank has one
@@ -74,7 +76,7 @@ class Quantity:
     @property
     def allowed(self) -> str:
         """The range in words, in the unit in which it is shown."""
-        low, high = (f"{convert_to_unit(bound, self.si, self.unit):.6g} {self.unit}" for bound in (self.low, self.high))
+        low, high = (self._format_rounded(bound, 6) for bound in (self.low, self.high))
         article = "an" if self.name[0] in "aeiou" else "a"
         return f"{article} {self.name} with its unit, such as '5 {self.unit}', from {low} to {high}"
 
@@ -128,8 +130,14 @@ class Quantity:
 
     def format_value(self, value: float) -> str:
         """Write an SI value so that reading it gives the same float again."""
-        short = f"{convert_to_unit(value, self.si, self.unit):.12g} {self.unit}"
+        short = self._format_rounded(value, 12)
         return short if self.parse(short) == value else f"{value!r} {self.si}"
+
+    def _format_rounded(self, value: float, digits: int) -> str:
+        """Write an SI value in the unit in which it is shown."""
+        if self.si == "Pa":
+            return format_modulus(value, digits)
+        return f"{convert_to_unit(value, self.si, self.unit):.{digits}g} {self.unit}"
 
     def _validate(self, value: object, info: ValidationInfo) -> float:
         """Return the SI value for pydantic; its context says whether units are required, and is None in Python code."""
@@ -148,7 +156,7 @@ class Quantity:
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
-MODULUS_QUANTITY = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
+MODULUS_QUANTITY = Quantity("modulus", "Pa", "kPa", 1e-3, 1e13)
 """Young's modulus."""
 SI_CONTEXT = {"units_required": False}
 """Context of pydantic for numbers that are known to be in SI units, as those of a scene that was read already."""
@@ -209,6 +217,14 @@ PERCENTAGE = BeforeValidator(_from_percent)  # of a field that is a fraction
 def convert_to_unit(value: float, si: str, unit: str) -> float:
     """Convert an SI value to the unit in which it is shown."""
     return value / _find_factor(unit, si)
+
+
+def format_modulus(value: float, digits: int = MODULUS_DIGITS) -> str:
+    """Write a modulus or a pressure, Pa, in the largest of its units in which it is 1 or more."""
+    size, unit = next(
+        ((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if abs(value) >= size), (1.0, "Pa")
+    )
+    return f"{value / size:.{digits}g} {unit}"
 
 
 def _multiply(number: str, factor: float) -> float:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import compute_expected_bodies
 from geometry.cad.stamp import Stamp
-from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe
+from geometry.scenes.units import format_modulus
 from geometry.workshop.mould_sizes import (
     MOULD_MATERIAL,
     MouldSizes,

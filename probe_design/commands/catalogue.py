@@ -7,9 +7,10 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from geometry.scenes.catalogue import CatalogueMaterial, format_modulus
+from geometry.scenes.catalogue import CatalogueMaterial
 from geometry.scenes.catalogue_entries import find_entry, list_entries
 from geometry.scenes.catalogue_laws import describe_law
+from geometry.scenes.units import format_modulus
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Number, Option, Request
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from geometry.common.errors import InputError
-from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.quantities import Modulus
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
+from geometry.scenes.units import format_modulus
 from probe_design.commands.fields import (
     NO_ACCURACY,
     Accuracy,

@@ -17,8 +17,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from geometry.common.errors import InputError, suggest_word
 from geometry.common.resources import Limits
-from geometry.scenes.catalogue import format_modulus
-from geometry.scenes.units import Quantity, read_fraction, read_number
+from geometry.scenes.units import Quantity, format_modulus, read_fraction, read_number
 
 P = ParamSpec("P")
 ResultT = TypeVar("ResultT")

@@ -12,6 +12,7 @@ from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.scene_file import scene_to_dict
+from geometry.scenes.units import PA_PER_KPA
 from probe_design.design_report.choice_tables import build_film_table, build_scan_table
 from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
@@ -21,14 +22,13 @@ from probe_design.design_report.verdict import list_assumptions, write_populatio
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.design_search.scan_choices import compute_pitch
-from probe_design.design_search.variables import M_PER_MM, PA_PER_KPA
+from probe_design.design_search.variables import M_PER_MM
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import PROTOCOL_FILE, QUESTION_FILE, Design
 from probe_design.populations.objective import Objective
 from probe_design.populations.population import PLACE_AXES, ScenePopulation
 from probe_design.populations.tables import ChannelSet
 from probe_design.reporting.page import Chapter, Code, Text
-from probe_design.reporting.scene_sections import shorten_moduli
 from probe_design.reporting.table import Table
 
 MAPS_FILE, IMPROVEMENTS_FILE, FRONT_FILE = "maps.png", "levers.png", "pareto.png"
@@ -114,7 +114,7 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
             "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
         },
         limit_notes=(LIMITS_NOTE,) if {"linearity", "gap_closure"} & {limit.name for limit in optimum.limits} else (),
-        last_chapters=(Chapter("What was asked", (Code(shorten_moduli(design_file)),)),),
+        last_chapters=(Chapter("What was asked", (Code(design_file),)),),
         additions={"levers": [asdict(item) for item in improvements], "pareto": [front.as_dict() for front in fronts]},
         messages=(f"search: {search}", f"error of the detection: {error_note}"),
     )

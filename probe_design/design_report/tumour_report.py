@@ -7,10 +7,11 @@ from collections.abc import Callable
 from functools import partial
 
 from geometry.provenance.block import build_provenance
+from geometry.scenes.units import PA_PER_KPA
 from probe_design.design_report.report import LIMIT_UNITS, Report, format_heights
 from probe_design.design_report.verdict import list_assumptions, write_tumour_verdict
 from probe_design.design_search.optimum import TumourOptimum
-from probe_design.design_search.variables import M_PER_MM, PA_PER_KPA, Limit
+from probe_design.design_search.variables import M_PER_MM, Limit
 from probe_design.design_search.verification import TumourVerification
 from probe_design.reporting.page import Chapter
 from probe_design.reporting.scene_sections import build_scene_section

@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats, Numeric
 from geometry.common.errors import InputError, Words
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import MODULUS_QUANTITY, Quantity
+from geometry.scenes.units import MODULUS_QUANTITY, PA_PER_KPA, Quantity
 from probe_design.populations.entries import DesignVariable
 
 MIN_RADIUS_M = 0.5e-3  # m: thinner cylinders of elastomer, and thinner sleeves, are not handled well
@@ -24,7 +24,7 @@ GAP_BOUNDS_M = (0.1e-3, 0.5e-3)  # m: narrower ones fill with glue, the paper fo
 HEIGHT_BOUNDS_M = (1e-3, 20e-3)  # m: the thinnest sheet that is cut, the tallest block that stands
 MODULUS_BOUNDS_PA = (10e3, 1e6)  # Pa: soft silicone gel to rubber a tenth as stiff as the paper's base, which counts as rigid
 LENGTH_DECIMALS, ROUNDED_DIGITS = 5, 3  # of a design that is built: lengths in m to 0.01 mm, others to three digits
-M_PER_MM, PA_PER_KPA = 1e-3, 1e3  # SI values of the units in tables
+M_PER_MM = 1e-3  # SI value of the unit in tables
 VALUES_BETWEEN_BOUNDS = 5  # of what is tried one by one, between bounds without a step: evenly spaced, lengths in their logarithm
 MAX_LENGTHS = 50  # of what is tried one by one
 

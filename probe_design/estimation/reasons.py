@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.scenes.units import MM_PER_M, format_modulus
 from probe_design.estimation.estimate_result import DepthAndStrength, get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import TOLERATED_SHIFT, Interval, Piece
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
@@ -229,7 +230,4 @@ def _describe_load(findings: Findings) -> Iterator[str]:
 
 def format_value(unknown: str, value: float) -> str:
     """Return a value as text with its unit: lengths in mm, moduli in Pa, kPa, MPa or GPa."""
-    if not unknown.endswith("youngs_modulus"):
-        return f"{value * 1e3:.4g} mm"
-    scale = min(max(int(np.floor(np.log10(value) / 3)), 0), 3)
-    return f"{value / 1000.0**scale:.3g} {('Pa', 'kPa', 'MPa', 'GPa')[scale]}"
+    return format_modulus(value, 3) if unknown.endswith("youngs_modulus") else f"{value * MM_PER_M:.4g} mm"

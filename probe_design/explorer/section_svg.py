@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import BlockTissue, CylinderTissue, Inclusion
-from geometry.scenes.units import MM_PER_M
+from geometry.scenes.units import MM_PER_M, format_modulus
 from probe_design.explorer.edges import draw_edges
 
 PROBE_RADII, TUMOUR_DEPTHS = 2.2, 1.4  # relative: shown to each side of the probe, and of the depth of the deepest tumour

@@ -9,9 +9,9 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.common.json_types import JsonObject
-from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.probe import Material
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
+from geometry.scenes.units import format_modulus
 from probe_design.material_fit.curve import StressCurve
 from probe_design.material_fit.fit import Constants, choose_constants, find_stable_strain, find_tension_strain, fit_constants
 

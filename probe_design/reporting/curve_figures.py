@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
+from geometry.scenes.units import PA_PER_KPA
 from solver.results.result import Curve, LoadCurve
 
 
@@ -18,7 +19,7 @@ def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus:
     """
     figure = Figure(figsize=(8.0, 7.0), dpi=150, facecolor="white", layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
-    modulus = np.array(curve.youngs_modulus)
+    modulus = np.array(curve.youngs_modulus) / PA_PER_KPA
     order = np.argsort(modulus)
     read = curve.reading
     ratio, error, sensitivity = (  # NaN where a value is None
@@ -31,13 +32,13 @@ def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus:
     bottom.plot(modulus[order], sensitivity, color="tab:orange", marker="." if len(modulus) < 25 else None)
     bottom.axhline(0.0, color="0.7", linewidth=0.8)
     bottom.set_ylabel("log-sensitivity  d ln ratio / d ln E")
-    bottom.set_xlabel("Young's modulus of the inclusion, Pa")
+    bottom.set_xlabel("Young's modulus of the inclusion, kPa")
     for axes in (top, bottom):
         axes.set_xscale("log")
         axes.grid(alpha=0.3)
         for value, style, name in ((tissue_modulus, ":", "tissue"), (scene_modulus, "--", "the scene's inclusion")):
-            if value is not None and modulus.min() <= value <= modulus.max():
-                axes.axvline(value, color="0.4", linestyle=style, linewidth=1.0, label=name)
+            if value is not None and modulus.min() <= value / PA_PER_KPA <= modulus.max():
+                axes.axvline(value / PA_PER_KPA, color="0.4", linestyle=style, linewidth=1.0, label=name)
     top.legend(loc="best", fontsize=9)
     top.set_title(f"{curve.evaluator}: {len(modulus)} moduli in {curve.seconds:.2g} s", fontsize=10)
     return figure

@@ -5,7 +5,6 @@ Where a result is not available the section contains the text of the refusal.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from functools import partial
 
@@ -35,7 +34,6 @@ from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solv
 from solver.results.evaluator import ProgressCallback, ignore_progress
 
 MAP_POINTS, CURVE_POINTS = 12, 13  # points on each side of a map, and on a curve
-MODULUS_UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"))  # Pa
 MAX_SHOWN_EFFECT = 1e3  # relative; a plan states 1e9 for effects that it does not know
 NUMBER_ACCURACY, DRAWING_ACCURACY = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures
 
@@ -75,19 +73,7 @@ def iterate_scene_sections(scene: Scene, noise: float | None, progress: Progress
 
 def build_scene_section(scene: Scene, title: str = "The scene") -> Chapter:
     """Build the section that contains a scene file."""
-    return Chapter(title, (Code(shorten_moduli(scene_to_toml(scene))),))
-
-
-def shorten_moduli(text: str) -> str:
-    """Return a scene or design file with its moduli in kPa, MPa or GPa, as people write them."""
-
-    def shorten(match: re.Match[str]) -> str:
-        """Return one modulus in the largest unit of which it is one or more."""
-        value = float(match[1])
-        size, unit = next(((size, unit) for size, unit in MODULUS_UNITS if value >= size), (1.0, "Pa"))
-        return f'"{value / size:.12g} {unit}"'
-
-    return re.sub(r'"([0-9.e+-]+) Pa"', shorten, text)
+    return Chapter(title, (Code(scene_to_toml(scene)),))
 
 
 def _build_shape(scene: Scene) -> Iterator[Part]:

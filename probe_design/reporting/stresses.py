@@ -10,12 +10,11 @@ from matplotlib.patches import Circle
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh import compute_nodes
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import MM_PER_M
+from geometry.scenes.units import MM_PER_M, PA_PER_KPA
 from solver.axisymmetric.base_states import BaseStates
 from solver.elements.quadrilateral import compute_gradients, project_dilations
 from solver.results.film_forces import compute_indentation
 
-PA_PER_KPA = 1e3
 ELEMENT_CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 
 

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 from solver.results.record import SI_UNITS
 
+SHOWN_UNITS = {"C": ("pC", 1e12), "C/N": ("pC/N", 1e12)}  # by SI unit: the unit that is shown, and its number in an SI unit
 MAX_CELL_CHARACTERS = 24  # of numbers and names, which stay in one line; longer text is wrapped
 
 
@@ -100,6 +101,11 @@ class Table:
 def format_unit(name: str) -> str:
     """Return the SI unit of a field of results; an empty text for a pure number, whose unit is "1", and for unknown names."""
     return SI_UNITS.get(name, "").replace("1", "")
+
+
+def find_shown_unit(si: str) -> tuple[str, float]:
+    """Return the unit in which results in an SI unit are shown, and its number in the SI unit."""
+    return SHOWN_UNITS.get(si, (si, 1.0))
 
 
 def format_number(value: float | None, digits: int = 4) -> str:

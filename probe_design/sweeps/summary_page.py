@@ -15,7 +15,7 @@ from geometry.common.files import write_text
 from geometry.common.json_types import JsonObject
 from geometry.scenes.units import convert_to_unit
 from probe_design.reporting.page import Chapter, Picture, Text, build_page
-from probe_design.reporting.table import Table
+from probe_design.reporting.table import Table, find_shown_unit
 from probe_design.sweeps.results import iterate_rows, read_provenance, read_request
 from probe_design.sweeps.rows import COLUMN_UNITS
 
@@ -57,7 +57,8 @@ def write_page(folder: Path | str, path: Path) -> Path:
         effects = _build_effects(request, result_rows, y, complete=len(result_rows) == request["designs"])
         sections.append(
             Chapter(
-                _format_label(name, COLUMN_UNITS[name]), (_draw_scatter(name, request["variables"], result_rows, y), *effects)
+                _format_label(name.replace("_", " "), find_shown_unit(COLUMN_UNITS[name])[0]),
+                (_draw_scatter(name, request["variables"], result_rows, y), *effects),
             )
         )
     sections += _build_reasons(all_rows)
@@ -164,12 +165,13 @@ def compute_sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, 
 
 
 def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Floats) -> Picture:
-    """Draw the output ``name``, with values y, against each variable in its display unit."""
+    """Draw the output ``name``, with SI values y, against each variable, both in their display units."""
     from matplotlib.figure import Figure
 
     column_count, row_count = min(len(variables), PICTURES_PER_LINE), -(-len(variables) // PICTURES_PER_LINE)
     figure = Figure(figsize=(3.2 * column_count, 2.8 * row_count), layout="constrained")
     step = -(-len(y) // MAX_POINTS)  # rounded up: every step-th design is drawn
+    unit, scale = find_shown_unit(COLUMN_UNITS[name])
     places = figure.subplots(row_count, column_count, sharey=True, squeeze=False).ravel()
     for axes in places[len(variables) :]:
         axes.set_visible(False)
@@ -177,12 +179,12 @@ def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Fl
         values = [row[variable["name"]] for row in result_rows[::step]]
         if variable["unit"]:
             values = [convert_to_unit(value, variable["unit"], variable["shown"]) for value in values]
-        axes.plot(values, y[::step], ".", markersize=3, alpha=0.5)
+        axes.plot(values, scale * y[::step], ".", markersize=3, alpha=0.5)
         axes.set_xlabel(_format_label(variable["name"], variable["shown"]))
         if variable["log"]:
             axes.set_xscale("log")
     for axes in places[::column_count]:
-        axes.set_ylabel(_format_label(name, COLUMN_UNITS[name]))
+        axes.set_ylabel(_format_label(name.replace("_", " "), unit))
     return Picture.from_figure(figure, name)
 
 

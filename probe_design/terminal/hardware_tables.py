@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from geometry.common.errors import to_one_line
-from geometry.scenes.catalogue import format_modulus
+from geometry.scenes.units import MM_PER_M, format_modulus
 from geometry.scenes.variables import PIEZO_KEYS
 from probe_design.built_probe.calibration_record import CalibrationRecord
 from probe_design.built_probe.reading import StressReading
@@ -112,9 +112,9 @@ def build_coverage_table(check: Check) -> Table:
     headings = ("variable", "tolerance, 1 sd", "five change a ratio by", "detected", "detected 1 in 2 from", "tested")
     rows = []
     for row in (*check.tested, *check.untested):
-        detected_from = "nowhere" if row.found_from is None else _format_deviation(row.variable, row.found_from)
+        detected_from = "nowhere" if row.found_from is None else _format_size(row.variable, row.found_from)
         effect, power = f"{100 * row.effect:.2g} %", f"{100 * row.power:.0f} %"
-        tolerance = _format_deviation(row.variable, row.tolerance)
+        tolerance = _format_size(row.variable, row.tolerance)
         rows.append((_shorten(row.variable), tolerance, effect, power, detected_from, "yes" if row.tested else "no"))
     return Table(headings, rows, title)
 
@@ -152,25 +152,20 @@ def _shorten(variable: str) -> str:
     return variable.removeprefix("probe.")
 
 
-def _format_deviation(variable: str, size: float) -> str:
-    """Return a deviation of a variable, given in SI units, as text in the unit of its kind."""
-    if variable.endswith("poisson_ratio"):
-        return f"{size:.2g}"
+def _format_size(variable: str, size: float, digits: int = 2) -> str:
+    """Return a value or a deviation of a variable, given in SI units, as text in the unit of its kind."""
+    size = float(f"{size:.{digits}g}")  # rounded here, so that digits behind the first ones are not written as 2.6e+02
+    if variable in ("relative gain", "reference.youngs_modulus") or variable.endswith("poisson_ratio"):
+        return f"{size:g}"
     if variable.endswith(PIEZO_KEYS):
-        return f"{1e12 * size:.2g} pC/N"
-    # rounded to two digits, since format_modulus shows all
-    return format_modulus(float(f"{size:.2g}")) if variable.endswith("modulus") else f"{1e3 * size:.2g} mm"
+        return f"{1e12 * size:g} pC/N"
+    return format_modulus(size) if variable.endswith("modulus") else f"{MM_PER_M * size:g} mm"
 
 
 def _format_explanation(explanation: Explanation) -> tuple[str, str, str]:
     """Return the drawn value of a variable, the value that would explain the readings, and its standard deviation."""
-    value = explanation.nominal + explanation.change
-    if explanation.variable in ("relative gain", "reference.youngs_modulus"):
-        return "1", f"{value:.5g}", f"{explanation.uncertainty:.2g}"
-    if explanation.variable.endswith("poisson_ratio"):
-        return f"{explanation.nominal:.4g}", f"{value:.4g}", f"{explanation.uncertainty:.2g}"
-    scale, unit = (1e-3, "kPa") if explanation.variable.endswith("modulus") else (1e3, "mm")
-    return f"{scale * explanation.nominal:.5g} {unit}", f"{scale * value:.5g}", f"{scale * explanation.uncertainty:.2g}"
+    name, value = explanation.variable, explanation.nominal + explanation.change
+    return _format_size(name, explanation.nominal, 4), _format_size(name, value, 4), _format_size(name, explanation.uncertainty)
 
 
 def _format_numbers(values: Iterable[float | None], digits: Iterable[int]) -> Iterator[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from geometry.common.limits import format_maximum
-from probe_design.reporting.table import Table, format_number, format_unit
+from probe_design.reporting.table import Table, find_shown_unit, format_number, format_unit
 from solver.results.result import ERROR_FIELDS, MAX_EFFECT
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ CHARGE_ERRORS = (
     "charge_per_force_outer_error", "charge_log_sensitivity_error",
 )  # fmt: skip
 OTHER_QUANTITIES = ("equivalent_modulus", "residual", "frequency", "ratio_phase", "ratio_phase_error")
-UNITS_OF_PEOPLE = {"C": ("pC", 1e12), "C/N": ("pC/N", 1e12)}  # by SI unit: the unit that is shown, and its number in an SI unit
 OBSERVABLE_WORDS = {"stress": "film stresses", "charge": "film charges"}
 
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
@@ -41,7 +40,7 @@ def build_result_table(result: Result) -> Table:
     quantiles = ERROR_FIELDS if result.error_kind == "95 %" else ()
     rows = list[tuple[str, str, str]]()
     for name, value in values:
-        unit, scale = UNITS_OF_PEOPLE.get(format_unit(name), (format_unit(name), 1.0))
+        unit, scale = find_shown_unit(format_unit(name))
         if value is not None:
             rows.append((f"{name} (95 %)" if name in quantiles else name, format_number(scale * value, 6), unit))
     rows += [

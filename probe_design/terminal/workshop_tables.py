@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.probe import format_mm
+from geometry.scenes.units import format_modulus
 from probe_design.reporting.table import Table
 
 if TYPE_CHECKING:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-from geometry.cad.materials import format_modulus
 from geometry.common.errors import InputError
 from geometry.scenes.bonds import BOND_SIDES
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import MM_PER_M
+from geometry.scenes.units import MM_PER_M, format_modulus
 from geometry.scenes.variables import BLOCK_NAMES
 from geometry.workshop.tolerance import DEVIATION_PER_SD, Budget, Scatter
 from probe_design.tolerancing.budget import BudgetLine, compute_budget

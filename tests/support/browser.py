@@ -53,13 +53,29 @@ class Shown:
     console: list[str]
 
 
-def shown(page: Path, width: int, folder: Path) -> Shown:
-    """Show a page at a width, pixels; skips the test where there is no browser. ``folder`` is for the browser's own files."""
+def find_browser() -> str:
+    """Return the program, or skip the test where there is none."""
     program = next((path for name in NAMES if (path := shutil.which(name))), None)
     if program is None:
         pytest.skip("no Chromium")
+    return program
+
+
+def darkened(page: Path, folder: Path) -> Path:
+    """Return a picture of a page's top in a browser that is set to dark, and darkens pages that do not forbid it."""
+    picture = folder / "dark.png"
+    command = [
+        find_browser(), *FLAGS[:-1], f"--user-data-dir={folder / 'profile'}", "--enable-features=WebContentsForceDark",
+        "--blink-settings=preferredColorScheme=0", f"--screenshot={picture}", page.as_uri(),
+    ]  # fmt: skip
+    subprocess.run(command, capture_output=True, timeout=120, check=True)
+    return picture
+
+
+def shown(page: Path, width: int, folder: Path) -> Shown:
+    """Show a page at a width, pixels; skips the test where there is no browser. ``folder`` is for the browser's own files."""
     (folder / "frame.html").write_text(FRAME.format(page=page.as_uri(), width=width))
-    command = [program, *FLAGS, f"--user-data-dir={folder / 'profile'}", (folder / "frame.html").as_uri()]
+    command = [find_browser(), *FLAGS, f"--user-data-dir={folder / 'profile'}", (folder / "frame.html").as_uri()]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 0, ended.stderr[-2000:]
     attributes = dict(re.findall(r'data-(\w+)="([^"]*)"', re.findall(r"<html[^>]*>", ended.stdout)[0]))

@@ -55,7 +55,7 @@ def test_bonds_of_the_outer_film_alone_are_bonds_that_charges_are_read_of() -> N
         (
             {"outer": {"bond_to_block": TAPE | {"youngs_modulus": "1"}}},
             "probe.film.outer.bond_to_block.youngs_modulus",
-            "'5 Pa'",
+            "'5 kPa'",
         ),
         ({"bond_to_base": {"thickness": "50 um"}}, "probe.film.bond_to_base.youngs_modulus", "a bond with a thickness"),
         ({"bond_to_block": {"name": "tape-5um"}}, "probe.film.bond_to_block.name", "did you mean 'tape-50um'?"),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from geometry import read_scene
 from geometry.provenance.block import build_provenance
@@ -15,7 +16,7 @@ from geometry.provenance.texts import read_block
 from probe_design.reporting.bodies import build_bodies
 from probe_design.reporting.page import Chapter, Code, Items, Part, Picture, Text, TurningView, build_page
 from probe_design.reporting.table import Table
-from tests.support.browser import shown
+from tests.support.browser import darkened, shown
 from tests.support.paths import EXAMPLES, SCENE
 
 ODD = "<script>alert(1)</script> & \"quotes\" 'and' {{ braces }}"
@@ -68,3 +69,8 @@ def test_a_page_in_a_browser(report: Path, width: int, tmp_path: Path) -> None:
     assert page.attributes["scrolled"] == "0"  # pictures shrink, and wide tables are stacked
     assert int(page.attributes["drawn"]) > 3000  # pixels that are not background
     assert page.attributes["tables"] == page.attributes["buttons"] == "2"
+
+
+@pytest.mark.slow
+def test_no_part_of_a_page_is_dark_where_pictures_are_white(report: Path, tmp_path: Path) -> None:
+    assert imread(darkened(report, tmp_path))[:3, :3, :3].min() == 1.0

@@ -69,6 +69,5 @@ def test_what_cannot_be_told_says_why() -> None:
 
 def test_moduli_of_a_scene_are_shown_as_people_write_them() -> None:
     text = scene_to_toml(read_scene(SCENE))
-    shown = sections_module.shorten_moduli(text)
-    assert all(f'youngs_modulus = "{modulus}"' in shown for modulus in ("1 MPa", "80 kPa", "6 kPa", "30 kPa"))
-    assert Scene.from_dict(tomllib.loads(shown)) == Scene.from_dict(tomllib.loads(text))
+    assert all(f'youngs_modulus = "{modulus}"' in text for modulus in ("1 MPa", "80 kPa", "6 kPa", "30 kPa"))
+    assert Scene.from_dict(tomllib.loads(text)) == read_scene(SCENE)
