@@ -10,7 +10,7 @@ the volumetric strain projected likewise (``solver/elements/quadrilateral.py``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -26,7 +26,8 @@ from solver.elements.shape_functions import Shapes
 from solver.linalg.cholesky import Factor, Pattern, factorise
 from solver.materials.linear import Isotropic
 
-BATCH_ELEMENTS = 64  # elements at once, which limits the memory of their strains
+MATRIX_ORDERS = (1, 2, 3)  # whose element matrices determine those of all others
+BATCH_ELEMENTS = 8  # elements at once: their strains fit the processor's cache
 # U, V and W from the components, for m = 0 and m > 0
 COMPONENT_MATRICES = {
     0: np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]),
@@ -148,11 +149,12 @@ class AzimuthalSystems:
     model: MeridianModel
     interface: Interface
     boundary: Ints
+    _samples: dict[int, Floats] = field(default_factory=dict, repr=False)
 
     @property
     def bytes_per_order(self) -> float:
         """Bytes for one more order: its element matrices and, until these are cached, those of the three orders behind all."""
-        orders = 1 if "_samples" in vars(self) else 4
+        orders = 4 - len(self._samples)
         return 8.0 * orders * len(self.model.mesh.body) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def assemble_order(self, m: int) -> Harmonic:
@@ -189,21 +191,22 @@ class AzimuthalSystems:
 
         The weights are those of the parabola through m = 1, 2 and 3.
         """
-        first, second, third = (sample[part] for sample in self._samples)
+        if m <= len(MATRIX_ORDERS):
+            return self._find_sample(m)[part]
+        first, second, third = (self._find_sample(order)[part] for order in MATRIX_ORDERS)
         weights = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
         return np.asarray(weights[0] * first + weights[1] * second + weights[2] * third)
 
-    @cached_property
-    def _samples(self) -> Floats:
-        """Element matrices of orders 1, 2 and 3, shape (3, n, 3, s, 3, s)."""
-        model, n, s = self.model, len(self.model.mesh.body), len(self.model.shapes.degrees)
-        matrices = np.empty((3, n, 3, s, 3, s))
-        for low in range(0, n, BATCH_ELEMENTS):
-            part = np.arange(low, min(low + BATCH_ELEMENTS, n))
-            geometry, law = model.geometry.select(part), model.law.select(part)
-            for k, sample in enumerate(matrices):
-                sample[part] = _compute_stiffness(geometry, model.shapes, law, k + 1)
-        return matrices
+    def _find_sample(self, m: int) -> Floats:
+        """Return the element matrices of order 1, 2 or 3, shape (n, 3, s, 3, s); they are cached."""
+        if m not in self._samples:
+            model, n, s = self.model, len(self.model.mesh.body), len(self.model.shapes.degrees)
+            matrices = np.empty((n, 3, s, 3, s))
+            for low in range(0, n, BATCH_ELEMENTS):
+                part = np.arange(low, min(low + BATCH_ELEMENTS, n))
+                matrices[part] = _compute_stiffness(model.geometry.select(part), model.shapes, model.law.select(part), m)
+            self._samples[m] = matrices
+        return self._samples[m]
 
 
 def _compute_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic, m: int) -> Floats:

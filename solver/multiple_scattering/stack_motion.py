@@ -11,19 +11,20 @@ theta the angle from the x axis, along which d31 acts,
 
     w_r = U_0 + U_2 cos 2 theta,  w_theta = V_2 sin 2 theta,  w_z = W_0 + W_2 cos 2 theta           (MS.13)
 
-Both parts are solved on the meridian mesh of blocks, films and base, with blocks and tissue so soft that they hold nothing.
+The first part is solved on the meridian mesh of a scene with blocks and tissue so soft that they hold nothing, the second on that
+of stacks and base alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.common.arrays import Floats
-from geometry.meridian.mesh import compute_nodes
+from geometry.common.arrays import Floats, Ints
+from geometry.meridian.mesh import Topology, compute_nodes
 from geometry.meridian.mesh_lines import MeridianFineness
-from geometry.meridian.section import BLOCKS, LAYERS, STACKS, Body
+from geometry.meridian.section import BLOCKS, LAYERS, STACKS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import CylinderTissue, Placement
@@ -31,10 +32,10 @@ from solver.axisymmetric.base_states import MeridianModel, build_model
 from solver.axisymmetric.film_states import build_film_lift
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.elements.shape_functions import evaluate_functions
-from solver.linalg.workspace import keep_within_limits
+from solver.linalg.workspace import keep_result, keep_within_limits
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems
 
-STRIP_FINENESS = MeridianFineness(1, 4, 5)
+STRIP_FINENESS = MeridianFineness(1, 3, 4)  # work on the blocks' tractions within 1.3e-3 of that of (1, 6, 8)
 SOFT_RELATIVE = 1e-7  # modulus of blocks and tissue, of the softest of films and bonds: their effect on w is as small
 TISSUE_RADII = 3.0  # outer radii: size of the tissue, which only completes the mesh
 PLACES_PER_SIDE = 9  # points on an element's side at which w is tabulated
@@ -107,13 +108,25 @@ def compute_stack_motion(scene: Scene) -> StackMotion:
     """
     model = _build_strip(scene)
     assert model.films is not None
-    skeleton, n = model.shapes.skeleton, len(model.mesh.body)
+    skeleton, numbering = model.shapes.skeleton, model.system.numbering
     lift = build_film_lift(model.section, model.mesh, model.corners, skeleton, model.films)
-    zeros = np.zeros((model.system.numbering.unknowns, 2))
-    solution = model.system.solve(zeros, lift, passes=2)
-    values = solution.values + solution.shift[:, None] * model.system.numbering.vertical[:, None]
-    mean = values.reshape(n, 2, skeleton, 2)
-    return StackMotion(*_tabulate(model, np.concatenate([mean, _solve_double_part(model)], axis=1)))
+    solution = model.system.solve(np.zeros((numbering.unknowns, 2)), lift, passes=2)
+    # an element of a film has its displacement and the lift
+    values = solution.values - lift + solution.shift[:, None] * numbering.vertical[:, None]
+    chosen, mesh = _select_stacks(model.mesh)
+    mean = values[chosen].reshape(len(chosen), 2, skeleton, 2)
+    stacks = replace(
+        model, mesh=mesh, corners=model.corners[chosen], geometry=model.geometry.select(chosen), law=model.law.select(chosen)
+    )
+    return StackMotion(*_tabulate(stacks, np.concatenate([mean, _solve_double_part(stacks)], axis=1)))
+
+
+@keep_result
+def _select_stacks(mesh: Topology) -> tuple[Ints, Topology]:
+    """Return the numbers of the elements of stacks and base, and the mesh that they make up."""
+    chosen = np.flatnonzero(~np.isin(mesh.body, (*TISSUES, *BLOCKS)))
+    arrays = {name: getattr(mesh, name)[chosen] for name in ("shape", "vertices", "circles", "corners", "body")}
+    return chosen, replace(mesh, **arrays, columns=np.zeros(1, dtype=int))
 
 
 def _build_strip(scene: Scene) -> MeridianModel:
@@ -133,7 +146,10 @@ def _build_strip(scene: Scene) -> MeridianModel:
 
 
 def _solve_double_part(model: MeridianModel) -> Floats:
-    """Solve for the part of w that varies as cos 2 theta: U_2, V_2 and W_2 of the n elements' functions, (n, 3, functions, 2)."""
+    """Solve for the part of w that varies as cos 2 theta: U_2, V_2 and W_2 of the n elements' functions, (n, 3, functions, 2).
+
+    ``model`` has the elements of stacks and base alone, n of them; its ``condensed`` and ``system`` are not used.
+    """
     assert model.films is not None
     skeleton, n = model.shapes.skeleton, len(model.mesh.body)
     systems = AzimuthalSystems(model, "bonded", np.arange(n))
@@ -151,7 +167,7 @@ def _solve_double_part(model: MeridianModel) -> Floats:
     flat = lift.reshape(n, -1, 2)
     forces = system.numbering.scatter @ (system.stiffness @ flat).reshape(-1, 2)
     v = system.solve(-forces)
-    components = (system.numbering.gather @ v).reshape(n, 3, skeleton, 2) + lift
+    components = (system.numbering.gather @ v).reshape(n, 3, skeleton, 2)
     return np.asarray(np.einsum("ac,ecsk->eask", system.amplitudes, components))
 
 
@@ -165,8 +181,8 @@ def _tabulate(model: MeridianModel, values: Floats) -> tuple[tuple[Floats, Float
     places = np.concatenate([np.stack(side, axis=1) for side in ((t, zero), (unit, t), (t, unit), (zero, t))])
     functions = evaluate_functions(places, model.shapes.degrees)[0][:, : model.shapes.skeleton]
     tables = []
-    for body, height in zip(BLOCKS, (model.section.inner_height, model.section.outer_height), strict=True):
-        inside = np.flatnonzero(model.mesh.body == body)
+    for stack, height in zip(STACKS, (model.section.inner_height, model.section.outer_height), strict=True):
+        inside = np.flatnonzero(np.isin(model.mesh.body, stack))
         nodes = compute_nodes(model.section, model.mesh, places, inside)
         on_end = np.abs(nodes[..., 1] - height) < HEIGHT_TOLERANCE_RELATIVE * height
         amplitudes = np.einsum("pf,eafk->epak", functions, values[inside])[on_end]
