@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from geometry.common.errors import ProbeError, import_extra
+from geometry.common.errors import InputError, ProbeError, import_extra
 from geometry.common.resources import Limits, get_limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
@@ -105,7 +105,9 @@ def evaluate_many(
     >>> from solver import evaluate_many
     >>> [result.ratio for result in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
     """
-    evaluators.check_accuracy(accuracy)
+    if isinstance(scenes, Scene | str | Path):
+        raise InputError("scenes", scenes, "several scenes or names of scene files; evaluate takes one")
+    accuracy = evaluators.check_accuracy(accuracy)
     if evaluator != evaluators.AUTO:
         evaluators.evaluator(evaluator)
     with use_limits(limits):

@@ -17,6 +17,7 @@ from geometry.scenes.fit_check import list_doubts
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
+from geometry.scenes.scene_tables import LOAD_QUANTITIES
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan, choose_evaluator, get_evaluator
@@ -248,7 +249,7 @@ def press(
     scene
         One that ``contact`` takes, or the name of a scene file; its own load is not used.
     force
-        Largest load as a force, N; either this or ``indentation``.
+        Largest load as a force, N, or a text with its unit; either this or ``indentation``.
     indentation
         Largest load as an indentation, m.
     points
@@ -273,8 +274,12 @@ def press(
 
     scene = load_scene(scene)
     accuracy = choose_accuracy(scene, accuracy)
+    force, indentation = (
+        None if load is None else LOAD_QUANTITIES[name].read(name, load, units_required=False)
+        for name, load in (("force", force), ("indentation", indentation))
+    )
     max_load = force if indentation is None else indentation
-    if (force is None) == (indentation is None) or max_load is None or not 0 < max_load < float("inf") or points < 1:
+    if (force is None) == (indentation is None) or not max_load or points < 1:
         raise InputError(
             "load", Words(f"force = {force}, indentation = {indentation}"), "one of them, above 0, and points from 1"
         )
@@ -308,7 +313,7 @@ def curve(
     scene
         A scene with one inclusion or a target among several, or the name of a scene file.
     moduli
-        Young's moduli of the target, Pa, shape (k,).
+        Young's moduli of the target, Pa, shape (k,); texts with units, too.
     accuracy
         Relative, on every ratio; above 0, below 1. Left out, it is as in ``evaluate``.
     progress
@@ -328,8 +333,8 @@ def curve(
         See ``evaluate``.
     """
     scene = load_scene(scene)
+    moduli = check_moduli(scene, moduli)
     accuracy = choose_accuracy(scene, accuracy)
-    check_moduli(scene, moduli)
     start = perf_counter()
     with use_limits(limits), start_clock():
         planned = build_allowed_plan(scene, accuracy, linear)

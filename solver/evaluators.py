@@ -8,6 +8,7 @@ from typing import cast
 from geometry.common import quick_scipy  # noqa: F401 - before any module that imports SciPy
 from geometry.common.errors import InputError, describe_choices
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import read_fraction
 from solver.linalg.workspace import Workspace, get_workspace, use_workspace
 from solver.results.evaluator import Evaluator, ProgressCallback
 
@@ -41,14 +42,15 @@ def evaluator(name: str, progress: ProgressCallback | None = None, workspace: Wo
         return cast(Evaluator, module.create_evaluator(progress))
 
 
-def check_accuracy(accuracy: float) -> None:
-    """Raise ``InputError`` unless the accuracy is between 0 and 1."""
-    if not 0 < accuracy < 1:
-        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
+def check_accuracy(accuracy: float | str) -> float:
+    """Return the accuracy, a number or a text such as "1 %"; raise ``InputError`` unless it is between 0 and 1."""
+    allowed = "a number above 0 and below 1, such as 0.01 or '1 %'"
+    number = read_fraction("accuracy", accuracy, allowed)
+    if not 0 < number < 1:
+        raise InputError("accuracy", accuracy, allowed)
+    return number
 
 
 def choose_accuracy(scene: Scene, accuracy: float | None) -> float:
     """Return the accuracy given, else the scene's ``reading.accuracy``, else ``DEFAULT_ACCURACY``; checked to be in 0 to 1."""
-    chosen = accuracy if accuracy is not None else scene.reading.accuracy or DEFAULT_ACCURACY
-    check_accuracy(chosen)
-    return chosen
+    return check_accuracy(accuracy if accuracy is not None else scene.reading.accuracy or DEFAULT_ACCURACY)

@@ -97,9 +97,9 @@ def parse_tables(text: str, name: str, allowed: str) -> JsonObject:
     InputError
         It is no TOML.
     """
-    if _LONG_KEY.search(text):
-        raise InputError(name, Words("a line with 100 dots"), f"{allowed} with fewer dots in each line")
     try:
+        if _LONG_KEY.search(text):
+            raise tomllib.TOMLDecodeError("a line with 100 dots")
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
         for pattern, kind, use in _OTHER_KINDS:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from geometry.common.errors import InputError
 from geometry.scenes.units import MODULUS_QUANTITY, Quantity
 
 LENGTH_QUANTITY = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
@@ -30,6 +31,12 @@ class Frozen(BaseModel):
     """A frozen model: unknown keys, NaN, infinity and silent conversions are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse to change a field, with what to do instead."""
+        if name in type(self).model_fields:
+            raise InputError(name, value, "no change in place; scene.replace({'probe.gap': '0.2 mm'}) returns a changed scene")
+        super().__setattr__(name, value)
 
 
 def build_quiet_field(default: object) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -45,6 +46,8 @@ class Scene(SceneTables):
         InputError
             The file is missing, empty or not TOML, or it states something that is not allowed.
         """
+        if not isinstance(path, str | PathLike):
+            raise InputError("path", path, "the name of a scene file; Scene.from_dict takes tables")
         scene, folder = cls.from_toml(read_text(path, "scene file"), str(path)), Path(path).parent
         # a body with a surface file gets the file's name with the folder, so that it can be opened from anywhere
         if all(body.surface is None for body in scene.inclusion):
@@ -115,6 +118,8 @@ class Scene(SceneTables):
         >>> scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01}).probe.gap  # doctest: +SKIP
         0.0002
         """
+        if not isinstance(changes, Mapping):
+            raise InputError("changes", changes, "new values by their keys, such as {'probe.gap': '0.2 mm'}")
         tables = self.model_dump(exclude_unset=True)
         keys = [find_key(name, tables, Scene) for name in changes]
         values = [key.read_bare_value(value) for key, value in zip(keys, changes.values(), strict=True)]

@@ -19,8 +19,9 @@ Diameters = Annotated[tuple[Length, Length, Length], Field(strict=False)]
 Orientation = Annotated[tuple[Degrees, Degrees, Degrees], Field(strict=False)]
 FileName = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")]
 Tilt = Annotated[float, Quantity("angle", "rad", "deg", -1.5533430342749532, 1.5533430342749532)]
-Force = Annotated[float, Quantity("force", "N", "N", 0.0, 1e9)]
-Indentation = Annotated[float, Quantity("indentation", "m", "um", 0.0, 10.0)]
+LOAD_QUANTITIES = {"force": Quantity("force", "N", "N", 0.0, 1e9), "indentation": Quantity("indentation", "m", "mm", 0.0, 10.0)}
+Force = Annotated[float, LOAD_QUANTITIES["force"]]
+Indentation = Annotated[float, LOAD_QUANTITIES["indentation"]]
 
 
 Observable = Literal["charge", "stress"]

@@ -241,7 +241,10 @@ def use_request(request: type[Request], *, checks: bool = True) -> Callable[[Cal
         @functools.wraps(function)
         def check_and_call(*values: P.args, **keywords: P.kwargs) -> ResultT:
             """Check the parameters that are fields of the request, and call the function."""
-            bound = signature.bind(*values, **keywords)
+            try:
+                bound = signature.bind(*values, **keywords)
+            except TypeError as fault:
+                raise TypeError(f"{function.__name__}({_list_names(signature)}): {fault}") from None
             if not checks:
                 return function(*bound.args, **bound.kwargs)
             # parameters that the caller left out keep the function's own default, unchecked
@@ -258,6 +261,14 @@ def use_request(request: type[Request], *, checks: bool = True) -> Callable[[Cal
         return check_and_call
 
     return decorate
+
+
+def _list_names(signature: inspect.Signature) -> str:
+    """Return the names of a function's parameters; those behind the star are given by name."""
+    parameters = signature.parameters.values()
+    places = [parameter.name for parameter in parameters if parameter.kind is not inspect.Parameter.KEYWORD_ONLY]
+    named = [f"{parameter.name}=" for parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
+    return ", ".join([*places, *(["*", *named] if named else [])])
 
 
 def _expand_signature(

@@ -15,6 +15,7 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import MODULUS_QUANTITY
 from solver.results.result import ErrorKind
 from solver.results.warnings import Note, explain_null_sensitivity
 
@@ -268,11 +269,14 @@ def check_moduli(scene: Scene, moduli: Floats) -> Floats:
     InputError
         The scene has no target, or a modulus is not positive and finite.
     """
-    values = np.asarray(moduli, dtype=float)
+    allowed = "one or more positive finite moduli, Pa, or texts with units, such as ['10 kPa', '30 kPa']"
+    if np.ndim(moduli) != 1:
+        raise InputError("moduli", moduli, allowed)
+    values = np.asarray([MODULUS_QUANTITY.read("moduli", value) if isinstance(value, str) else value for value in moduli], float)
     if scene.target is None:
         raise InputError("inclusion.target", Words("none"), "one inclusion, or one of several marked target = true")
-    if values.ndim != 1 or not values.size or not np.all(np.isfinite(values) & (values > 0)):
-        raise InputError("youngs_modulus", Words("not all positive"), "one or more positive finite moduli, Pa")
+    if not values.size or not np.all(np.isfinite(values) & (values > 0)):
+        raise InputError("moduli", Words("not all positive"), allowed)
     return values
 
 

@@ -9,6 +9,7 @@ import pydoc
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from html.parser import HTMLParser
 from types import SimpleNamespace
 from typing import Any
@@ -197,6 +198,38 @@ def test_from_scene_to_optimum_in_ten_lines() -> None:
     optimum = probe_design.optimize(scene, starts=1, outer_radius=8e-3)
     assert optimum.best_tried.scene.probe.tube_radius <= 8e-3 * (1 + 1e-9)
     assert optimum.verdict
+
+
+@pytest.mark.parametrize(
+    ("mistake", "remedy"),
+    [
+        (lambda scene: Scene.from_file({"probe": {}}), "Scene.from_dict takes tables"),
+        (lambda scene: setattr(scene.probe, "gap", 3e-4), r"scene\.replace\(\{'probe.gap': '0.2 mm'\}\)"),
+        (lambda scene: scene.replace(None), r"\{'probe.gap': '0.2 mm'\}"),
+        (lambda scene: evaluate(scene, accuracy="high"), "such as 0.01 or '1 %'"),
+        (lambda scene: curve(scene, "30 kPa"), r"such as \['10 kPa', '30 kPa'\]"),
+        (lambda scene: curve(scene, ["30 mm"]), "'mm' is no unit that converts to Pa"),
+        (lambda scene: press(scene, force="1 kg"), "'kg' is no unit that converts to N"),
+        (lambda scene: press(scene, force=-1.0), "from 0 N"),
+        (probe_design.evaluate_many, "evaluate takes one"),
+        (lambda scene: probe_design.evaluate_many(str(SCENE)), "evaluate takes one"),
+    ],
+)
+def test_what_newcomers_try_first_is_refused_with_a_remedy(mistake: Callable[[Scene], object], remedy: str) -> None:
+    with pytest.raises(InputError, match=remedy):
+        mistake(Scene.from_file(SCENE))
+
+
+def test_texts_with_units_are_taken_as_in_files() -> None:
+    scene = Scene.from_file(SCENE)
+    assert evaluate(scene, "closed-form", "5 %").ratio == evaluate(scene, "closed-form", 0.05).ratio  # type: ignore[arg-type]
+    by_text, by_number = (curve(scene, moduli, 0.1) for moduli in (["10 kPa", 3e4], np.array([1e4, 3e4])))  # type: ignore[arg-type]
+    assert (by_text.youngs_modulus, by_text.ratio) == (by_number.youngs_modulus, by_number.ratio)
+
+
+def test_a_wrong_call_is_answered_with_the_names_of_parameters() -> None:
+    with pytest.raises(TypeError, match=r"scan\(scene, \*, along=, positions=, .*too many positional arguments"):
+        scan(SCENE, "-10 mm", "10 mm", 3)  # type: ignore[call-arg]
 
 
 def test_results_print_as_short_tables() -> None:
