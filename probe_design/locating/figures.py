@@ -173,10 +173,12 @@ def _plot_marginal(axes: Axes, result: Location, name: str) -> None:
     if edges[-1] - edges[0] > 1e-9 * abs(edges[0]):
         axes.hist(before, edges, density=True, color=PRIOR_COLOUR, label="before the scan")
         axes.hist(after, edges, density=True, histtype="step", color=POSTERIOR_COLOUR, linewidth=1.6, label="after it")
+        axes.legend(fontsize=7)
+    else:
+        axes.text(0.5, 0.5, "given by\nthe design file", ha="center", va="center", transform=axes.transAxes)
     low, high = (scale * end for end in result.tumours[0].quantities[name].interval_90)
     axes.plot([low, high], [0, 0], color=POSTERIOR_COLOUR, linewidth=4, solid_capstyle="butt", clip_on=False)
     axes.set(xlabel=label, yticks=[])
-    axes.legend(fontsize=7)
 
 
 def _plot_fit(axes: Axes, result: Location) -> None:

@@ -2,37 +2,29 @@
 
 from __future__ import annotations
 
-import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2
 
 from geometry.common.arrays import Floats
-from geometry.scenes.probe import format_mm
-from probe_design.locating.common_errors import CHANNEL_NAMES, Rows, Sums
+from probe_design.locating.common_errors import CHANNEL_NAMES
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, NumberResult, Residual, Tumour
 from probe_design.locating.next_position import MAX_PARTICLES, CandidateLoad, NextPosition, build_candidates, choose_position
 from probe_design.locating.pose_errors import PoseError, estimate_pose_errors
-from probe_design.locating.posterior import NORMAL_90, CommonSummary, find_region, summarise
-from probe_design.locating.samples import CONVERGED_SIZE, Sample
+from probe_design.locating.posterior import CommonSummary, find_region, summarise
+from probe_design.locating.result_warnings import TESTED_SETS, WILD_PROBABILITY, add_warnings
+from probe_design.locating.samples import Sample
 from probe_design.locating.sampling import draw_posteriors
 from probe_design.locating.scan_data import ScanConditions
 
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
-MIN_GAIN_P_VALUE = 1e-2  # of the gains before the readings, below which a warning names them
-EDGE_M, EDGE_PROBABILITY = 1e-3, 0.3  # within which a tumour lies at the edge of the places, and how probably, for a warning
 TISSUE_MODULUS = "tissue"  # its name among the common errors
-TESTED_SETS = 200  # most probable sets of each number, among which the residuals are the smallest
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
-MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
-DETECTABLE_SAMPLES = 1024  # tumours of the prior whose deflections are computed
 COMMON_SETS = 200  # of each number of tumours, for the posterior of gains, tissue and places
-WILD_PROBABILITY = 0.5  # above it a reading counts as wild and is left out of the residual test
-MAX_DEVIATION = 4.0  # standard deviations of one residual above which a warning names it
 
 
 @dataclass(frozen=True)
@@ -124,7 +116,7 @@ def infer(
         data=likelihood.data,
         scene=conditions.loads.main.scene,
     )
-    return _with_warnings(result, likelihood, posterior.withheld)
+    return add_warnings(result, likelihood, posterior.samples, posterior.withheld, groups)
 
 
 def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_factor: float) -> NumberResult:
@@ -261,101 +253,3 @@ def _advise(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ..
     weights, spreads = conditions.loads.weigh([None])
     options = ((CandidateLoad(None, weights[0], spreads[0], variance), build_candidates((x_region, y_region))),)
     return choose_position(likelihood, groups, posterior.probability, options)
-
-
-def _with_warnings(result: Location, likelihood: Likelihood, withheld: tuple[Sample, ...]) -> Location:
-    """Return the result with its warnings."""
-    notes = []
-    if not result.explained:
-        notes.append(
-            f"no tumour of this population explains these readings (p = {result.p_value:.1g}): another probe, calibration or "
-            "tissue, a wild reading (--outliers), or tumours beyond the population"
-        )
-    notes += filter(None, (_compare_gains(result.nuisances), _find_edge(result)))
-    for index, residual in enumerate(result.residuals):
-        for name in CHANNEL_NAMES:
-            deviation = getattr(residual, name)
-            if deviation is None or abs(deviation) < MAX_DEVIATION or (residual.wild or 0) > WILD_PROBABILITY:
-                continue
-            what = "baseline reading" if residual.blank else "reading"
-            place = f"x = {residual.x * 1e3:.4g} mm, y = {residual.y * 1e3:.4g} mm"
-            cause = ": a tumour may lie below it" if residual.blank else ""
-            notes.append(
-                f"the {name} of {what} {index} at {place} is {deviation:+.1f} standard deviations off its prediction{cause}"
-            )
-    for part, probability in zip(result.by_number, result.probability[1:], strict=True):
-        if not part.converged:
-            notes.append(
-                f"not converged: {part.number} tumours, probability {probability:.2g}, rest on an effective sample of "
-                f"{part.effective_sample_size:.0f} below {CONVERGED_SIZE:.0f}; ln evidence ± {part.log_bayes_factor_error:.1f}"
-            )
-    if withheld:
-        sample, (first, *_, last) = withheld[0], (*result.withheld, result.withheld[-1])
-        numbers = f"{first} tumours" if first == last else f"{first} to {last} tumours"
-        notes.append(
-            f"the probability of {numbers} is withheld: repeats of ln evidence differ by {sample.repeat_difference:.1f}, the "
-            f"effective sample is {sample.size:.0f}; the other probabilities hold if there are at most {first - 1}"
-        )
-    scale = np.sqrt((likelihood.data.errors.scale**2).sum(axis=0))[:, likelihood.data.is_read.any(axis=0)]
-    if np.any(scale):
-        notes.append(
-            f"the tissue is not known ([population] tissue, layer): all that tumours change may be off alike by "
-            f"{100 * scale.max():.0f} %, to first order, which widens depth, diameter and contrast"
-        )
-    share = compute_detectable_share(likelihood)
-    if share < 0.1:
-        notes.append(
-            f"with this noise {100 * share:.0f} of 100 tumours of the population change the readings by more than "
-            f"{MIN_DEFLECTION:g} standard deviations: the map is little more than the population"
-        )
-    return replace(result, warnings=tuple(notes))
-
-
-def _compare_gains(nuisances: dict[str, CommonSummary]) -> str:
-    """Return a note where the gains of all channels together are improbable before the readings, else an empty text.
-
-    A probe or a calibration that is not the design file's moves all readings alike, which the gains explain.
-    """
-    names = [f"ln_gain_{name}" for name in CHANNEL_NAMES]
-    gains = {name: nuisances[name] for name in names if name in nuisances and nuisances[name].is_learnt}
-    squared, factors = 0.0, []
-    for name, summary in gains.items():
-        before = summary.before_90[1] / NORMAL_90
-        deviation = summary.median / before / math.sqrt(1 - (summary.sd_relative or 0.0) ** 2)
-        squared += deviation**2
-        factors.append(f"{name.removeprefix('ln_gain_')} by a factor of {math.exp(summary.median):.2f} ({deviation:+.1f} sd)")
-    if not gains or chi2.sf(squared, len(gains)) > MIN_GAIN_P_VALUE:
-        return ""
-    return (
-        f"all readings are off alike, {' and '.join(factors)}, which [noise] gain makes improbable: perhaps another probe, "
-        "calibration or tissue than the design file's"
-    )
-
-
-def _find_edge(result: Location) -> str:
-    """Return a note where the clearest tumour lies at the edge of the population's places, else an empty text."""
-    if result.probability[0] > 0.5:
-        return ""
-    edges = []
-    for axis, name in enumerate("xy"):
-        places, values = result.tumour_prior.ranges[axis], result.best.sets[:, 0, axis]
-        if places.continuous:
-            edges += [(float(np.mean(np.abs(values - edge) < EDGE_M)), name, edge) for edge in places.values]
-    share, name, edge = max(edges, default=(0.0, "", 0.0))
-    if share < EDGE_PROBABILITY:
-        return ""
-    return (
-        f"the clearest tumour lies within {format_mm(EDGE_M)} of {name} = {format_mm(edge)}, where the population's places end, "
-        f"with a probability of {share:.2f}: it may lie beyond, which [population] margin allows"
-    )
-
-
-def compute_detectable_share(likelihood: Likelihood) -> float:
-    """Return the fraction of single tumours of the prior whose deflection of the readings is above ``MIN_DEFLECTION``."""
-    tumours = likelihood.prior.transform(likelihood.prior.draw(DETECTABLE_SAMPLES, 1, 1))
-    tumours = tumours[likelihood.prior.find_allowed(tumours)]
-    residuals, variance = likelihood.compute_residuals(tumours)
-    signal = likelihood.data.values - residuals
-    rows = Rows(likelihood.rows.constant, np.zeros_like(likelihood.rows.scale))
-    squared = Sums.from_readings(rows, signal, variance, signal).compute_misfit()
-    return float(np.mean(squared > MIN_DEFLECTION**2)) if len(squared) else math.nan

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from geometry.scenes.probe import format_mm
 from probe_design.estimation.measurements import Reading, read_readings
 from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import infer
@@ -53,4 +56,16 @@ def run_locate(
     data = ScanData.from_readings(readings, design, conditions)
     prior = TumourPrior.from_design(design, data.positions[~data.is_baseline])
     models = build_models(prior, conditions.loads.scenes) if model is None else (model,)
-    return infer(Likelihood(data, models, prior, outlier_rate), conditions, seed, advise=advise)
+    result = infer(Likelihood(data, models, prior, outlier_rate), conditions, seed, advise=advise)
+    return replace(result, warnings=(*result.warnings, *list_assumed_places(design, prior)))
+
+
+def list_assumed_places(design: Design, prior: TumourPrior) -> Iterator[str]:
+    """Yield a warning where readings along a line leave the places of tumours beside it to an assumption."""
+    for name, places in zip("xy", prior.ranges, strict=False):
+        if places.is_single and getattr(design.population, name) is None:
+            yield (
+                f"all readings have the same {name}, and tumours are assumed at {name} = {format_mm(places.values[0])} alone: "
+                f"where they may lie beside it, state a range as [population] {name}; a line of readings does not tell its two "
+                "sides apart"
+            )

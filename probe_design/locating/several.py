@@ -265,6 +265,8 @@ def _temper(evaluate: Evaluate, z: Floats, number: int, power: float, rng: np.ra
         Random numbers.
     """
     log_likelihood = evaluate(z)
+    if not np.any(np.isfinite(log_likelihood)):  # all touch: only one place explains readings beyond the population
+        return z
     for step in range(MAX_TEMPERATURES):
         end = power if step == 0 else choose_power(log_likelihood, power, TEMPERING_SIZE_RELATIVE * PARTICLES)
         chosen = choose_systematically(raise_likelihood(log_likelihood, end - power), PARTICLES, rng)

@@ -1,13 +1,17 @@
-"""What a result warns of: gains of another probe or calibration, tumours at the edge of the population's places."""
+"""What a result warns of: gains, drifts, noise, single readings, tumours at the edge of the population's places."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from probe_design.locating.prior import TumourPrior
 from probe_design.locating.report import list_lines
-from tests.probe_design.locating.test_inference import CLEAR, clear, result, scan
+from probe_design.locating.run import list_assumed_places
+from probe_design.locating.scan_data import ScanData
+from tests.probe_design.locating.test_inference import CLEAR, NONE, PLACES, WHITE, clear, design, result, scan
 
 
 def test_gains_beyond_their_noise_are_named() -> None:
@@ -34,3 +38,66 @@ def test_every_answer_says_which_probe_and_places_it_assumes() -> None:
     (line,) = (text for text in list_lines(result(scan(CLEAR), tumours=1, margin=6e-3)) if "Conditional" in text)
     assert "the probe as drawn" in line
     assert "x = -22 to 22 mm, y = -22 to 22 mm only" in line
+
+
+def change(data: ScanData, values: object) -> ScanData:
+    return replace(data, values=data.values + np.stack([np.broadcast_to(values, len(data)), np.zeros(len(data))], axis=-1))
+
+
+def test_a_drift_that_looks_like_tumours_is_named() -> None:
+    """A gain that grew by 8 % over 26 readings without tumours gave three tumours with a probability of 0.97, unwarned."""
+    drifting = result(change(scan(NONE), np.linspace(0, 0.08, len(PLACES))), tumours=2)
+    assert drifting.probability[0] < 0.05
+    (note,) = (line for line in drifting.warnings if "drift" in line)
+    change_percent = float(note.split("ratio by ")[1].split(" %")[0])
+    assert change_percent == pytest.approx(8, abs=2)
+    assert not any("drift" in line for line in result(scan(NONE), tumours=1).warnings)
+
+
+def test_a_tumour_that_one_wild_reading_makes_is_said_to_rest_on_it() -> None:
+    """A reading that is ten standard deviations off, over no tumour, gave one with certainty."""
+    wild = change(scan(NONE), 10 * WHITE[0] * (np.arange(len(PLACES)) == 13))
+    found = result(wild, tumours=1)
+    assert found.probability[0] < 0.05
+    (note,) = (line for line in found.warnings if "rests on" in line)
+    assert "that there is a tumour rests on reading 13 at x = 0 mm, y = 0 mm alone" in note
+
+
+def test_a_place_that_one_wild_reading_shifts_is_said_to_rest_on_it() -> None:
+    """Its 90 % intervals, 1 mm wide, did not hold the true place, unwarned."""
+    rows = [index for index, place in enumerate(PLACES.tolist()) if place == [0.0, -8e-3]]
+    data = change(scan(CLEAR), 0.2 * (np.arange(len(PLACES)) == rows[0]))
+    located = result(data, tumours=1)
+    low, high = located.tumours[0].quantities["x"].interval_90
+    assert not low < 3.1e-3 < high
+    assert any(f"where the tumour lies rests on reading {rows[0]}" in line for line in located.warnings)
+
+
+def test_noise_that_is_stated_too_large_is_named() -> None:
+    """Readings that scatter by 1 % where 10 % are stated: a p-value of 1 was no word."""
+    data = scan(NONE)
+    notes = result(replace(data, variance=100 * data.variance), tumours=1).warnings
+    (note,) = (line for line in notes if "of what [noise] states" in line)
+    assert 5 < float(note.split("scatter by ")[1].split(" %")[0]) < 20
+
+
+def test_more_wild_readings_than_are_stated_are_counted() -> None:
+    """Ratios of charges among ratios of stresses: half of the readings were silently counted as wild."""
+    mixed = result(change(scan(CLEAR), 0.5 * (np.arange(len(PLACES)) % 2)), 0.05, tumours=1)
+    assert any("13 of 26 readings count as wild" in line for line in mixed.warnings)
+
+
+def test_a_line_of_readings_says_where_tumours_are_assumed() -> None:
+    """y was the line's own, with an interval of no width, unwarned."""
+    line = np.array([(x, 0.0) for x in np.linspace(-16e-3, 16e-3, 9)])
+    for population, count in (({}, 1), ({"y": [-16e-3, 16e-3]}, 0), ({"y": 0.0}, 0)):
+        made = design(**population)
+        assert len(list(list_assumed_places(made, TumourPrior.from_design(made, line)))) == count
+    assert not list(list_assumed_places(design(), TumourPrior.from_design(design(), PLACES[1:])))
+
+
+@pytest.mark.filterwarnings("error")
+def test_readings_far_beyond_the_population_compute_without_warnings_of_numpy() -> None:
+    """All pairs touch that could explain one tumour ten times as strong: -inf less -inf was printed as a warning."""
+    strong = scan(CLEAR)
+    assert not result(change(strong, 3 * (strong.values[:, 0] - np.median(strong.values[:, 0])) * 5), tumours=2).explained
