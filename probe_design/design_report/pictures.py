@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from geometry.scenes.units import MM_PER_M
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
@@ -118,7 +118,8 @@ def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label
     colours = "viridis" if probability else "viridis_r"
     x, y = depth_map.diameter * MM_PER_M, depth_map.depth * MM_PER_M
     shown = axes.pcolormesh(x, y, values, cmap=colours, norm=norm, shading="nearest")
-    figure.colorbar(shown, ax=axes, label=label, extend="neither" if probability else "both", format="%g")
+    ticks, ends = (PercentFormatter(1.0), "neither") if probability else ("%g", "both")
+    figure.colorbar(shown, ax=axes, label=label, extend=ends, format=ticks)
     finite = values[np.isfinite(values)]
     if len(finite) and finite.min() < limit < finite.max():
         axes.contour(x, y, np.ma.masked_invalid(values), levels=[limit], colors="black", linewidths=1.8)

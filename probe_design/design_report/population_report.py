@@ -33,7 +33,7 @@ from probe_design.reporting.table import Table
 
 MAPS_FILE, IMPROVEMENTS_FILE, FRONT_FILE = "maps.png", "levers.png", "pareto.png"
 TOLERANCE_NOTE = (
-    "The objective by the closed form over 64 draws of what is built, each with all that probe-design tolerances lists: sizes as "
+    ", by the closed form over 64 draws of what is built, each with all that probe-design tolerances lists: sizes as "
     "exactly as each block is made, moduli as measured or as their material scatters, films, and bonds as their makers vary."
 )
 LIMITS_NOTE = (
@@ -111,7 +111,10 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
             "What more would cost": (FRONT_FILE,),
             **films,
             **scans,
-            "After the workshop": (Text(TOLERANCE_NOTE), build_tolerance_table(optimum)),
+            "After the workshop": (
+                Text(optimum.design.objective.label.capitalize() + TOLERANCE_NOTE),
+                build_tolerance_table(optimum),
+            ),
         },
         limit_notes=(LIMITS_NOTE,) if {"linearity", "gap_closure"} & {limit.name for limit in optimum.limits} else (),
         last_chapters=(Chapter("What was asked", (Code(design_file),)),),
@@ -189,12 +192,12 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
 
 def build_tolerance_table(optimum: PopulationOptimum) -> Table:
     """Return the table of each design's objective as drawn, and its mean and 5 % and 95 % quantiles as built."""
-    designs = (optimum.start, *optimum.finalists)
+    designs, scale = (optimum.start, *optimum.finalists), optimum.design.objective.scale
     names = ["start", *(f"design {k + 1}" for k in range(len(optimum.finalists)))]
     rows = [
         (
             f"{name}, recommended" if verified is optimum.best else name,
-            *(f"{value:.3g}" for value in (item.nominal, item.expected, item.low, item.high)),
+            *(f"{scale * value:.3g}" for value in (item.nominal, item.expected, item.low, item.high)),
         )
         for name, verified, item in zip(names, designs, optimum.robust, strict=True)
     ]

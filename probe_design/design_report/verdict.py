@@ -20,7 +20,6 @@ CHANNEL_PHRASES: dict[ChannelSet, str] = {"ratio": "ratio alone", "stiffness": "
 MIN_RESOLVED_FRACTION = 0.5  # of the tumours, below which the verdict says that the probe cannot resolve their stiffness
 MIN_RESOLVED_GAIN = 0.05  # of the tumours, below which a change is not named as a remedy
 MAX_TOLERANCE_LOSS = 0.1  # of the detection, above which the verdict warns of workshop tolerances
-FRACTIONS = ("detection", "resolved")  # objectives that are a fraction of the tumours
 INTERFACE_ASSUMPTIONS = {
     "bonded": "The blocks stick to the tissue, as on dry skin; under gel they slip (interface = 'frictionless').",
     "frictionless": "The blocks slip on the tissue and never lift off it; on dry skin they stick (interface = 'bonded').",
@@ -157,10 +156,11 @@ def _describe_improvement(optimum: PopulationOptimum, improvements: Sequence[Imp
         return "What would help most: no single change of the readings helps beyond its error; wider limits may."
     best_change = max(helpful, key=lambda item: item.gain)
     value, now = (
-        f"{100 * item.value:.0f} of 100" if aim.maximise in FRACTIONS else f"{aim.scale * item.value:.3g}"
+        f"{100 * item.value:.0f} of 100" if aim.unit == "%" else f"{aim.scale * item.value:.3g}"
         for item in (best_change, present)
     )
-    return f"What would help most: {best_change.label}; {aim.label} {value} in place of {now}, by the closed form."
+    name = aim.maximise if aim.unit == "%" else aim.label
+    return f"What would help most: {best_change.label}; {name} {value} in place of {now}, by the closed form."
 
 
 def _describe_tolerances(optimum: PopulationOptimum) -> Iterator[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import PercentFormatter
 
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
@@ -118,7 +119,7 @@ def _plot_plan(figure: Figure, axes: Axes, result: Location) -> None:
     picture = axes.pcolormesh(
         x * MM_PER_M, y * MM_PER_M, probability, cmap=PROBABILITY_COLOURS, vmin=0, vmax=1, shading="nearest"
     )
-    figure.colorbar(picture, ax=axes, label="probability that a tumour lies below", shrink=0.8)
+    figure.colorbar(picture, ax=axes, label="probability that a tumour lies below", shrink=0.8, format=PercentFormatter(1.0))
     deviations = [float(part.ratio or part.stiffness or 0.0) for part in result.residuals]
     inside = [index for index, part in enumerate(result.residuals) if not part.blank]
     presses = axes.scatter(
@@ -152,7 +153,7 @@ def _plot_section(figure: Figure, axes: Axes, result: Location) -> None:
     picture = axes.pcolormesh(
         x * MM_PER_M, depth * MM_PER_M, probability, cmap=PROBABILITY_COLOURS, vmin=0, vmax=1, shading="nearest"
     )
-    figure.colorbar(picture, ax=axes, label="probability of tumour", shrink=0.8)
+    figure.colorbar(picture, ax=axes, label="probability of tumour", shrink=0.8, format=PercentFormatter(1.0))
     if result.probability[0] < 0.5:
         centre = (quantities["x"].median * MM_PER_M, quantities["depth"].median * MM_PER_M)
         radius = quantities["diameter"].median * MM_PER_M / 2

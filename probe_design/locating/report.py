@@ -174,8 +174,8 @@ def build_headline(result: Location) -> str:
         return number
     tumour = result.tumours[0]
     x, y = (MM_PER_M * tumour.quantities[name].median for name in "xy")
-    area = tumour.place_region_90 * MM_PER_M**2
-    return f"{number} The clearest lies at x = {x:.1f} mm, y = {y:.1f} mm, within {area:.2g} mm^2 with a probability of 0.9."
+    area = float(f"{tumour.place_region_90 * MM_PER_M**2:.2g}")  # rounded here, so that 140 is not written as 1.4e+02
+    return f"{number} The clearest lies at x = {x:.1f} mm, y = {y:.1f} mm, within {area:g} mm² with a probability of 90 %."
 
 
 def write_files(result: Location, folder: Path, first_chapters: Sequence[Chapter] = ()) -> list[Path]:

@@ -15,8 +15,9 @@ from geometry.scenes.units import MM_PER_M
 
 Kind = Literal["detection", "resolved", "information", "place_error"]
 OBJECTIVE_LABELS: dict[Kind, str] = {
-    "detection": "detection", "resolved": "resolved", "information": "information, nats", "place_error": "place error, mm",
+    "detection": "detection, %", "resolved": "resolved, %", "information": "information, nats", "place_error": "place error, mm",
 }  # fmt: skip
+OBJECTIVE_SCALES: dict[Kind, float] = {"detection": 100.0, "resolved": 100.0, "information": 1.0, "place_error": MM_PER_M}
 OBJECTIVE_KINDS: tuple[Kind, ...] = tuple(OBJECTIVE_LABELS)
 LOCATED_KINDS: tuple[Kind, ...] = ("information", "place_error")  # that simulated scans verify
 Statistic = Literal["mean"] | Annotated[float, Field(gt=0.0, lt=1.0)]
@@ -56,13 +57,18 @@ class Objective(Frozen):
 
     @property
     def scale(self) -> float:
-        """Factor from SI units to those of ``label``."""
-        return MM_PER_M if self.maximise == "place_error" else 1.0
+        """Factor from fractions and SI units to those of ``label``."""
+        return OBJECTIVE_SCALES[self.maximise]
 
     @property
     def label(self) -> str:
         """Name of the quantity with its unit."""
         return OBJECTIVE_LABELS[self.maximise]
+
+    @property
+    def unit(self) -> str:
+        """Unit of ``label``."""
+        return self.label.rpartition(" ")[2]
 
     def convert_searched(self, value: float) -> float:
         """Return the quantity for the value that a search makes large: minus ln of a place error, else the quantity itself."""
@@ -70,8 +76,8 @@ class Objective(Frozen):
 
     def format_value(self, value: float, error: float) -> str:
         """Return a value with its error and unit."""
-        unit = " mm" if self.maximise == "place_error" else " nats" if self.maximise == "information" else ""
-        return f"{self.scale * value:.3f} ± {self.scale * error:.2g}{unit}"
+        decimals = 1 if self.unit == "%" else 3
+        return f"{self.scale * value:.{decimals}f} ± {self.scale * error:.2g} {self.unit}"
 
     def compute_statistic(self, values: Floats) -> float:
         """Return the statistic of the tumours' values, shape (n,): their mean, or their quantile."""

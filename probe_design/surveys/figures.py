@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.ticker import PercentFormatter
 
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
@@ -77,7 +78,7 @@ def draw_step(step: Step, hidden: Floats | None = None) -> Figure:
     figure = Figure(figsize=(6.4, 5.6), dpi=110, facecolor="white", layout="constrained")
     axes = figure.subplots()
     picture = _plot_step(axes, step, hidden, size=9)
-    figure.colorbar(picture, ax=axes, label="probability that a tumour lies below", shrink=0.85)
+    figure.colorbar(picture, ax=axes, label="probability that a tumour lies below", shrink=0.85, format=PercentFormatter(1.0))
     return figure
 
 
@@ -93,7 +94,7 @@ def draw_sequence(steps: list[Step], hidden: Floats | None = None) -> Figure:
     for axes, index in zip(grid.ravel(), chosen, strict=False):
         picture = _plot_step(axes, steps[index], hidden, size=7)
         axes.label_outer()
-    figure.colorbar(picture, ax=grid, label="probability that a tumour lies below", shrink=0.7)
+    figure.colorbar(picture, ax=grid, label="probability that a tumour lies below", shrink=0.7, format=PercentFormatter(1.0))
     return figure
 
 

@@ -22,6 +22,7 @@ from probe_design.design_search.verification import (
     merge_designs,
     verify_tumour_design,
 )
+from probe_design.populations.objective import Kind, Objective
 from tests.support.paths import EXAMPLES, SCENE
 from tests.support.scenes import nodule
 from tests.support.searches import build_space
@@ -153,3 +154,18 @@ def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywher
 
 def _widest(scene: Scene, radius: float) -> Probe:
     return scene.probe.model_copy(update={"outer_radius": radius, "area_ratio": None})
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "error", "text"),
+    [
+        ("detection", 0.95, 0.076, "95.0 ± 7.6 %"),
+        ("resolved", 0.0, 0.024, "0.0 ± 2.4 %"),
+        ("information", 3.84, 0.97, "3.840 ± 0.97 nats"),
+        ("place_error", 7.63e-4, 4e-4, "0.763 ± 0.4 mm"),
+    ],
+)
+def test_objectives_are_written_in_units_of_people(kind: Kind, value: float, error: float, text: str) -> None:
+    aim = Objective(maximise=kind)
+    assert aim.format_value(value, error) == text
+    assert aim.label.endswith(f", {text.split()[-1]}")
