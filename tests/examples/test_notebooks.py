@@ -31,6 +31,7 @@ def test_a_notebook_prints_what_it_shows(path: Any, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.syspath_prepend(str(DOCS))
     monkeypatch.setenv("PYTHONPATH", str(EXAMPLES.parent))
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # with Agg no notebook shows a picture
     make_notebooks = __import__("make_notebooks")
     stored, printed = nbformat.read(path, as_version=4), make_notebooks.execute_notebook(path)
     for (lines, pictures), (new_lines, new_pictures) in zip(read_outputs(stored), read_outputs(printed), strict=True):
