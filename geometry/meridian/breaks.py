@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import ceil
-from typing import Any
 
 import numpy as np
 
@@ -68,7 +67,7 @@ def find_tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False)
     return Breaks(heights, sizes, min_cells[:-1])
 
 
-def find_block_breaks(s: Section, height: Any) -> Breaks:
+def find_block_breaks(s: Section, height: Numeric) -> Breaks:
     """Return the breaks of the levels in a block of a height: its two ends, to which cells are graded."""
     return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 

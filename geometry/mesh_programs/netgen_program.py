@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from netgen import occ
 from netgen.meshing import MeshingParameters
+
+from geometry.common.json_types import JsonObject
 
 if TYPE_CHECKING:
     from geometry.common.arrays import Arrays, Points
@@ -18,7 +20,7 @@ _SPHERE_TOLERANCE = 1e-9  # relative: an ellipsoid whose semi-axes differ by les
 _SEGMENTS_PER_EDGE = 0.1  # netgen's segments per edge: so few that the requested sizes decide
 
 
-def run(arguments: dict[str, Any]) -> Arrays:
+def run(arguments: JsonObject) -> Arrays:
     """Mesh the shapes given by the fields of ``geometry.mesh_programs.glued_shapes.GluedShapes``, by name."""
     given = {name: value if value.ndim else value.item() for name, value in arguments.items()}
     parameters = MeshingParameters(
@@ -41,7 +43,7 @@ def run(arguments: dict[str, Any]) -> Arrays:
     }
 
 
-def _build_shapes(given: dict[str, Any]) -> list[occ.TopoDS_Shape]:
+def _build_shapes(given: JsonObject) -> list[occ.TopoDS_Shape]:
     """Build all shapes, or their halves; overlaps become pieces when the shapes are glued."""
     tubes = [
         _build_cylinder(x, y, low, high, tube) - _build_cylinder(x, y, low, high, hole)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
+from geometry.common.arrays import Numeric
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Interface, Material, Probe
 from geometry.scenes.quantities import Frozen, Length, Position, Thickness, build_quiet_field
@@ -271,7 +272,7 @@ class Load(Frozen):
         """
         return Load(force=2 * self.preload) if self.preload else self
 
-    def find_indentation(self, stiffness: Any) -> Any:
+    def find_indentation(self, stiffness: Numeric) -> Numeric:
         """Return the indentation whose linear response the readings are, m, for stiffnesses, N/m; floats or arrays."""
         return 0 * stiffness + self.indentation if self.amplitude is None else self.amplitude / stiffness
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from geometry.common.json_types import JsonObject
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,7 +27,7 @@ class Presentable(Protocol):
         """Warnings for the user, one line each."""
         ...
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of the result."""
         ...
 
@@ -75,7 +77,7 @@ def present(
 
 
 def print_result(
-    build_json: Callable[[], dict[str, Any]],
+    build_json: Callable[[], JsonObject],
     tables: Callable[[], Iterable[Table]],
     as_json: bool,
     lines: Callable[[], Iterable[str]] = lambda: (),

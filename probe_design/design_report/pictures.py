@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
+from numpy.typing import NDArray
 
+from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
@@ -100,14 +104,14 @@ def draw_improvements(improvements: Sequence[Improvement], aim: Objective, path:
     return save_figure(figure, path)
 
 
-def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
+def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of a size in inches, and its axes in rows and columns as an array of this shape."""
     figure = Figure(figsize=size, dpi=120, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(*shape, squeeze=False, sharey="row")
 
 
-def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
+def _draw_map(figure: Figure, axes: Axes, depth_map: DepthMap, values: Floats, *, label: str, limit: float) -> None:
     """Draw values over diameter and depth in colours, and the line on which they equal a limit.
 
     A map whose limit is ``DETECTION_THRESHOLD`` is one of probability, any other one of the standard deviation of ln contrast.
@@ -132,14 +136,14 @@ def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label
         axes.invert_yaxis()
 
 
-def _format_axis(axis: Any) -> None:
+def _format_axis(axis: Axis) -> None:
     """Label a logarithmic axis at 1, 2 and 5 times powers of ten, as plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
-def _draw_tumours(axes: Any, verified: PopulationVerification) -> None:
+def _draw_tumours(axes: Axes, verified: PopulationVerification) -> None:
     """Draw the tumours of the verification as points, filled where detected more often than not."""
     performance = verified.performance
     detected = performance.values["detection"] >= 0.5

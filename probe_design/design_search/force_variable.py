@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Numeric
 from probe_design.populations.entries import DesignVariable
 
 VALUE_TOLERANCE_RELATIVE = 1e-9  # by which a value of the variable "force" may be above an allowed force
@@ -18,7 +18,7 @@ def find_max_force(variable: DesignVariable) -> float | None:
     return variable.choices[-1] if variable.choices else variable.high
 
 
-def find_variable_force(variable: DesignVariable, force: Any) -> Any:
+def find_variable_force(variable: DesignVariable, force: Numeric) -> Numeric:
     """Return the largest values of a design file's variable up to forces, N; NaN where there are none.
 
     Forces are floats or complex, of any shape; values with steps or choices have no derivative.

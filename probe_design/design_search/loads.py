@@ -19,11 +19,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints, Numeric
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
@@ -115,7 +114,7 @@ def compute_pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing
     )
 
 
-def compute_force(load: Load, stiffness: Any) -> Any:
+def compute_force(load: Load, stiffness: Numeric) -> Numeric:
     """Return the force of a load, N: a force itself, or an indentation times the stiffness, N/m; floats or arrays."""
     return load.force if load.indentation is None else load.indentation * stiffness
 
@@ -207,7 +206,7 @@ class PressingRule:
         variable, force = self.design.variables.force, self.design.scene.load.force
         return DesignVariable(choices=(force,)) if variable.fixed and force is not None else variable
 
-    def compute_charges(self, totals: Any, force: Any) -> Any:
+    def compute_charges(self, totals: Numeric, force: Numeric) -> Numeric:
         """Return the charges of both films under a force on the probe, C, without sign, shape (..., 2); real or complex.
 
         Parameters
@@ -228,7 +227,7 @@ class PressingRule:
         Refusal
             A tissue is so extreme that it cannot be solved, or a film is in tension.
         """
-        sizes, limits, per_force = ProbeSizes.from_scene(scene), list[dict[str, Any]](), list[Floats]()
+        sizes, limits, per_force = ProbeSizes.from_scene(scene), list[JsonObject](), list[Floats]()
         for tissue in self.tissues:
             coarse = CoarseModel.from_scene(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
@@ -258,7 +257,7 @@ class PressingRule:
         pressed = self.compute_pressed_design(scene)
         return scene.model_copy(update={"load": Load(force=pressed.force)}), pressed
 
-    def compute_forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
+    def compute_forces(self, sizes: ProbeSizes, totals: Array, which: Ints) -> Array:
         """Return the force on n designs over m tumours in closed form, N, shape (n, m); it is the same for all tumours.
 
         Parameters
@@ -299,7 +298,7 @@ class PressingRule:
         return force if variable.choices or variable.step is not None else round_load_down(force)
 
     def _compute_allowed_forces(
-        self, scene: Scene, sizes: ProbeSizes, totals: Any, tissue: Scene, *, charges: Any, closure: Any
+        self, scene: Scene, sizes: ProbeSizes, totals: Numeric, tissue: Scene, *, charges: Numeric, closure: Numeric
     ) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name.
 
@@ -365,7 +364,7 @@ class PressingRule:
         return allowed
 
 
-def minimum_by_real_part(a: Any, b: Any) -> Any:
+def minimum_by_real_part(a: Numeric, b: Numeric) -> Numeric:
     """Return the element-wise minimum of two arrays, compared by their real parts so that complex steps pass through."""
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
@@ -377,7 +376,7 @@ def _measure_start(scene: Scene) -> tuple[float, tuple[int, float]]:
     return float(coarse.wall_approach / bound), find_charge_factors(coarse)
 
 
-def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
+def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Numeric) -> Numeric:
     """Return an upper bound on the approach of the gap's walls per unit indentation (eq. PL.4).
 
     ``totals`` are the forces on both films per unit indentation, N/m, first axis 2.

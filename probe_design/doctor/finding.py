@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
+
+from geometry.common.json_types import JsonObject
 
 State = Literal["good", "missing", "doubtful", "fault"]
 
@@ -29,6 +31,6 @@ class Finding:
     text: str
     remedy: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the finding as a JSON object."""
         return asdict(self)

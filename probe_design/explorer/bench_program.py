@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
+from geometry.common.json_types import JsonObject
 from probe_design.explorer.bench_readings import Measuring
 from probe_design.explorer.bench_settings import BenchSettings, DiscardRequest, PressRequest
 from probe_design.explorer.messages import Message, Put, stream_messages
@@ -15,7 +15,7 @@ MEASURING: list[Measuring] = []  # the one of this process, after the first requ
 def run(request: BenchSettings | DiscardRequest | PressRequest) -> Iterator[Message]:
     """Yield the messages of a request: first the settings, then presses and what discards them."""
 
-    def work(put: Put) -> dict[str, Any] | None:
+    def work(put: Put) -> JsonObject | None:
         """Carry out the request."""
         if isinstance(request, BenchSettings):
             put("progress", "preparing the map" if request.design is not None else "preparing")

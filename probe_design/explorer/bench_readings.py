@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -88,14 +87,14 @@ class Measuring:
 
     _tissue: VirtualTissue | None
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> JsonObject:
         """Return readings, map and the next place for the page."""
         presses = [
             {"number": number, "x": part.reading.x, "y": part.reading.y, "blank": part.reading.blank,
              "ratio": part.reading.ratio, "noise": part.reading.noise, "file": part.file}
             for number, part in enumerate(self.record.presses, start=1)
         ]  # fmt: skip
-        state: dict[str, Any] = {"presses": presses, "probability": None, "next": None, "stop": None, "map": None}
+        state: JsonObject = {"presses": presses, "probability": None, "next": None, "stop": None, "map": None}
         if self.locator is not None and self.settings.design is not None:
             following = self.locator.next_position()
             stop = self.locator.find_stop(following)
@@ -113,7 +112,7 @@ class Measuring:
             }
         return state
 
-    def discard(self) -> dict[str, Any]:
+    def discard(self) -> JsonObject:
         """Leave out the last reading, and return ``describe``. Raises ``InputError`` where there is none."""
         if not self.record.presses:
             raise InputError("reading", Words("none"), "a reading before one can be discarded: press Record")
@@ -121,7 +120,7 @@ class Measuring:
         self._locate_all()
         return self.describe()
 
-    def press(self, request: PressRequest, put: Put) -> dict[str, Any] | None:
+    def press(self, request: PressRequest, put: Put) -> JsonObject | None:
         """Read, put waveforms and live numbers meanwhile, and return ``describe`` with the reading; None without one.
 
         Raises
@@ -225,7 +224,7 @@ class Measuring:
         )
 
     @staticmethod
-    def _list_numbers(measurement: Measurement, entry: JsonObject) -> dict[str, Any]:
+    def _list_numbers(measurement: Measurement, entry: JsonObject) -> JsonObject:
         """Return the numbers of a reading for the page, SI."""
         charges, sds = np.abs(measurement.in_phase), np.sqrt(np.diag(measurement.in_phase_covariance))
         keys = ("ratio", "ratio_uncertainty", "force", "force_uncertainty", "reference_force", "frequency", "cycles", "mains",

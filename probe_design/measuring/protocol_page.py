@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import fixture
 from geometry.cad.solids import PART_COLOURS
@@ -24,6 +24,7 @@ from probe_design.built_probe.reference_charges import compute_charge_unit, find
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 PAGE_NAME = "calibration.pdf"
@@ -176,7 +177,7 @@ def _build_pressing_outlines(sizes: fixture.FixtureSizes, part: str) -> list[lis
     return [[(x_low, z_low), (x_high, z_low), (x_high, z_high), (x_low, z_high)] for x_low, x_high, z_low, z_high in boxes]
 
 
-def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
+def _draw_table(figure: Figure, expected: Sequence[ExpectedSignal]) -> None:
     """Draw the table of references in their order, with a box to tick."""
     columns = (
         (0.07, "reference, in this order"),

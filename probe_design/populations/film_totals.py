@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Numeric
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.readings import Readings
@@ -44,7 +42,7 @@ def find_min_share(scene: Scene) -> float:
     return MIN_SOFT_SHARE if has_soft_bond(scene) else MIN_STIFF_SHARE
 
 
-def compute_charge_shares(scene: Scene, totals: Any) -> list[Any]:
+def compute_charge_shares(scene: Scene, totals: Numeric) -> list[Numeric]:
     """Return the charge of each film over d33 times its force, from totals of shape (..., 4); above 0 on most bonds."""
     films = [] if scene.probe.film is None else scene.probe.film.by_block
     return [totals[..., 2 + number] / (item.d33 * totals[..., number]) for number, item in enumerate(films) if item.d33]
@@ -66,7 +64,7 @@ def check_loaded_charges(scene: Scene, films: FilmForces) -> None:
         raise Refusal("load.force", Words("a film's charge nearly cancels"), remedy)
 
 
-def find_charge_signs(scene: Scene, totals: Any) -> Any:
+def find_charge_signs(scene: Scene, totals: Numeric) -> Numeric:
     """Return the signs by which totals of shape (..., 2 or 4) are multiplied to count charges of the right sign as positive.
 
     Right is the sign that d33 gives. A charge of the other one passes 0 for some modulus of the bonds. Forces keep their sign;
@@ -80,7 +78,7 @@ def find_charge_signs(scene: Scene, totals: Any) -> Any:
     return signs
 
 
-def weigh_charges(scene: Scene, totals: Any) -> Any:
+def weigh_charges(scene: Scene, totals: Numeric) -> Numeric:
     """Return a factor on a design's force in a search, which leaves out films whose charges nearly cancel.
 
     Where what d31 and d33 give cancels, the ratio is sensitive to everything, most of all to the bonds' modulus, which nobody
@@ -121,7 +119,7 @@ def check_films_compressed(totals: Floats, scene: Scene) -> None:
     raise Refusal("probe", Words(f"the {film} film is pulled on"), remedy)
 
 
-def append_charges(scene: Scene, products: Any) -> Any:
+def append_charges(scene: Scene, products: Numeric) -> Numeric:
     """Return the totals of a scene's films from the closed form's products; charges only where the scene reads them.
 
     Parameters

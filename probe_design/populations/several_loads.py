@@ -7,12 +7,11 @@ the tissue, are common to all. The readings are ordered by load, and under each 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Numeric
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Load
 from probe_design.inference.linear_gaussian import LinearGaussian
@@ -49,7 +48,7 @@ def join_signals(parts: Sequence[ScanReadings]) -> Floats:
     return np.concatenate([part.signal for part in parts], axis=1)
 
 
-def combine_variances(parts: Sequence[Any]) -> Any:
+def combine_variances(parts: Sequence[Numeric]) -> Numeric:
     """Return the variance of the mean of readings of one signal, weighted by their inverse variances; arrays of one shape.
 
     Linear elasticity predicts the same signal under all loads: their mean contains all that they say.

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError, Words
 from geometry.common.files import write_together
@@ -133,7 +132,7 @@ class SurveyRecord:
 
     def write(self, extra: JsonObject) -> None:
         """Write the record, with further entries, and the scan's file for `locate`."""
-        contents: dict[str, Any] = {"settings": self.settings, "presses": [press.as_dict() for press in self.presses]} | extra
+        contents: JsonObject = {"settings": self.settings, "presses": [press.as_dict() for press in self.presses]} | extra
         with write_together(self.folder, (RECORD_FILE, SCAN_FILE)) as draft:
             (draft / RECORD_FILE).write_text(json.dumps(contents, indent=1, allow_nan=False) + "\n", encoding="utf-8")
             (draft / SCAN_FILE).write_text(format_scan([press.reading for press in self.presses]), encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Floats, Ints, Numeric
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum
 from geometry.meridian.mesh import Topology, compute_nodes
@@ -116,7 +116,7 @@ def _invert_maps(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     return np.stack([u, v], axis=1), np.stack([edge_u + v * twist, edge_v + u * twist], axis=-1).transpose(1, 0, 2)
 
 
-def compute_jacobian(corners: Any, places: Any) -> Any:
+def compute_jacobian(corners: Numeric, places: Numeric) -> Numeric:
     """Return the Jacobians d(r, z) / d(u, v), shape (m, 2, 2), of m quadrilaterals at places in their unit squares.
 
     ``corners`` are the quadrilaterals' corners, m, shape (m, 4, 2), in order around each; ``places`` are (u, v), shape (m, 2).

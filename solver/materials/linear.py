@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Floats, Ints, Numeric
 
 VOIGT_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
 VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of each component among these
@@ -53,8 +53,8 @@ class Isotropic:
         Poisson's ratio nu, below 1/2.
     """
 
-    youngs_modulus: Any
-    poisson_ratio: Any
+    youngs_modulus: Numeric
+    poisson_ratio: Numeric
 
     @classmethod
     def from_material(cls, material: Elastic) -> Isotropic:
@@ -71,27 +71,27 @@ class Isotropic:
         return Isotropic(self.youngs_modulus[chosen], self.poisson_ratio[chosen])
 
     @property
-    def two_mu(self) -> Any:
+    def two_mu(self) -> Numeric:
         """Twice the shear modulus, Pa."""
         return self.youngs_modulus / (1 + self.poisson_ratio)
 
     @property
-    def shear_modulus(self) -> Any:
+    def shear_modulus(self) -> Numeric:
         """The shear modulus mu, Pa."""
         return self.youngs_modulus / (2 * (1 + self.poisson_ratio))
 
     @property
-    def bulk_modulus(self) -> Any:
+    def bulk_modulus(self) -> Numeric:
         """The bulk modulus K, Pa."""
         return self.youngs_modulus / (3 * (1 - 2 * self.poisson_ratio))
 
     @property
-    def dilation_modulus(self) -> Any:
+    def dilation_modulus(self) -> Numeric:
         """Lame's lambda, Pa."""
         return self.two_mu * self.poisson_ratio / (1 - 2 * self.poisson_ratio)
 
     @property
-    def dilation_modulus_by_poisson(self) -> Any:
+    def dilation_modulus_by_poisson(self) -> Numeric:
         """The derivative of lambda with respect to nu at fixed E, Pa."""
         nu = self.poisson_ratio
         return self.two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)

@@ -11,11 +11,10 @@ The coordinates, each from -1 to 1, are such that effects of first order are smo
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Numeric
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene_tables import Tissue
@@ -106,15 +105,15 @@ class TumourCube:
             raise Refusal("population.depth", format_mm(deepest), allowed)
         return cube
 
-    def compute_cover(self, diameter: Any) -> Any:
+    def compute_cover(self, diameter: Numeric) -> Numeric:
         """Return the smallest allowed distance between a tumour and the face above it, m."""
         return np.maximum(self.ranges.min_cover, MIN_COVER_PER_DIAMETER * diameter)
 
-    def compute_shallowest(self, diameter: Any) -> Any:
+    def compute_shallowest(self, diameter: Numeric) -> Numeric:
         """Return the smallest allowed depth of a tumour's centre, m."""
         return np.maximum(self.ranges.depth[0], self.ceiling + diameter / 2 + self.compute_cover(diameter))
 
-    def compute_strength(self, youngs_modulus: Any) -> Any:
+    def compute_strength(self, youngs_modulus: Numeric) -> Numeric:
         """Return the strength of tumours, eq. RT.1."""
         beta, host_modulus = self._deviatoric
         contrast = youngs_modulus / (2 * (1 + self.ranges.poisson_ratio) * host_modulus)
@@ -149,7 +148,7 @@ class TumourCube:
         nu, law = self.host.poisson_ratio, Isotropic.from_material(self.host)
         return 2 * (4 - 5 * nu) / (15 * (1 - nu)), law.shear_modulus
 
-    def _compute_top(self, diameter: Any) -> Any:
+    def _compute_top(self, diameter: Numeric) -> Numeric:
         """Return the depth at which the cube begins, a straight line in the diameter at or above the smallest allowed depth.
 
         The smallest allowed depth has kinks, which an expansion in polynomials would resolve slowly.
