@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 MAX_INSET_MM, MAX_INSET_FRACTION = 0.5, 0.1  # mm between an electrode and the edge, at most this fraction of the film's width
 TAB_LENGTH_MM = 5.0  # mm: length of the tabs, for a connector or a conductive adhesive
+LEAD_EDGES_RELATIVE = (0.2, 0.8)  # of half the strip's width: a lead runs between them, on either side of the middle
 MAX_STRIP_HALF_WIDTH_MM = 2.0  # mm: half the widest strip of leads
 LAYER_COLOURS = {  # colour index
     "FILM_OUTLINE": 7,
@@ -147,12 +148,17 @@ def _add_strip_to_open_ring(sizes: Millimetres, half: float) -> Loop:
 
 
 def _build_leads(radius: float, half: float, reach: float, side: float) -> Pattern:
-    """Return leads from inside an electrode of a radius to ``reach``, and tabs beyond; the bottom ones lie below y = 0."""
-    start = math.sqrt(radius**2 - (0.8 * min(half, radius)) ** 2)
+    """Return leads from inside an electrode of a radius to ``reach``, and tabs beyond; the bottom ones lie below y = 0.
+
+    ``half`` is half the width of the strip of film that carries them, and ``side`` is 1 towards +x, -1 towards -x; mm.
+    """
+    near_middle, far_edge = LEAD_EDGES_RELATIVE
+    start = math.sqrt(radius**2 - (far_edge * min(half, radius)) ** 2)  # where the lead's far edge leaves the electrode
     pattern: Pattern = {}
     for face, sign in (("TOP", 1.0), ("BOTTOM", -1.0)):
-        low, high = sorted((sign * 0.2 * half, sign * 0.8 * half))
-        for layer, left, right in (("LEAD", start, reach), ("TAB", reach, reach + TAB_LENGTH_MM - 0.2 * half)):
+        low, high = sorted((sign * near_middle * half, sign * far_edge * half))
+        tab_end = reach + TAB_LENGTH_MM - near_middle * half  # as far from the strip's end as from its middle
+        for layer, left, right in (("LEAD", start, reach), ("TAB", reach, tab_end)):
             loop = build_box(left, right, low, high)
             pattern[f"{layer}_{face}"] = ([(side * x, y, bulge) for x, y, bulge in (loop if side > 0 else loop[::-1])],)
     return pattern

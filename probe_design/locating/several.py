@@ -150,25 +150,35 @@ class Pool:
         return z[fits], log_weights[fits], signals[fits]
 
     def draw_sets(self, number: int, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
-        """Return sets of tumours, logits (PARTICLES, D), their whitened signals, and the power of L that they follow."""
-        z, log_weights, signals = self.draw(rng)
-        alone = signals @ self.values - (signals**2).sum(axis=1) / 2  # ln L of each, less that of none
+        """Draw sets of ``number`` tumours from the pool, in proportion to the prior times a power of the linear likelihood L.
+
+        Sets grow by one tumour at a time: each set of the size before is paired with each tumour of the pool.
+
+        Returns
+        -------
+        tuple
+            Logits of the sets, (PARTICLES, D), their whitened signals, (PARTICLES, 2 k), and the power of L.
+        """
+        z, log_priors, signals = self.draw(rng)
+        # ln L of each tumour alone, less that of no tumour: y.s - |s|^2 / 2; that of two together lacks only s_1.s_2 of the sum
+        log_alone = signals @ self.values - (signals**2).sum(axis=1) / 2
         chosen = rng.integers(len(z), size=EXTENDED)
-        sets, totals, values, log_ratio = z[chosen], signals[chosen], alone[chosen], log_weights[chosen]
+        sets, set_signals = z[chosen], signals[chosen]
+        set_log_likelihoods, set_log_weights = log_alone[chosen], log_priors[chosen]
         power = 0.0
         for size in range(2, number + 1):
-            log_likelihood = values[:, None] + alone - totals @ signals.T
-            joint = log_ratio[:, None] + log_weights
-            count = target = PARTICLES if size == number else EXTENDED
-            power = _choose_joint_power(joint, log_likelihood, 2.0 * target)
-            joint += power * log_likelihood
-            joint -= joint.max()
-            np.exp(joint, out=joint)
-            first, second = np.divmod(choose_systematically(joint.ravel() / joint.sum(), count, rng), len(z))
-            sets, totals = np.concatenate([sets[first], z[second]], axis=1), totals[first] + signals[second]
-            values = log_likelihood[first, second]
-            log_ratio = -power * values
-        return sets, totals, power
+            log_likelihoods = set_log_likelihoods[:, None] + log_alone - set_signals @ signals.T  # (sets, tumours of the pool)
+            log_weights = set_log_weights[:, None] + log_priors
+            count = PARTICLES if size == number else EXTENDED
+            power = _choose_joint_power(log_weights, log_likelihoods, 2.0 * count)
+            log_weights += power * log_likelihoods
+            log_weights -= log_weights.max()  # in place, here and below: the arrays hold a value for each pair
+            weights = np.exp(log_weights, out=log_weights)
+            old, added = np.divmod(choose_systematically(weights.ravel() / weights.sum(), count, rng), len(z))
+            sets, set_signals = np.concatenate([sets[old], z[added]], axis=1), set_signals[old] + signals[added]
+            set_log_likelihoods = log_likelihoods[old, added]
+            set_log_weights = -power * set_log_likelihoods  # they were drawn by L^power, which does not count again
+        return sets, set_signals, power
 
 
 def _choose_joint_power(log_fixed: Floats, log_likelihood: Floats, size: float) -> float:

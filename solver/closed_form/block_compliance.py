@@ -158,7 +158,7 @@ def build_ritz_system(
     over_D = on_modes * (D_inverse * one_minus_2nu).reshape(-1, len(nu))
 
     def move_blocks_first(values: Array, rows: int) -> Array:
-        """Return arrays whose last axis is the blocks as matrices of ``rows`` rows, shape (n, rows, columns)."""
+        """Turn an array whose last axis counts the n blocks into a matrix for each block, shape (n, rows, columns)."""
         return np.ascontiguousarray(values.reshape(rows, -1, len(nu)).transpose(2, 0, 1))
 
     count = on_u.shape[1]

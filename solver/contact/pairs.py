@@ -276,11 +276,11 @@ def _build_pair(name: str, lower: Side, upper: Side, axes: Axes, *, materials: M
 
 
 def _round_edge(pair: Pair, block: Side, radius: float) -> Pair:
-    """Return the pair with the block's round edge of ``radius``, m, on the line that is the block's."""
-    watched, met = (RoundEdge(place, radius) for place in block.corners)
+    """Return the pair with the block's round edge of ``radius``, m, on the slave or the master, whichever is the block's line."""
+    edge_as_slave, edge_as_master = (RoundEdge(place, radius) for place in block.corners)
     if pair.slave is block.watched:
-        return replace(pair, slave_edge=watched)
-    return replace(pair, master_edge=met)
+        return replace(pair, slave_edge=edge_as_slave)
+    return replace(pair, master_edge=edge_as_master)
 
 
 def _build_loose_pair(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Interface, friction: float) -> Pair:

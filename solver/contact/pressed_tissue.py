@@ -216,7 +216,7 @@ class PressedTissue:
         shape_error: float = 0.0,
         growths: Growths | None = None,
     ) -> LoadedChanges:
-        """Compute what n sets of t tumours change at the force.
+        """Compute what n sets of t tumours change at the force: the linear changes, and what the load adds to them, its growth.
 
         Parameters
         ----------
@@ -242,6 +242,7 @@ class PressedTissue:
         growth, spread = (coarse + fine) / 2, coarse - fine
         model_errors = self.x * MODEL_ERRORS_PER_X[: len(linear), None, None]
         growth_errors = GROWTH_ERROR_SHARES[: len(linear), None, None]
+        stiffening = np.abs(linear[..., -1:])  # change of ln stiffness, by which a given force indents less
 
         def bound(linear: Floats, growth: Floats, spread: Floats) -> Floats:
             """Bound the errors of growths."""
@@ -249,7 +250,6 @@ class PressedTissue:
             model_error = np.maximum(model_errors * size, growth_errors * np.abs(growth))
             return np.asarray(model_error + MESH_SAFETY_FACTOR * np.abs(spread) + shape_error * np.abs(growth))
 
-        stiffening = np.abs(linear[..., -1:])
         parts = linear, growth, spread
         return LoadedChanges(linear + growth, bound(*parts), bound(*(_subtract_outer(part) for part in parts)), spread)
 

@@ -61,7 +61,7 @@ class TumourResponse:
 
     @classmethod
     def from_equilibrium(cls, model: ContactModel, equilibrium: Equilibrium) -> TumourResponse:
-        """Solve for the adjoint fields about a state in equilibrium.
+        """Solve for the adjoint fields about a state in equilibrium: what each output gains from a force anywhere in the tissue.
 
         Raises
         ------
@@ -69,10 +69,12 @@ class TumourResponse:
             The residual of a solution is too large.
         """
         state, equations = equilibrium.state, model.factorise_tangent(equilibrium.equations)
-        edges = model.compute_adjoints(equations)
-        fields = [model.elements.move(model.elements.build_rest_values(), equations.elimination, edge) for edge in edges]
+        solutions = model.compute_adjoints(equations)  # values on the elements' edges, one array for each output
+        at_rest = model.elements.build_rest_values()
+        fields = [model.elements.move(at_rest, equations.elimination, solution) for solution in solutions]  # and inside elements
         adjoints = tuple(np.stack([getattr(field, key) for field in fields], axis=-1) for key in ("u", "p"))
-        tangent = model.compute_responses(state, equations)[1][:, 0]
+        _, derivatives = model.compute_responses(state, equations)
+        tangent = derivatives[:, 0]  # by the indentation
         tissue = TissueElements(model.section, model.mesh)
         outputs = model.compute_outputs(equations)
         return cls(model, tissue, state.elements, (adjoints[0], adjoints[1]), state.indentation, outputs, tangent)

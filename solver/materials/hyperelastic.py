@@ -81,7 +81,7 @@ class Stress:
 
     @property
     def cofactor_coefficient(self) -> Floats:
-        """Factor of dJ/dh in the tangent's outer product, Pa; half of it, because the transpose is added."""
+        """Factor of dJ/dh in the tangent's outer product (see the class), Pa; half of it, because the transpose is added."""
         J = 1 + self.change
         coefficient = 5 * self.weight * (self.F**2).sum(axis=0) / (9 * J**2) + self.bulk / 4 * (1 + 1 / J**2)
         return np.asarray(coefficient * self.cofactor - (4 * self.weight / (3 * J)) * self.F)

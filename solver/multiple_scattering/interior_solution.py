@@ -107,6 +107,8 @@ class Interior:
     def compute_values(self, v: Floats, imposed: Floats, elements: Ints) -> Floats:
         """Return values U, V, W of the reflection w, eq. MS.4, in some of the tissue's elements, (e, 3, s, k).
 
+        Values on the elements' edges are the unknowns plus what the boundary imposes; those inside elements follow from them.
+
         Parameters
         ----------
         v
@@ -116,10 +118,10 @@ class Interior:
         elements
             The elements.
         """
-        edge = (self.harmonic.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])
+        edge_values = (self.harmonic.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])
         on_boundary = np.isin(elements, self.harmonic.boundary)
-        edge[on_boundary] += imposed[np.searchsorted(self.harmonic.boundary, elements[on_boundary])]
-        return self.harmonic.compute_values(edge, self._find_recovery(elements))
+        edge_values[on_boundary] += imposed[np.searchsorted(self.harmonic.boundary, elements[on_boundary])]
+        return self.harmonic.compute_values(edge_values, self._find_recovery(elements))
 
     def _find_recovery(self, elements: Ints) -> Floats:
         """Return the recovery of some elements; it is cached, as exchanges use it repeatedly."""
