@@ -5,15 +5,17 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
-from geometry.common.arrays import Numeric
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Interface, Material, Probe
 from geometry.scenes.quantities import Frozen, Length, Position, Thickness, build_quiet_field
 from geometry.scenes.units import Quantity
+
+if TYPE_CHECKING:
+    from geometry.common.arrays import Numeric
 
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 Diameters = Annotated[tuple[Length, Length, Length], Field(strict=False)]
