@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Arrays, Points
-from geometry.common.errors import SolveError
 from geometry.common.winding import WindingTree
 from geometry.mesh_programs.tetwild import tetrahedralize
 from geometry.tetra.body_layout import BodyLayout
@@ -190,9 +189,6 @@ def _finish_mesh(
     on_bodies = np.maximum(first_body, second_body) >= 0
     faces, first_body, second_body = faces[on_bodies], first_body[on_bodies], second_body[on_bodies]
     chosen = find_surfaces(exact, points, faces, first_body, second_body)
-    if (chosen < 0).any():
-        a, b = first_body[chosen < 0][0], second_body[chosen < 0][0]
-        raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
     body, faces, chosen = remove_slivers(exact, points, cells, body=body, faces=faces, chosen=chosen)
     member = find_memberships(len(points), faces, chosen, len(exact))
     is_used = body >= 0

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.common.errors import SolveError
 from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.smoothing import compute_mean_ratios, smooth, undo_inversions
 from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
@@ -209,9 +208,6 @@ def find_body_faces(
     in_symmetry_plane = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
     second_body = np.where(in_symmetry_plane & (second_body == AIR_LABEL) & layout.half, MIRROR_LABEL, second_body)
     chosen = find_surfaces(surfaces, points, faces, first_body, second_body)
-    if (chosen < 0).any():
-        a, b = first_body[chosen < 0][0], second_body[chosen < 0][0]
-        raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
     if not layout.interfaces:
         return faces, chosen
     layer_faces, upper_layer, lower_layer = find_interfaces(cells, np.where(body >= 0, layer, AIR_LABEL))

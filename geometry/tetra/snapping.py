@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
+from geometry.common.errors import SolveError
 from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.tet_mesh import (
     AIR_LABEL,
@@ -110,7 +111,10 @@ def find_interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indice
 def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first_body: Indices, second_body: Indices) -> Indices:
     """Return the index of each face's surface, (f,): of those between its two bodies the nearest in place and direction.
 
-    It is -1 where no surface lies between the two bodies.
+    Raises
+    ------
+    SolveError
+        Two bodies share a face, and no surface of the scene lies between them.
     """
     corners = points[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -128,6 +132,9 @@ def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first
         cost = distance + 0.5 * misalignment * size[rows]
         better = cost < best[rows]
         best[rows[better]], chosen[rows[better]] = cost[better], index
+    if (chosen < 0).any():
+        a, b = first_body[chosen < 0][0], second_body[chosen < 0][0]
+        raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
     return chosen
 
 

@@ -120,12 +120,15 @@ class CalibrationRecord(Frozen):
 
     def __str__(self) -> str:
         """Return a short table of the gain matrix with its standard deviations, and the warnings."""
-        sds = np.sqrt(np.diag(np.array(self.covariance)))
-        values = [*np.array(self.matrix).ravel(), *([] if self.bonds is None else [self.bonds.log_factor])]
-        rows = [f"{name}  {value:.5g} ± {sd:.2g}" for name, value, sd in zip(self.entries, values, sds, strict=True)]
+        rows = [f"{name}  {value:.5g} ± {sd:.2g}" for name, value, sd in self.list_gains()]
         return "\n".join(["CalibrationRecord", *rows, *(f"warning: {text}" for text in self.warnings)])
 
     __repr__ = __str__
+
+    def list_gains(self) -> list[tuple[str, float, float]]:
+        """Return name, value and standard deviation of each entry of the gain matrix, and of a fitted bonds' modulus."""
+        values = [*np.ravel(self.matrix), *([] if self.bonds is None else [self.bonds.log_factor])]
+        return list(zip(self.entries, values, np.sqrt(np.diag(self.covariance)), strict=True))
 
     def build_gains(self) -> Gains:
         """Build the gain matrix with its covariance."""

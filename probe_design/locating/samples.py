@@ -101,13 +101,18 @@ def compute_effective_size(log_weights: Floats) -> float:
 def choose_power(log_likelihood: Floats, start: float, size: float) -> float:
     """Return the largest power up to 1 such that raising the likelihood from ``start`` keeps an effective sample size."""
     finite = log_likelihood[np.isfinite(log_likelihood)]
-    if compute_effective_size((1 - start) * finite) >= size:
-        return 1.0
-    low, high = start, 1.0
-    for _ in range(POWER_STEPS):
+    power = find_largest(lambda power: compute_effective_size((power - start) * finite) >= size, start, 1.0, POWER_STEPS)
+    return max(power, start + (1 - start) * 0.5**POWER_STEPS)
+
+
+def find_largest(holds: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """Return the largest number from ``low`` to ``high`` for which a condition holds, as it does at ``low``, by bisection."""
+    if holds(high):
+        return high
+    for _ in range(steps):
         middle = (low + high) / 2
-        low, high = (middle, high) if compute_effective_size((middle - start) * finite) >= size else (low, middle)
-    return max(low, start + (1 - start) * 0.5**POWER_STEPS)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 def raise_likelihood(log_likelihood: Floats, power: float) -> Floats:
@@ -125,6 +130,39 @@ def compute_log_prior(z: Floats) -> Floats:
     """Return ln of the prior's density at logits (n, D): of independent logistic numbers, shape (n,)."""
     sizes = np.abs(z)
     return np.asarray(-(sizes + 2 * np.log1p(np.exp(-sizes))).sum(axis=1))
+
+
+def propose_differences(z: Floats, blocks: int, rng: np.random.Generator, *, jump_share: float = 0.0) -> tuple[Floats, Floats]:
+    """Propose new particles by differential evolution, in one of several blocks of coordinates chosen for each.
+
+    Each particle moves along the difference of two others (ter Braak, Statistics and Computing 16, 2006).
+
+    Parameters
+    ----------
+    z
+        Logits, shape (n, D).
+    blocks
+        Number of blocks of equal length, of which each particle moves in one.
+    rng
+        Random numbers.
+    jump_share
+        Share of the particles that move by the whole difference, which leads from one mode to another.
+
+    Returns
+    -------
+    tuple[Floats, Floats]
+        Candidates, (n, D), and ln of the ratio of the priors, (n,).
+    """
+    n, dimensions = z.shape
+    block = dimensions // blocks
+    first, second = np.asarray(rng.integers(n, size=(2, n)))
+    scale = np.asarray(2.38 / math.sqrt(2 * block) * rng.uniform(0.2, 1.1, size=n))  # 2.38: the best of a Gaussian
+    if jump_share:
+        scale[rng.random(n) < jump_share] = 1.0
+    difference = scale[:, None] * (z[first] - z[second]) + 1e-3 * rng.standard_normal(z.shape)
+    is_moved = np.repeat(np.asarray(rng.integers(blocks, size=n))[:, None] == np.arange(blocks), block, axis=1)
+    candidate = np.clip(np.where(is_moved, z + difference, z), -MAX_LOGIT, MAX_LOGIT)
+    return candidate, compute_log_prior(candidate) - compute_log_prior(z)
 
 
 @dataclass(frozen=True)

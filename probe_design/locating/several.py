@@ -19,7 +19,6 @@ from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.mixtures import CombinedProposal, ExtendedProposal, SetProposal, StudentMixture
 from probe_design.locating.samples import (
-    MAX_LOGIT,
     Evaluate,
     Labels,
     Sample,
@@ -27,8 +26,10 @@ from probe_design.locating.samples import (
     choose_systematically,
     compute_effective_size,
     compute_log_prior,
+    find_largest,
     log_sum_exp,
     order_labels,
+    propose_differences,
     raise_likelihood,
     soften_weights,
 )
@@ -41,6 +42,7 @@ POOL_SIZE = 250.0  # effective sample size of the tempered likelihood to which a
 POWER_STRIDE = 16  # of the sets from which a power is chosen
 EXTENDED = 320  # sets to which tumours of the pool are added
 PARTICLES, MAX_TEMPERATURES, MOVES = 320, 30, 6  # of tempered sequential Monte Carlo in each repeat
+JUMP_SHARE = 0.1  # of its moves that go from mode to mode
 TEMPERING_SIZE_RELATIVE = 0.4  # effective sample size that a step of the temperature keeps, of the number of particles
 PILOT_SIZE, FIRST_SIZE, LAST_SIZE = 1024, 2048, 4096  # samples of each repeat: to fit a mixture to; the last at least, at most
 ENOUGH_SIZE = 400.0  # effective sample size of a repeat's last samples, for which fewer may do: ln evidence is then known to 0.05
@@ -184,14 +186,11 @@ class Pool:
 def _choose_joint_power(log_fixed: Floats, log_likelihood: Floats, size: float) -> float:
     """Return the largest power of the likelihood, up to 1, with which weights keep an effective sample size, from a part."""
     log_fixed, log_likelihood = (part.ravel()[::POWER_STRIDE] for part in (log_fixed, log_likelihood))
-    low, high = 0.0, 1.0
-    for step in range(12):
-        power = high if step == 0 else (low + high) / 2
-        is_enough = compute_effective_size(log_fixed + power * log_likelihood) >= size / POWER_STRIDE
-        low, high = (power, high) if is_enough else (low, power)
-        if low == high:
-            break
-    return max(low, 1e-3)
+
+    def is_enough(power: float) -> bool:
+        return compute_effective_size(log_fixed + power * log_likelihood) >= size / POWER_STRIDE
+
+    return max(find_largest(is_enough, 0.0, 1.0, 11), 1e-3)
 
 
 def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> tuple[Sample, Pool]:
@@ -294,15 +293,7 @@ def _move(
     evaluate: Evaluate, z: Floats, log_likelihood: Floats, *, power: float, blocks: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Return particles after one step of differential evolution, in one of several blocks of coordinates chosen for each."""
-    n, dimensions = z.shape
-    block = dimensions // blocks
-    first, second = np.asarray(rng.integers(n, size=(2, n)))
-    scale = np.asarray(2.38 / math.sqrt(2 * block) * rng.uniform(0.2, 1.1, size=n))
-    scale[rng.random(n) < 0.1] = 1.0  # jumps between modes
-    difference = scale[:, None] * (z[first] - z[second]) + 1e-3 * rng.standard_normal(z.shape)
-    is_moved = np.repeat(np.asarray(rng.integers(blocks, size=n))[:, None] == np.arange(blocks), block, axis=1)
-    candidate = np.clip(np.where(is_moved, z + difference, z), -MAX_LOGIT, MAX_LOGIT)
+    candidate, log_prior_ratio = propose_differences(z, blocks, rng, jump_share=JUMP_SHARE)
     candidate_likelihood = evaluate(candidate)
-    log_ratio = power * (candidate_likelihood - log_likelihood) + compute_log_prior(candidate) - compute_log_prior(z)
-    accepted = np.log(rng.random(n)) < log_ratio
+    accepted = np.log(rng.random(len(z))) < power * (candidate_likelihood - log_likelihood) + log_prior_ratio
     return np.where(accepted[:, None], candidate, z), np.where(accepted, candidate_likelihood, log_likelihood)

@@ -22,12 +22,13 @@ from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.mixtures import StudentMixture
 from probe_design.locating.samples import (
     CONVERGED_SIZE,
-    MAX_LOGIT,
     Labels,
     Sample,
     choose_systematically,
     compute_effective_size,
     compute_log_prior,
+    find_largest,
+    propose_differences,
     soften_weights,
 )
 from probe_design.locating.sampling import COMPONENTS, GOOD_SIZE, draw_posterior
@@ -177,7 +178,7 @@ class Stream:
             z = Labels.from_particles(z, np.exp(log_weights), number).order(z)
             is_last = power > 1 - 1e-9
             for move in range(MOVES_PER_TUMOUR * number):
-                candidate, log_prior_ratio = _propose(z, number if move % 2 else 1, rng)
+                candidate, log_prior_ratio = propose_differences(z, number if move % 2 else 1, rng)
                 points = expit(candidate).reshape(len(z), number, -1)
                 candidate_old, candidate_new = _evaluate_last(likelihood, points, with_earlier=not is_last)
                 gain = power * _subtract(candidate_new, new) + (0.0 if is_last else (1 - power) * _subtract(candidate_old, old))
@@ -248,22 +249,4 @@ def _choose_step(log_weights: Floats, change: Floats, largest: float) -> float:
     def keep(step: float) -> bool:
         return compute_effective_size(np.where(finite, log_weights + step * exponents, -np.inf)) >= size
 
-    low, high = 0.0, largest
-    if keep(high):
-        return high
-    for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (middle, high) if keep(middle) else (low, middle)
-    return max(low, 1e-9)
-
-
-def _propose(z: Floats, blocks: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return candidates by differences of two other particles, in one of several blocks, and ln of the priors' ratio."""
-    n, dimensions = z.shape
-    block = dimensions // blocks
-    first, second = np.asarray(rng.integers(n, size=(2, n)))
-    scale = np.asarray(2.38 / math.sqrt(2 * block) * rng.uniform(0.2, 1.1, size=n))
-    difference = scale[:, None] * (z[first] - z[second]) + 1e-3 * rng.standard_normal(z.shape)
-    is_moved = np.repeat(np.asarray(rng.integers(blocks, size=n))[:, None] == np.arange(blocks), block, axis=1)
-    candidate = np.clip(np.where(is_moved, z + difference, z), -MAX_LOGIT, MAX_LOGIT)
-    return candidate, compute_log_prior(candidate) - compute_log_prior(z)
+    return max(find_largest(keep, 0.0, largest, 30), 1e-9)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-import numpy as np
-
 from geometry.common.errors import to_one_line
 from geometry.scenes.units import MM_PER_M, format_modulus
 from geometry.scenes.variables import PIEZO_KEYS
@@ -44,9 +42,7 @@ def build_calibration_table(record: CalibrationRecord) -> Table:
     scale = "absolute" if record.absolute else "relative: the outer gain is the unit"
     fit = f"chi-square {record.chi_square:.3g} for {record.degrees_of_freedom} degrees of freedom"
     title = f"{len(record.reading)} references at {record.frequency:.5g} Hz; gains {scale}; {fit}"
-    spread = np.sqrt(np.diag(np.array(record.covariance)))
-    values = [*np.array(record.matrix).ravel(), *([] if record.bonds is None else [record.bonds.log_factor])]
-    rows = [(name, f"{value:.5g}", f"{sd:.2g}") for name, value, sd in zip(record.entries, values, spread, strict=True)]
+    rows = [(name, f"{value:.5g}", f"{sd:.2g}") for name, value, sd in record.list_gains()]
     rows += [
         (f"offset {name}, mV", f"{1e3 * value:.4g}", f"{1e3 * sd:.2g}")
         for name, value, sd in zip(("inner", "outer"), record.offsets, record.offsets_sd, strict=True)

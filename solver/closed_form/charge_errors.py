@@ -11,10 +11,7 @@ film that floats, ln(1 + 2 g f) is added.
 
 from __future__ import annotations
 
-import json
 import math
-from functools import cache
-from importlib import resources
 
 import numpy as np
 
@@ -22,7 +19,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from solver.closed_form.designs import Shape
-from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, classify, compute_features
+from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, classify, compute_features, read_quantiles
 from solver.closed_form.film_membrane import MIN_GLUE_MODULUS
 from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 
@@ -47,7 +44,8 @@ def state_charge_errors(scene: Scene, shape: Shape, values: Floats, products: Fl
     derivatives
         Their derivatives by the logarithm of the target's modulus, shape (4, 2).
     """
-    table, features = _read_table(), compute_charge_features(scene, shape, values, products, derivatives)
+    table = read_quantiles("charge_error_quantiles.json")
+    features = compute_charge_features(scene, shape, values, products, derivatives)
     kind = classify(shape)
     kinds = [kind] if kind in CHARGE_CLASSES else CHARGE_CLASSES
     exponents = [
@@ -78,15 +76,6 @@ def _bound_glue_errors(scene: Scene) -> Floats:
         stiffness = bond.thickness * modulus / (film.thickness * film.youngs_modulus)
         added.append(math.log1p(GLUE_ERROR_FACTOR * stiffness * decay / (width + decay)))
     return np.array(added)
-
-
-@cache
-def _read_table() -> dict[str, dict[str, dict[str, float]]]:
-    """Read weights by quantity and feature, and constants by class and quantity."""
-    document = json.loads(
-        resources.files("solver.closed_form").joinpath("charge_error_quantiles.json").read_text(encoding="utf-8")
-    )
-    return {key: document[key] for key in ("weights", "constants")}
 
 
 def compute_charge_features(

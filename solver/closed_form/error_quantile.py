@@ -116,16 +116,16 @@ def state_errors(shape: Shape, values: Floats, forces: Floats, derivatives: Floa
     derivatives
         Their derivatives by the logarithm of the target's modulus, shape (n, 2, 2).
     """
-    table, features = _read_table(), compute_features(shape, values, forces, derivatives)
+    table, features = read_quantiles("error_quantiles.json"), compute_features(shape, values, forces, derivatives)
     constants, weights = table["constants"][classify(shape)], table["weights"]
     exponents = [constants[name] + sum(weight * features[key] for key, weight in weights[name].items()) for name in QUANTITIES]
     return np.stack([np.exp(exponent) for exponent in exponents], axis=1)
 
 
 @cache
-def _read_table() -> dict[str, dict[str, dict[str, float]]]:
-    """Read ``error_quantiles.json``: weights by quantity and feature, constants by class and quantity of eq. CF.19."""
-    document = json.loads(resources.files("solver.closed_form").joinpath("error_quantiles.json").read_text(encoding="utf-8"))
+def read_quantiles(file_name: str) -> dict[str, dict[str, dict[str, float]]]:
+    """Read a file of this package: weights by quantity and feature, constants by class and quantity of eq. CF.19."""
+    document = json.loads(resources.files("solver.closed_form").joinpath(file_name).read_text(encoding="utf-8"))
     return {key: document[key] for key in ("weights", "constants")}
 
 

@@ -23,7 +23,7 @@ from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY
 from solver.multiple_scattering.stack_motion import compute_stack_motion
 from solver.solid.domain import Domain
 from solver.solid.problem import PLANE_TOLERANCE_RELATIVE, Solid
-from solver.solid.tetrahedron import EDGE_CORNERS
+from solver.solid.tetrahedron import EDGE_CORNERS, evaluate_quadratic_functions
 
 ENDS = ((INNER_BODY,), (OUTER_BODY, GROOVE_BODY))  # bodies of the inner and of the outer block
 POINTS_PER_SIDE = 12  # of the quadrature on a triangle, which must resolve the layers at the blocks' edges
@@ -97,10 +97,5 @@ def _build_triangle_rule() -> tuple[Floats, Floats, Floats]:
     x, weight = np.polynomial.legendre.leggauss(POINTS_PER_SIDE)
     x, weight = (x + 1) / 2, weight / 2
     u, v = (grid.ravel() for grid in np.meshgrid(x, x, indexing="ij"))
-    bary = np.stack([(1 - u), u * (1 - v), u * v], axis=1)
-    slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
-    a, b = np.array([[0, 1], [1, 2], [0, 2]]).T
-    values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
-    corner = (4 * bary - 1)[:, :, None] * slopes
-    edge = 4 * (bary[:, a, None] * slopes[b] + bary[:, b, None] * slopes[a])
-    return values, np.concatenate([corner, edge], axis=1), np.outer(weight, weight).ravel() * u
+    values, derivatives = evaluate_quadratic_functions(np.stack([u * (1 - v), u * v], axis=1), EDGE_CORNERS[:3])
+    return values, derivatives, np.outer(weight, weight).ravel() * u

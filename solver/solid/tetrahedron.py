@@ -51,9 +51,18 @@ class Rule:
 
 def evaluate_functions(points: Floats) -> tuple[Floats, Floats]:
     """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3) of ``Rule``'s tetrahedron."""
+    return evaluate_quadratic_functions(points, EDGE_CORNERS)
+
+
+def evaluate_quadratic_functions(points: Floats, edge_corners: Ints) -> tuple[Floats, Floats]:
+    """Return values (q, s) and derivatives (q, s, d) of the quadratic functions of a triangle, d = 2, or tetrahedron, d = 3.
+
+    The functions are those of the corners and then of the edges, whose corners ``edge_corners`` (e, 2) names; ``points`` are
+    (q, d), in the simplex between the origin and the unit vectors.
+    """
     bary = np.column_stack([1 - points.sum(axis=1), points])
-    derivative = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
-    a, b = EDGE_CORNERS.T
+    derivative = np.vstack([-np.ones(points.shape[1]), np.eye(points.shape[1])])  # of the barycentric coordinates
+    a, b = edge_corners.T
     values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
     corner = (4 * bary - 1)[:, :, None] * derivative
     edge = 4 * (bary[:, a, None] * derivative[b] + bary[:, b, None] * derivative[a])
