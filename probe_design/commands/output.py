@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from geometry.common.json_types import JsonObject
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from geometry.common.json_types import JsonObject
     from geometry.scenes.probe import Probe
     from probe_design.reporting.table import Table
 
