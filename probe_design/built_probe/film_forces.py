@@ -125,6 +125,7 @@ def bound_warming(measurement: Measurement, bench: Bench, probe: Probe) -> Float
     areas = PYROELECTRIC_COEFFICIENT * np.array([probe.inner_area, probe.outer_area])
     amplifiers = bench.amplifier.build_films()
     resistance, capacitance = np.array([(amplifier.resistance, amplifier.capacitance) for amplifier in amplifiers]).T
+    # eq. BP.3: a steady rate, and a change within tau
     steady = np.abs(measurement.fit.offsets[:2]) * measurement.fit.seconds / (resistance * areas)
     return np.asarray(steady + measurement.fit.drift[:2] * capacitance / areas)
 

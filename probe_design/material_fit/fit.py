@@ -73,7 +73,7 @@ class Constants:
 
 
 def build_columns(curve: StressCurve) -> Floats:
-    """Return the nominal stress of C1, C2 and C3 of 1 Pa at each point, shape (n, 3)."""
+    """Return the nominal stress of C1, C2 and C3 of 1 Pa at each point, from W' of eq. MF.2, shape (n, 3)."""
     x = curve.distortion
     return np.asarray(curve.stress_factor[:, None] * np.stack([np.ones_like(x), 2 * x, 3 * x**2], axis=1))
 

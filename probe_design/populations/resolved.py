@@ -114,7 +114,7 @@ class Unknowns:
 
 
 def compute_contrast_sd(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:
-    """Return the standard deviation of ln contrast (eq. PO.6), shape (n,); inf without information.
+    """Return the standard deviation of ln contrast (eqs. PO.6 and PO.7), shape (n,); inf without information.
 
     Parameters
     ----------

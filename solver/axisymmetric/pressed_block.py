@@ -226,7 +226,7 @@ def _solve(block: PressedBlock, order: int) -> PressedCharge:
     layers_varied = zip(block.film.stack, (block.varied[0], False, block.varied[1]), strict=True)
     is_varied = [varied for layer, varied in layers_varied if layer.thickness > 0]
     bonds = np.isin(grid.layer, 1 + np.flatnonzero(is_varied))
-    charge_derivative, energy = -float(np.sum(s[bonds] * loads[bonds])), float(np.sum(u * loads))
+    charge_derivative, energy = -float(np.sum(s[bonds] * loads[bonds])), float(np.sum(u * loads))  # eq. AX.17
     if block.load == "pressure":
         force, force_derivative = 1.0, 0.0
         stiffness = 1 / energy  # the mean displacement under a force of 1 N is the work of that force

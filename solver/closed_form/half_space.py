@@ -78,8 +78,8 @@ def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> t
     pressure = soft / 2 * square * b * series[0]
     shear = soft / 8 * square * square * b / (shear_radius[low] * shear_radius[high]) * series[1]
     cross = np.empty((size, size, len(mu)), dtype=complement.dtype)
-    cross[low, high] = mixed / 8 * square * b * b / shear_radius[high] * (1 + complement)
-    cross[high, low] = mixed / 8 * square * square / shear_radius[low]
+    cross[low, high] = mixed / 8 * square * b * b / shear_radius[high] * (1 + complement)  # eq. CF.4
+    cross[high, low] = mixed / 8 * square * square / shear_radius[low]  # eq. CF.5
     return _fill_symmetric(pressure, size), _fill_symmetric(shear, size), cross.transpose(2, 0, 1)
 
 

@@ -54,8 +54,8 @@ class ContactModel:
     lift
         Displacements of the elements' values per indentation of either block, rigid shift included, (n, 8 p, 2).
     outputs
-        Displacements of the elements' values, (n (8 p), 2 or 4), whose energies with a state are the film forces, N, and after
-        them the charges of the films that are modelled, C (eq. CT.7).
+        Displacements of the elements' values, (n (8 p), 2 or 4), whose energies with a state are the film forces, N, by eq. CT.4,
+        and after them the charges of the films that are modelled, C, by eq. CT.7.
     """
 
     section: Section

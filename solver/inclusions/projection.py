@@ -134,6 +134,7 @@ def _convert_to_regular(modes: Modes, fields: Values) -> Values:
     out = fields * np.where(kind == 2, np.sqrt(modes.ell + 0.5), np.ones(len(modes), np.result_type(nu, float)))
     (ones,) = np.nonzero((kind == 1) & (modes.ell > 0))  # modes of kind 1; the only one without a partner has l = 0
     ell = modes.ell[ones]
+    # eq. IN.10: two harmonics from which the mode and its partner of kind 0 follow
     out[..., ones] *= (2 * ell + 3) * (2 * ell + 1) * (1 - nu) / (3 * ell + 1 - 2 * nu * (2 * ell + 1))
     out[..., modes.partner[ones]] -= np.sqrt(ell * (ell + 1)) / (2 * (2 * ell + 1) * (1 - nu)) * out[..., ones]
     return out

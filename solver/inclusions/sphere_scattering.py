@@ -129,7 +129,7 @@ def compute_surface_values(ell: Ints, nu: complex, side: Side) -> Values:
         other field:  (n+1) (n-2+4 nu), n + 5 - 4 nu;   (n+1) (n^2-n-2-2 nu), n^2 + 2n - 1 + 2 nu      (IN.12)
     """
     n = ell if side == "regular" else -ell - 1
-    gradient_field = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])
+    gradient_field = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])  # eq. IN.12, and the next line
     other_field = [(n + 1) * (n - 2 + 4 * nu), n + 5 - 4 * nu, (n + 1) * (n**2 - n - 2 - 2 * nu), n**2 + 2 * n - 1 + 2 * nu]
     fields = (gradient_field, np.stack(other_field)) if side == "regular" else (np.stack(other_field), gradient_field)
     out: Values = np.stack(

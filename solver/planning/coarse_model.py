@@ -134,6 +134,8 @@ class CoarseModel:
         least a fraction of the bound PL.4, in which nothing cancels:
 
             max(nearing, PL.4 / 12)      (PL.9)
+
+        with nearing the approach itself, ``GapProfile.max_nearing``.
         """
         return max(self.gap_profile.max_nearing, CANCELLING_WALL_SHARE * bound_wall_nearing(self.scene, self.forces.sum(axis=1)))
 

@@ -133,7 +133,7 @@ def _bound_effect_on_target(tumours: Tumours, changes: Floats, derivatives: Floa
     distance = np.maximum(distance, radius + radius[target])
     sizes = np.abs(changes.sum(axis=(1, 2)))
     target_size = max(float(sizes[target]), float(np.abs(derivatives[target].sum())), 1e-300)
-    return np.asarray(4 * np.sqrt(sizes / target_size) * (radius * radius[target]) ** 1.5 / distance**3)
+    return np.asarray(4 * np.sqrt(sizes / target_size) * (radius * radius[target]) ** 1.5 / distance**3)  # eq. PL.1
 
 
 def _build_decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:

@@ -236,7 +236,7 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
     for _ in range(MAX_BASIS_STEPS):
         grown = space.grow()
         curve = space.build_response(states.products, states.compute_modulus_derivative(bodies), problem.symmetry_factor)
-        products = curve.evaluate(ends)[0]
+        products = curve.evaluate(ends)[0]  # eq. SO.7
         scale = np.sqrt(np.abs(np.einsum("nii->ni", products[:, : len(STATE_NAMES)])))
         # relative to the reactions' diagonal, so that N/m, N/rad and N m/rad compare; only the film forces must settle
         change = np.abs(products - previous)[:, :2] / (scale[:, :2, None] * scale[:, None])
