@@ -128,13 +128,13 @@ def compute_expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
         name: PartMeasures(carrier + face * CARRIER_RISE_MM, (*ends, *sorted(tops[name]), (0.0, face)), radii[name])
         for name, face in faces.items()
     }
-    return blocks | {"sleeve": _expected_sleeve(sizes)}
+    return blocks | {"sleeve": _compute_expected_sleeve(sizes)}
 
 
-def _expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
+def _compute_expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
     """Compute the measures of the sleeve: a tube whose slot removes |y| < a, x > 0 from the carrier's top upwards."""
     a, inner, outer, low = sizes.slot / 2, sizes.bore, sizes.bore + SLEEVE_WALL_MM, -CARRIER_RISE_MM - SLEEVE_GRIP_MM
-    strip = 2 * (_half_strip_area(outer, a) - _half_strip_area(inner, a))
+    strip = 2 * (_compute_half_strip_area(outer, a) - _compute_half_strip_area(inner, a))
     annulus = math.pi * (outer**2 - inner**2)
     high = sizes.sleeve - SLEEVE_GRIP_MM
     x_i, x_o = math.sqrt(inner**2 - a**2), math.sqrt(outer**2 - a**2)
@@ -143,14 +143,14 @@ def _expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
     return PartMeasures(annulus * sizes.sleeve - strip * high, ends, (inner, outer), ((-a, *wall), (a, *wall)))
 
 
-def _half_strip_area(radius: float, a: float) -> float:
+def _compute_half_strip_area(radius: float, a: float) -> float:
     """Return the area of the strip 0 < y < a, x > 0 of a disc."""
     return (a * math.sqrt(radius**2 - a**2) + radius**2 * math.asin(a / radius)) / 2
 
 
 def _build_pin(sizes: FixtureSizes) -> cadquery.Solid:
     """Build the pin, which presses on the inner block, on its carrier."""
-    return _revolve([*_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)])
+    return _revolve([*_build_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)])
 
 
 def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
@@ -158,7 +158,7 @@ def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
     inner, outer = sizes.ring
     return _revolve(
         [
-            *_carrier_profile(sizes),
+            *_build_carrier_profile(sizes),
             (outer, -CARRIER_RISE_MM),
             (outer, 0.0),
             (inner, 0.0),
@@ -173,7 +173,7 @@ def _revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
     return solids.revolve([(radius / MM_PER_M, height / MM_PER_M) for radius, height in profile])
 
 
-def _carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:
+def _build_carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:
     """Return the corners (r, z) of a carrier with its foot, from the axis below to its upper rim, mm."""
     low, foot = -CARRIER_RISE_MM - sizes.sleeve, sizes.carrier + SLEEVE_WALL_MM
     return [

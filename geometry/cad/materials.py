@@ -58,7 +58,7 @@ def find_part_materials(probe: Probe) -> dict[str, PartMaterial]:
             name: PartMaterial("piezoelectric PVDF film", describe_elastic(film.youngs_modulus, film.poisson_ratio), PVDF_DENSITY)
             for name, film in zip(("film-inner", "film-outer"), probe.film.by_block, strict=True)
         }
-    return {"inner": _block_material(probe.inner), "outer": _block_material(probe.outer), **films, "base": stiff}
+    return {"inner": _build_block_material(probe.inner), "outer": _build_block_material(probe.outer), **films, "base": stiff}
 
 
 def describe_elastic(youngs_modulus: float, poisson_ratio: float) -> str:
@@ -66,7 +66,7 @@ def describe_elastic(youngs_modulus: float, poisson_ratio: float) -> str:
     return f"E = {format_modulus(youngs_modulus)}, Poisson's ratio {poisson_ratio:g}"
 
 
-def _block_material(material: Material) -> PartMaterial:
+def _build_block_material(material: Material) -> PartMaterial:
     """Return the material of a block for drawings and STEP files."""
     loss = f", tan delta {material.loss_factor:g}" if material.loss_factor else ""
     properties = describe_elastic(material.youngs_modulus, material.poisson_ratio) + loss

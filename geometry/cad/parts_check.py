@@ -54,14 +54,14 @@ def compute_expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str,
         (l2, t2, _), (l1, t1, _) = _list_stack_thicknesses(probe)  # of the bond to the block and of the film, inner and outer
         films["film-inner"] = PartMeasures(a2 * t2, ((h2 + l2, a2), (h2 + l2 + t2, a2)), (r2,))
         faces, ring = ((h1 + l1, a1 - cut), (h1 + l1 + t1, a1 - cut)), (a1 - cut) * t1
-        films["film-outer"] = PartMeasures(ring, faces, (ri, ro), _groove_walls(probe, t1))
+        films["film-outer"] = PartMeasures(ring, faces, (ri, ro), _list_groove_walls(probe, t1))
     inner = PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,))
-    outer = PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _groove_walls(probe, depth))
+    outer = PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _list_groove_walls(probe, depth))
     return {
         "inner": _subtract_round_edges(inner, edge_radius * mm),
         "outer": _subtract_round_edges(outer, edge_radius * mm),
         **films,
-        "base": _expected_base(probe),
+        "base": _compute_expected_base(probe),
     }
 
 
@@ -87,7 +87,7 @@ def _subtract_round_edges(block: PartMeasures, e: float) -> PartMeasures:
     return replace(block, volume=block.volume - volume, ends=((z, area - face), *other_ends), edges=tuple(edges))
 
 
-def _groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...]:
+def _list_groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...]:
     """Return the groove's two sides, from the hole at x_i = sqrt(Ri^2 - a^2) to the outside at x_o, a = width/2."""
     if probe.groove is None:
         return ()
@@ -97,7 +97,7 @@ def _groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float, floa
     return ((-a, (x_i + x_o) / 2, area), (a, (x_i + x_o) / 2, area))
 
 
-def _expected_base(probe: Probe) -> PartMeasures:
+def _compute_expected_base(probe: Probe) -> PartMeasures:
     """Compute the measures of the base, whose shape ``geometry.cad.solids.build_base`` describes."""
     mm, sizes = MM_PER_M, base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm

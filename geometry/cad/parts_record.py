@@ -98,7 +98,7 @@ def build_record(
     """
     old_files, question_digest = ({}, question) if old_record is None else (old_record.files, question or old_record.asked)
     assumed = {key: str(format_mm(length)) for key, length in assumed_sizes(probe).items()}
-    files = {**old_files, **{name: _file_sha256(path) for name, path in drafts.items()}}
+    files = {**old_files, **{name: _compute_file_sha256(path) for name, path in drafts.items()}}
     design = compute_design_digest(probe, edge_radius)
     return PartsRecord(design=design, assumed=assumed, files=files, asked=question_digest, provenance=build_provenance())
 
@@ -146,7 +146,7 @@ def find_record(folder: Path) -> PartsRecord | None:
         trouble = "damaged" if os.path.lexists(folder / RECORD_NAME) else "missing"
         raise _build_refusal(folder, f"the design of its parts is unknown: {RECORD_NAME} is {trouble}")
     for name in present:
-        if record.files.get(name) != _file_sha256(folder / name):
+        if record.files.get(name) != _compute_file_sha256(folder / name):
             raise _build_refusal(folder, f"{name} is not the file listed in {RECORD_NAME}")
     return record
 
@@ -164,7 +164,7 @@ def remove_replaced(folder: Path, old_record: PartsRecord | None, written: Itera
     new, recorded = set(written), {} if old_record is None else old_record.files
     for name in {*PART_FILES, *recorded} - new:
         path = folder / name
-        if path.is_file() and (name in PART_FILES or _file_sha256(path) == recorded[name]):
+        if path.is_file() and (name in PART_FILES or _compute_file_sha256(path) == recorded[name]):
             path.unlink()
 
 
@@ -175,7 +175,7 @@ def _build_refusal(folder: Path, reason: str) -> InputError:
     )
 
 
-def _file_sha256(path: Path) -> str:
+def _compute_file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's content; an empty text if the path is no file."""
     if not path.is_file():
         return ""

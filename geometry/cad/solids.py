@@ -75,7 +75,7 @@ def load_cadquery() -> CadQuery:
         if ".so" not in str(fault):
             raise
         remedy = "install the system's OpenGL library: apt install libgl1 (Debian, Ubuntu), mesa-libGL (Fedora)"
-        raise MissingLibrary(f"cadquery cannot be loaded ({_first_line(fault)}): {remedy}") from fault
+        raise MissingLibrary(f"cadquery cannot be loaded ({_get_first_line(fault)}): {remedy}") from fault
     return cadquery
 
 
@@ -177,7 +177,7 @@ def call_modeller(name: str, make: Callable[[], T]) -> T:
         modellers = type(fault).__module__.startswith("OCP") or type(fault) is ValueError
         if not modellers:
             raise
-        raise ExportError(f"{name}: the modeller fails: {type(fault).__name__} {_first_line(fault)}".rstrip()) from fault
+        raise ExportError(f"{name}: the modeller fails: {type(fault).__name__} {_get_first_line(fault)}".rstrip()) from fault
 
 
 def _build_ring(inner: float, outer: float, bottom: float, top: float) -> cadquery.Solid:
@@ -234,6 +234,6 @@ def _cut_groove(tube: cadquery.Solid, probe: Probe, bottom: float, top: float) -
     return pieces[0]
 
 
-def _first_line(fault: Exception) -> str:
+def _get_first_line(fault: Exception) -> str:
     """Return the first line of an exception's text."""
     return str(fault).strip().split("\n", 1)[0]

@@ -47,20 +47,20 @@ def _build_shapes(given: JsonObject) -> list[occ.TopoDS_Shape]:
     """Build all shapes, or their halves; overlaps become pieces when the shapes are glued."""
     tubes = [
         _build_cylinder(x, y, low, high, tube) - _build_cylinder(x, y, low, high, hole)
-        for x, y, low, high, hole, tube in _rows_in_mm(given["tubes"])
+        for x, y, low, high, hole, tube in _convert_rows_to_mm(given["tubes"])
     ]
-    tissue = [_build_cylinder(*row) for row in _rows_in_mm(given["cylinders"])] + [
-        _build_box(*row) for row in _rows_in_mm(given["boxes"])
+    tissue = [_build_cylinder(*row) for row in _convert_rows_to_mm(given["cylinders"])] + [
+        _build_box(*row) for row in _convert_rows_to_mm(given["boxes"])
     ]
     far = _CUTTING_BOX_FACTOR * MM_PER_M * float(np.abs(given["sizes"][:, :3]).max())
     layers = [tissue[-1] * _build_box(-far, -far, -depth, far, far, far) for depth in (MM_PER_M * given["cuts"]).tolist()]
-    grooves = [tubes[0] * _build_box(*row) for row in _rows_in_mm(given["grooves"])]
+    grooves = [tubes[0] * _build_box(*row) for row in _convert_rows_to_mm(given["grooves"])]
     bodies = [_build_ellipsoid(MM_PER_M * row[:3], MM_PER_M * row[3:].reshape(3, 3)) for row in given["ellipsoids"]]
     whole = [*tubes, *grooves, *tissue, *layers, *bodies]
     return [shape * _build_box(-far, 0.0, -far, far, far, far) for shape in whole] if given["half"] else whole
 
 
-def _rows_in_mm(lengths: Points) -> list[list[float]]:
+def _convert_rows_to_mm(lengths: Points) -> list[list[float]]:
     """Return the rows of an array of lengths in m as lists, in mm."""
     rows: list[list[float]] = (MM_PER_M * lengths).tolist()
     return rows

@@ -42,7 +42,7 @@ def check_bodies_fit(scene: SceneTables) -> None:
 def compute_semi_axes(body: Inclusion) -> Matrix:
     """Return the semi-axes of the ellipsoid as columns, R diag(a), 3 x 3, in m."""
     diameters = body.diameters if body.diameters is not None else (body.diameter or 0.0,) * 3
-    rotation = _rotation_matrix(*(math.radians(angle) for angle in body.orientation))
+    rotation = _build_rotation_matrix(*(math.radians(angle) for angle in body.orientation))
     return [[entry * diameter / 2 for entry, diameter in zip(row, diameters, strict=True)] for row in rotation]
 
 
@@ -54,7 +54,7 @@ def do_overlap(first: Inclusion, second: Inclusion) -> bool:
     columns of a.
     """
     v = [second.x - first.x, second.y - first.y, first.depth - second.depth]
-    distance, (low, high) = math.hypot(*v), sorted((_half_extent(first), _half_extent(second)))
+    distance, (low, high) = math.hypot(*v), sorted((_compute_half_extent(first), _compute_half_extent(second)))
     if distance > (low + high) * _TOUCHING_FACTOR:
         return False
     if first.diameter is not None and second.diameter is not None:
@@ -270,12 +270,12 @@ def _check_inside_block(name: str, body: Inclusion, half_extents: list[float], h
             raise InputError(f"{name}.{key}", format_mm(centre), allowed)
 
 
-def _half_extent(body: Inclusion) -> float:
+def _compute_half_extent(body: Inclusion) -> float:
     """Return the largest semi-axis of an ellipsoid, m."""
     return max(body.diameters or (body.diameter or 0.0,)) / 2
 
 
-def _rotation_matrix(rz: float, ry: float, rx: float) -> Matrix:
+def _build_rotation_matrix(rz: float, ry: float, rx: float) -> Matrix:
     """Return the rotation matrix about the fixed axes x, then y, then z: R = Rz Ry Rx; angles in rad."""
     (cz, sz), (cy, sy), (cx, sx) = ((math.cos(a), math.sin(a)) for a in (rz, ry, rx))
     return [

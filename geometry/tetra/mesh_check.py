@@ -91,8 +91,8 @@ def compute_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
 def compute_volume_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
     """Return the relative errors of all volumes that the scene determines, by name."""
     volumes = compute_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
-    is_tissue, tissue_area = mesh.body >= TISSUE_BODY, _tissue_area(layout)
-    cut = 0.0 if layout.groove is None else _footprint(layout) * layout.groove[1]
+    is_tissue, tissue_area = mesh.body >= TISSUE_BODY, _compute_tissue_area(layout)
+    cut = 0.0 if layout.groove is None else _compute_footprint(layout) * layout.groove[1]
     tube = math.pi * (layout.tube**2 - layout.hole**2) * layout.outer_height
     selections = {
         "the inner block's volume": (mesh.body == INNER_BODY, math.pi * layout.inner**2 * layout.inner_height),
@@ -119,12 +119,12 @@ def _compute_area_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
         "the outer block's film end": ([OUTER_BODY, GROOVE_BODY], layout.outer_height, ring),
         "the inner block's end on the tissue": ([INNER_BODY], 0.0, disc),
         "the outer block's end on the tissue": ([OUTER_BODY], 0.0, ring),
-        "the tissue's top": (tissue_bodies, 0.0, _tissue_area(layout)),
+        "the tissue's top": (tissue_bodies, 0.0, _compute_tissue_area(layout)),
     }
-    return {name: _area(mesh, bodies, height) / expected - 1 for name, (bodies, height, expected) in ends.items()}
+    return {name: _measure_area(mesh, bodies, height) / expected - 1 for name, (bodies, height, expected) in ends.items()}
 
 
-def _area(mesh: TetMesh, bodies: list[int], height: float) -> float:
+def _measure_area(mesh: TetMesh, bodies: list[int], height: float) -> float:
     """Return the area of the outer faces of ``bodies`` in the plane z = height, curved edges included."""
     faces = mesh.boundary(*bodies)
     level = np.abs(mesh.nodes[:, 2] - height) <= 1e-9 * np.abs(mesh.nodes).max()
@@ -146,7 +146,7 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return result
 
 
-def _footprint(layout: BodyLayout) -> float:
+def _compute_footprint(layout: BodyLayout) -> float:
     """Return the area that the groove takes from the outer block's film end, m^2, eq. SC.1; 0 without a groove."""
     if layout.groove is None:
         return 0.0
@@ -155,7 +155,7 @@ def _footprint(layout: BodyLayout) -> float:
     return strips[0] - strips[1]
 
 
-def _tissue_area(layout: BodyLayout) -> float:
+def _compute_tissue_area(layout: BodyLayout) -> float:
     """Return the area of the tissue's top, m^2."""
     return 4 * layout.sides[0] * layout.sides[1] if layout.tissue_radius is None else math.pi * layout.tissue_radius**2
 

@@ -86,15 +86,9 @@ def _choose_sheet(part: PartView, texts: list[str], count: int) -> DrawingSheet:
     best = []
     for size in PAPER_SIZES_MM:
         left, bottom, right, top = DrawingSheet(size, 1.0).frame
-        wide = right - left - 2 * _side_margin(part)
+        wide = right - left - 2 * _find_side_margin(part)
         tall = (
-            top
-            - bottom
-            - BLOCK_HEIGHT_MM
-            - NOTE_SPACING_MM * count
-            - _height_above(texts)
-            - _height_below(part)
-            - 3 * VIEW_SPACING_MM
+            top - bottom - BLOCK_HEIGHT_MM - NOTE_SPACING_MM * count - _get_height_above(texts) - _get_height_below(part) - 3 * VIEW_SPACING_MM
         )
         low_x, low, high_x, high = find_bounds(loop for loop, _ in part.cut)
         fit = min(wide / max(high_x - low_x, 2 * part.reach), tall / (high - low + 2 * part.reach))
@@ -107,7 +101,7 @@ def _count_measures(part: PartView, place: str) -> int:
     return sum(measure.place == place for measure in part.measures)
 
 
-def _side_margin(part: PartView) -> float:
+def _find_side_margin(part: PartView) -> float:
     """Return the width that dimensions, item numbers and an edge's radius need at each side of the views, mm of paper."""
     levels = max(_count_measures(part, place) for place in ("left", "right", "plan"))
     return FIRST_LINE_OFFSET_MM + max(
@@ -117,12 +111,12 @@ def _side_margin(part: PartView) -> float:
     )
 
 
-def _height_below(part: PartView) -> float:
+def _get_height_below(part: PartView) -> float:
     """Return the height that dimensions need below the section, mm of paper."""
     return FIRST_LINE_OFFSET_MM + DIMENSION_SPACING_MM * _count_measures(part, "below")
 
 
-def _height_above(texts: list[str]) -> float:
+def _get_height_above(texts: list[str]) -> float:
     """Return the height above the section, mm of paper, for the text of a short vertical dimension."""
     return max(find_text_width(text) for text in texts) + 3 * ARROW_LENGTH_MM + 2
 
@@ -133,10 +127,10 @@ def _draw_views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str], 
     unit = sheet.mm_per_paper_mm
     _, low, _, high = find_bounds(loop for loop, _ in part.cut)
     middle = (left + right) / 2
-    front = sheet.create_view(middle, top - _height_above(list(texts.values())) - high * sheet.scale)
+    front = sheet.create_view(middle, top - _get_height_above(list(texts.values())) - high * sheet.scale)
     _draw_front(front, part, process)
     _draw_dimensions(front, part, texts, process)
-    plan = sheet.create_view(middle, front.y / unit - _height_below(part) - VIEW_SPACING_MM + (low - part.reach) * sheet.scale)
+    plan = sheet.create_view(middle, front.y / unit - _get_height_below(part) - VIEW_SPACING_MM + (low - part.reach) * sheet.scale)
     _draw_plan(plan, part)
     for level, measure in enumerate(candidate for candidate in part.measures if candidate.place == "plan"):
         line_position = part.reach + (FIRST_LINE_OFFSET_MM + DIMENSION_SPACING_MM * level) * unit

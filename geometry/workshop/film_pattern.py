@@ -120,11 +120,11 @@ def _build_outer(sizes: Millimetres) -> FilmPattern:
         outline = (_add_strip_to_open_ring(sizes, half),)
     leads = _build_leads(sizes.ro - inset, half, sizes.ro, -1.0)
     layers = {"FILM_OUTLINE": outline, "ELECTRODE_TOP": electrode, "ELECTRODE_BOTTOM": electrode, **leads, "ADHESIVE": face}
-    active = _net_area(electrode) / _net_area(face)
+    active = _compute_net_area(electrode) / _compute_net_area(face)
     return FilmPattern("film-outer", layers, sizes.t1, inset, not sizes.inset1, active, "outside")
 
 
-def _net_area(loops: tuple[Loop, ...]) -> float:
+def _compute_net_area(loops: tuple[Loop, ...]) -> float:
     """Return the area between the first outline and the others, which are its holes, mm^2."""
     first, *holes = (compute_area(loop) for loop in loops)
     return first - sum(holes)

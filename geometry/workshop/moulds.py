@@ -77,15 +77,15 @@ def build_lower(mould: MouldSizes) -> cadquery.Solid:
     body: cadquery.Shape = _revolve(
         [
             *(_list_lines(corners)),
-            *_cavity_profile(mould, 0.0),
+            *_build_cavity_profile(mould, 0.0),
             *_pin_profile(mould),
-            ((0.0, _axis_height(mould)), (0.0, -FLOOR_THICKNESS_MM)),
+            ((0.0, _find_axis_height(mould)), (0.0, -FLOOR_THICKNESS_MM)),
         ]
     )
     for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
         # rooted 1 mm below the parting plane, so that pin and body do not merely touch
         body = body.fuse(_build_cylinder(radius, PIN_HEIGHT_MM + 1.0, place, top - 1.0))
-    return _single_solid(body)
+    return _get_single_solid(body)
 
 
 def build_upper(mould: MouldSizes) -> cadquery.Solid:
@@ -95,7 +95,7 @@ def build_upper(mould: MouldSizes) -> cadquery.Solid:
         body = body.cut(_build_cylinder(radius + PIN_PLAY_MM, PIN_HEIGHT_MM + 0.5, place, mould.height))
     for radius, place in list_holes(mould):
         body = body.cut(_build_cylinder(radius, LID_THICKNESS_MM + mould.depth, place, mould.height))
-    return _single_solid(body.fuse(_build_rib(mould)) if mould.depth else body)
+    return _get_single_solid(body.fuse(_build_rib(mould)) if mould.depth else body)
 
 
 def list_holes(mould: MouldSizes) -> list[tuple[float, Point]]:
@@ -126,7 +126,7 @@ def _list_lines(corners: list[Point]) -> list[tuple[Point, ...]]:
     return [tuple(pair) for pair in pairwise(corners)]
 
 
-def _cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
+def _build_cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
     """Return the cavity's wall and floor from the rim inwards: lines of two points (r, z), arcs of three."""
     e, (inner, outer) = mould.edge, mould.compute_radii(mould.edge)
     cut = e * (1 - math.sqrt(0.5))  # distance of the arc's middle from wall and floor
@@ -148,7 +148,7 @@ def _pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
     return _list_lines([(inner, mould.edge), (mould.inner[1], mould.height), (0.0, mould.height)])
 
 
-def _axis_height(mould: MouldSizes) -> float:
+def _find_axis_height(mould: MouldSizes) -> float:
     """Return the height at which the profile meets the axis: the pin's top, or the cavity's floor where there is no pin."""
     return mould.height if mould.inner[1] else 0.0
 
@@ -161,7 +161,7 @@ def _build_rib(mould: MouldSizes) -> cadquery.Solid:
         _list_lines([(inner, low), (outer, low), (mould.outer[1], mould.height), (mould.inner[1], mould.height), (inner, low)])
     )
     slab = cq.Solid.makeBox(2 * mould.outside, 2 * a, 3 * mould.depth, cq.Vector(0.0, -a, low - mould.depth))
-    return _single_solid(ring.intersect(slab))
+    return _get_single_solid(ring.intersect(slab))
 
 
 def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
@@ -175,7 +175,7 @@ def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
     return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
-def _single_solid(shape: cadquery.Shape) -> cadquery.Solid:
+def _get_single_solid(shape: cadquery.Shape) -> cadquery.Solid:
     """Return the only solid of a shape; raise ``ValueError`` if it has more or none."""
     (solid,) = shape.Solids()
     return solid
