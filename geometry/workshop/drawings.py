@@ -88,7 +88,13 @@ def _choose_sheet(part: PartView, texts: list[str], count: int) -> DrawingSheet:
         left, bottom, right, top = DrawingSheet(size, 1.0).frame
         wide = right - left - 2 * _find_side_margin(part)
         tall = (
-            top - bottom - BLOCK_HEIGHT_MM - NOTE_SPACING_MM * count - _get_height_above(texts) - _get_height_below(part) - 3 * VIEW_SPACING_MM
+            top
+            - bottom
+            - BLOCK_HEIGHT_MM
+            - NOTE_SPACING_MM * count
+            - _reserve_above(texts)
+            - _reserve_below(part)
+            - 3 * VIEW_SPACING_MM
         )
         low_x, low, high_x, high = find_bounds(loop for loop, _ in part.cut)
         fit = min(wide / max(high_x - low_x, 2 * part.reach), tall / (high - low + 2 * part.reach))
@@ -111,12 +117,12 @@ def _find_side_margin(part: PartView) -> float:
     )
 
 
-def _get_height_below(part: PartView) -> float:
+def _reserve_below(part: PartView) -> float:
     """Return the height that dimensions need below the section, mm of paper."""
     return FIRST_LINE_OFFSET_MM + DIMENSION_SPACING_MM * _count_measures(part, "below")
 
 
-def _get_height_above(texts: list[str]) -> float:
+def _reserve_above(texts: list[str]) -> float:
     """Return the height above the section, mm of paper, for the text of a short vertical dimension."""
     return max(find_text_width(text) for text in texts) + 3 * ARROW_LENGTH_MM + 2
 
@@ -127,10 +133,10 @@ def _draw_views(sheet: DrawingSheet, part: PartView, texts: dict[Measure, str], 
     unit = sheet.mm_per_paper_mm
     _, low, _, high = find_bounds(loop for loop, _ in part.cut)
     middle = (left + right) / 2
-    front = sheet.create_view(middle, top - _get_height_above(list(texts.values())) - high * sheet.scale)
+    front = sheet.create_view(middle, top - _reserve_above(list(texts.values())) - high * sheet.scale)
     _draw_front(front, part, process)
     _draw_dimensions(front, part, texts, process)
-    plan = sheet.create_view(middle, front.y / unit - _get_height_below(part) - VIEW_SPACING_MM + (low - part.reach) * sheet.scale)
+    plan = sheet.create_view(middle, front.y / unit - _reserve_below(part) - VIEW_SPACING_MM + (low - part.reach) * sheet.scale)
     _draw_plan(plan, part)
     for level, measure in enumerate(candidate for candidate in part.measures if candidate.place == "plan"):
         line_position = part.reach + (FIRST_LINE_OFFSET_MM + DIMENSION_SPACING_MM * level) * unit
