@@ -14,8 +14,8 @@ A readings file is TOML, one table a reading,
     blank = true            # baseline reading, over tumour-free tissue; default: false
     force = "0.3 N"         # on the probe, the peak of this press; default: the scene's load
 
-or CSV with the same keys in any order: the first row names them, and an empty cell stands for the default. A scan for `locate`
-states every place, and may have
+or CSV with the same keys in any order: the first row names them, and an empty cell stands for the default; see ``csv_rows``. A
+scan for `locate` states every place, and may have
 
     x_sd = "0.5 mm"         # standard deviation of the probe's place along x; default: pose of the design file's [noise]
     y_sd = "0.5 mm"         # likewise along y
@@ -23,7 +23,6 @@ states every place, and may have
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -42,6 +41,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import Quantity, read_number
 from probe_design.data.noise import read_noise
+from probe_design.estimation.csv_rows import parse_csv
 
 READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank", "force")
 SCAN_KEYS = (*READING_KEYS, "x_sd", "y_sd")  # of scans, whose places are uncertain
@@ -230,10 +230,10 @@ def read_readings(
     InputError
         The file cannot be read, or an entry is not allowed.
     """
-    parsers = {".toml": _parse_toml, ".csv": _parse_csv}
-    if path.suffix.lower() not in parsers:
+    if path.suffix.lower() not in (".toml", ".csv"):
         raise InputError("readings", str(path), "a file that ends in .toml or .csv")
-    rows = parsers[path.suffix.lower()](read_text(path, "readings", "a file", MAX_FILE_BYTES), str(path))
+    text, is_csv = read_text(path, "readings", "a file", MAX_FILE_BYTES), path.suffix.lower() == ".csv"
+    rows = parse_csv(text, str(path), SCAN_KEYS if is_scan else READING_KEYS) if is_csv else _parse_toml(text, str(path))
     if not 0 < len(rows) <= MAX_READINGS:
         raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MAX_READINGS} readings")
     if is_scan:
@@ -278,20 +278,6 @@ def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:
     if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
         raise InputError(name, Words(f"keys {', '.join(data) or 'missing'}"), "tables headed [[reading]] and nothing else")
     return rows
-
-
-def _parse_csv(text: str, name: str) -> list[Mapping[str, object]]:
-    """Return the entries of each reading of a CSV file, whose first row names them; empty cells are left out."""
-    try:
-        lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
-    except csv.Error as fault:
-        raise InputError(name, Words(f"not CSV: {fault}"), f"columns {', '.join(READING_KEYS)}") from None
-    if not lines or len(set(lines[0])) < len(lines[0]):
-        raise InputError(name, Words("no row of names, each once"), f"a first row with names among {', '.join(READING_KEYS)}")
-    for index, row in enumerate(lines[1:]):
-        if len(row) != len(lines[0]):
-            raise InputError(f"reading[{index}]", Words(f"{len(row)} cells"), f"{len(lines[0])} cells as in the first row")
-    return [{key: cell for key, cell in zip(lines[0], row, strict=True) if cell} for row in lines[1:]]
 
 
 def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:

@@ -239,6 +239,20 @@ def test_readings_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "X;Ratio;Noise;Stiffness\r\n-8,0 mm;0,55;0,02;79,0 N/m\r\n;;;\r\n0 mm;0,62;;\r\n",
+        "\ufeffx\tratio\tnoise\tstiffness\n-8 mm\t0.55\t0.02\t79 N/m\n0 mm\t0,62\t\t\n",
+    ],
+)
+def test_files_of_spreadsheets_are_read(tmp_path: Path, text: str) -> None:
+    """With semicolons x was "missing": decimal commas, tabs, large letters, a mark of byte order and empty rows are as typed."""
+    (tmp_path / "scan.csv").write_bytes(text.encode())
+    wanted = (Reading(-8e-3, 0.0, 0.55, 0.02, 79.0, 0.02), Reading(0.0, 0.0, 0.62, 0.05, None, 0.05))
+    assert read_readings(tmp_path / "scan.csv", scene(), 0.05) == wanted
+
+
+@pytest.mark.parametrize(
     ("name", "text", "words"),
     [
         ("scan.txt", "", (".toml or .csv",)),
@@ -248,7 +262,10 @@ def test_readings_files(tmp_path: Path) -> None:
         ("scan.csv", "x,ratio\n0,0.5\n", ("reading[0].x", "unit is missing")),
         ("scan.csv", "x,ratio,noise\n0 mm,0.5,-1\n", ("reading[0].noise", "1e-06")),
         ("scan.csv", "x,ratio\n0 mm\n", ("reading[0]", "cells")),
-        ("scan.csv", "x,colour\n0 mm,red\n", ("reading[0].colour", "one of")),
+        ("scan.csv", "x,colour\n0 mm,red\n", ("column 'colour'", "one of")),
+        ("scan.csv", "x (mm),ratio\n0,0.5\n", ("column 'x (mm)'", "units in the cells")),
+        ("scan.csv", 'x,ratio\n0 mm,"0,5"\n', ("reading[0].ratio", "'0,5'")),
+        ("scan.csv", "x;ratio\n0 mm;1.234,5\n", ("reading[0].ratio",)),
         ("scan.csv", "ratio\n", ("0 readings",)),
         ("scan.toml", "[[reading]\n", ("not TOML",)),
         ("scan.toml", "reading = 3\n", ("[[reading]]",)),
