@@ -12,13 +12,20 @@ from matplotlib.ticker import PercentFormatter
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
 from probe_design.locating.location import Location
-from probe_design.locating.posterior import SUMMARY_NAMES, compute_plan, compute_section, draw_prior_values, list_values
+from probe_design.locating.posterior import (
+    SUMMARY_NAMES,
+    compute_plan,
+    compute_section,
+    draw_prior_values,
+    find_places,
+    list_values,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PLAN_POINTS, SECTION_POINTS = 97, 97  # of the maps, along each axis
-DRAWN_SETS = 400  # equally probable sets of tumours behind a map
+DRAWN_SETS = 400  # equally probable sets of tumours behind a map, throughout all: neighbours lie at one place
 PROBABILITY_COLOURS, PRIOR_COLOUR, POSTERIOR_COLOUR = "YlOrRd", "0.75", "tab:red"
 FIGURE_DPI = 130  # of figures on the screen
 QUANTITY_LABELS = {
@@ -33,8 +40,9 @@ LEGENDS = {
         "circles agree with it, dark blue and dark red ones do not."
     ),
     "section.png": (
-        "The tissue from the side, cut through the most probable place of the clearest tumour. Colour: the probability that this "
-        "point lies inside a tumour. The dashed circle has the median place, depth and diameter: one guess among many."
+        "The tissue from the side, cut through the median place of the clearest tumour; of several places, through the most "
+        "probable. Colour: the probability that this point lies inside a tumour. The dashed circle has this place and the median "
+        "depth and diameter: one guess among many."
     ),
     "marginals.png": (
         "What is known of the clearest tumour before the scan (grey) and after it (red). Where the two agree, the scan has "
@@ -108,7 +116,7 @@ def _mix(result: Location, compute: object, *arguments: object) -> Floats:
     """Return a map over all numbers of tumours, weighted by their probability."""
     total: Floats = np.zeros(1)
     for part, probability in zip(result.by_number, result.probability[1:], strict=True):
-        total = total + probability * compute(part.sets[:DRAWN_SETS], *arguments)  # type: ignore[operator]
+        total = total + probability * compute(part.sets[:: max(1, len(part.sets) // DRAWN_SETS)], *arguments)  # type: ignore[operator]
     return total
 
 
@@ -148,14 +156,15 @@ def _plot_section(figure: Figure, axes: Axes, result: Location) -> None:
     quantities = result.tumours[0].quantities
     x, _ = _get_window(result)
     deepest = max(result.tumour_prior.ranges[2].values) + max(result.tumour_prior.ranges[3].values) / 2
-    depth, y = np.linspace(0, deepest, SECTION_POINTS), quantities["y"].median
+    (centre_x, y), *_ = find_places(*result.best.sets[:, 0, :2].T)
+    depth = np.linspace(0, deepest, SECTION_POINTS)
     probability = _mix(result, compute_section, x, depth, y)
     picture = axes.pcolormesh(
         x * MM_PER_M, depth * MM_PER_M, probability, cmap=PROBABILITY_COLOURS, vmin=0, vmax=1, shading="nearest"
     )
     figure.colorbar(picture, ax=axes, label="probability of tumour", shrink=0.8, format=PercentFormatter(1.0))
     if result.probability[0] < 0.5:
-        centre = (quantities["x"].median * MM_PER_M, quantities["depth"].median * MM_PER_M)
+        centre = (centre_x * MM_PER_M, quantities["depth"].median * MM_PER_M)
         radius = quantities["diameter"].median * MM_PER_M / 2
         axes.add_patch(Circle(centre, radius, facecolor="none", edgecolor="0.2", linestyle="--"))
     axes.set(

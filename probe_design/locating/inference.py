@@ -123,7 +123,7 @@ def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_f
     """Return the posterior of one number of tumours, those first which change the readings most."""
     prior = likelihood.prior
     log_tissues, log_tissue_sd = draw_tissues(likelihood, prior.transform(sample.points), sample.weights)
-    strengths = [np.abs(likelihood.predict(sets[:200, [index]])[0]).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])]
+    strengths = [np.abs(likelihood.predict(sets[::10, [index]])[0]).sum(axis=(1, 2)).mean() for index in range(sets.shape[1])]
     tumours = tuple(
         Tumour(summary, find_region(prior, sample.points[:, index], sample.weights).area)
         for index, summary in enumerate(summarise(prior, sample, log_tissues, log_tissue_sd))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, label
 
 from geometry.common.arrays import Bools, Floats
 from probe_design.locating.prior import TUMOUR_QUANTITIES, TumourPrior
@@ -174,6 +174,25 @@ class Region:
         return 0 <= column < columns and 0 <= row < rows and bool(self.cells[column, row])
 
 
+MIN_PART = 0.2  # of a place's probability, from which a part of its region by itself counts as a place
+
+
+def find_places(x: Floats, y: Floats) -> list[tuple[float, float]]:
+    """Return the medians of the separate parts of the region of equally probable places (n,), m, the most probable first.
+
+    A line of readings does not tell its two sides apart: the median of both is then no place.
+    """
+    region = _build_region(x, y, np.ones(len(x)), 0.9)
+    labels, count = label(region.cells)
+    columns = np.clip(np.searchsorted(region.x_edges, x) - 1, 0, len(labels) - 1)
+    rows = np.clip(np.searchsorted(region.y_edges, y) - 1, 0, labels.shape[1] - 1)
+    parts = [labels[columns, rows] == number for number in range(1, count + 1)]
+    kept = sorted((part for part in parts if part.mean() >= MIN_PART), key=np.sum, reverse=True)
+    if len(kept) < 2:
+        return [(float(np.median(x)), float(np.median(y)))]
+    return [(float(np.median(x[part])), float(np.median(y[part]))) for part in kept]
+
+
 def find_region(prior: TumourPrior, points: Floats, weights: Floats, probability: float = 0.9) -> Region:
     """Return the smallest region that holds the place of a tumour with a probability.
 
@@ -187,6 +206,11 @@ def find_region(prior: TumourPrior, points: Floats, weights: Floats, probability
         Of the place to lie within the region.
     """
     x, y = prior.transform(points)[:, :2].T
+    return _build_region(x, y, weights, probability)
+
+
+def _build_region(x: Floats, y: Floats, weights: Floats, probability: float) -> Region:
+    """Return the smallest region that holds weighted places (n,), m, with a probability."""
     edges = [_build_edges(coordinates) for coordinates in (x, y)]
     density, *_ = np.histogram2d(x, y, edges, weights=weights)
     density = gaussian_filter(density, 0.7, mode="constant")

@@ -13,7 +13,7 @@ from geometry.scenes.units import MM_PER_M
 from probe_design.estimation.measurements import FORCE_QUANTITY
 from probe_design.locating.figures import LEGENDS, draw_fit, draw_marginals, draw_plan, draw_section
 from probe_design.locating.location import Location, NumberResult
-from probe_design.locating.posterior import LEARNT_SD_RELATIVE, Summary
+from probe_design.locating.posterior import LEARNT_SD_RELATIVE, Summary, find_places
 from probe_design.reporting.page import Chapter, Items, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section
 from probe_design.reporting.table import Table
@@ -173,9 +173,9 @@ def build_headline(result: Location) -> str:
     if none > 0.5:
         return number
     tumour = result.tumours[0]
-    x, y = (MM_PER_M * tumour.quantities[name].median for name in "xy")
+    places = [f"x = {MM_PER_M * x:.1f} mm, y = {MM_PER_M * y:.1f} mm" for x, y in find_places(*result.best.sets[:, 0, :2].T)]
     area = float(f"{tumour.place_region_90 * MM_PER_M**2:.2g}")  # rounded here, so that 140 is not written as 1.4e+02
-    return f"{number} The clearest lies at x = {x:.1f} mm, y = {y:.1f} mm, within {area:g} mm² with a probability of 90 %."
+    return f"{number} The clearest lies at {' or at '.join(places)}, within {area:g} mm² with a probability of 90 %."
 
 
 def write_files(result: Location, folder: Path, first_chapters: Sequence[Chapter] = ()) -> list[Path]:
@@ -201,14 +201,16 @@ def write_files(result: Location, folder: Path, first_chapters: Sequence[Chapter
         for name, figure in drawings.items():
             figure.savefig(draft / name, dpi=110)
         (draft / "locate.json").write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        warnings = [Chapter("Warnings", (Items(result.warnings),))] if result.warnings else []
         chapters = [
+            *warnings,
             *first_chapters,
             Chapter("How many tumours", (*build_tables(result), *(Text(line) for line in list_lines(result)))),
             *(
                 Chapter(title, (Picture.from_file(draft / name, title), Text(LEGENDS[name])))
                 for name, title in zip(drawings, ("Where", "How deep", "What is learnt", "Predicted and read"), strict=True)
             ),
-            Chapter("What to keep in mind", (Items((*result.warnings, *ASSUMPTIONS)),)),
+            Chapter("What to keep in mind", (Items(ASSUMPTIONS),)),
             build_scene_section(result.scene, "The scene without tumours"),
         ]
         page = build_page("Tumours located", build_headline(result), chapters, summary, is_positive=result.explained)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from probe_design.locating.figures import PLAN_POINTS, draw_plan
+from probe_design.locating.posterior import find_places
 from probe_design.locating.prior import TumourPrior
-from probe_design.locating.report import list_lines
+from probe_design.locating.report import build_headline, list_lines, write_files
 from probe_design.locating.run import list_assumed_places
 from probe_design.locating.scan_data import ScanData
-from tests.probe_design.locating.test_inference import CLEAR, NONE, PLACES, WHITE, clear, design, result, scan
+from tests.probe_design.locating.test_inference import CLEAR, GAINS, NONE, PLACES, WHITE, clear, design, result, scan
+from tests.support.stand_in_model import StandInModel
 
 
 def test_gains_beyond_their_noise_are_named() -> None:
@@ -101,3 +105,34 @@ def test_readings_far_beyond_the_population_compute_without_warnings_of_numpy() 
     """All pairs touch that could explain one tumour ten times as strong: -inf less -inf was printed as a warning."""
     strong = scan(CLEAR)
     assert not result(change(strong, 3 * (strong.values[:, 0] - np.median(strong.values[:, 0])) * 5), tumours=2).explained
+
+
+def test_a_tumour_beside_a_line_of_readings_has_two_places() -> None:
+    """The headline had the median of both sides, where the tumour cannot be, and the map showed one side alone."""
+    beside = CLEAR.copy()
+    beside[..., 1] = 9e-3
+    places = np.array([(30e-3, 0.0), *((x, 0.0) for x in np.linspace(-16e-3, 16e-3, 25))])
+    values = np.zeros((len(places), 2))
+    values[1:] = StandInModel().predict(beside, places[1:])[0]
+    variance = np.tile([1e-6, np.inf], (len(places), 1))
+    data = ScanData(places, values, variance, np.zeros((len(places), 2)), np.arange(len(places)) == 0, GAINS)
+    located = result(data, tumours=1, y=[-16e-3, 16e-3], depth=[8.5e-3, 9.5e-3], diameter=10e-3, object=26e3)
+    (_, first), (_, second) = find_places(*located.best.sets[:, 0, :2].T)
+    assert sorted([first, second]) == pytest.approx([-9e-3, 9e-3], abs=1e-3)
+    assert f"y = {1e3 * first:.1f} mm or at x = " in build_headline(located)
+    (plan, *_) = draw_plan(located).axes
+    shown = np.asarray(plan.collections[0].get_array()).reshape(PLAN_POINTS, PLAN_POINTS)
+    half = PLAN_POINTS // 2  # of the rows, below y = 0
+    assert shown[:half].max() == pytest.approx(shown[-half:].max(), abs=0.15)
+    ((x, y),) = find_places(*clear().best.sets[:, 0, :2].T)
+    assert (x, y) == pytest.approx(
+        (clear().tumours[0].quantities["x"].median, clear().tumours[0].quantities["y"].median), abs=1e-4
+    )
+
+
+def test_a_page_has_warnings_above_its_tables(tmp_path: Path) -> None:
+    """They stood below all pictures, and a headline in green above."""
+    data = change(scan(NONE), np.linspace(0, 0.08, len(PLACES)))
+    write_files(result(data, tumours=1), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.index("seems to drift") < page.index("How many tumours</h2>")
