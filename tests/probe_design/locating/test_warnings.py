@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry import InputError
+from probe_design.estimation.measurements import Reading
 from probe_design.locating.figures import PLAN_POINTS, draw_plan
 from probe_design.locating.posterior import find_places
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.report import build_headline, list_lines, write_files
 from probe_design.locating.run import list_assumed_places
-from probe_design.locating.scan_data import ScanData
+from probe_design.locating.scan_data import ScanData, check_readings
 from tests.probe_design.locating.test_inference import CLEAR, GAINS, NONE, PLACES, WHITE, clear, design, result, scan
 from tests.support.stand_in_model import StandInModel
 
@@ -136,3 +138,18 @@ def test_a_page_has_warnings_above_its_tables(tmp_path: Path) -> None:
     write_files(result(data, tumours=1), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.index("seems to drift") < page.index("How many tumours</h2>")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({"ratio": -0.4}, r"readings\[1\].ratio = -0.4: allowed: a finite number above 0"),
+        ({"noise": 0.0}, r"readings\[1\].noise"), ({"x": float("nan")}, r"readings\[1\].x"),
+        ({"stiffness": float("inf")}, r"readings\[1\].stiffness"),
+    ],
+)  # fmt: skip
+def test_numbers_of_readings_made_in_python_are_checked(numbers: dict[str, float], words: str) -> None:
+    """A negative ratio ended in Python's own "math domain error"."""
+    good = Reading(0.0, 0.0, 0.4, 0.01)
+    with pytest.raises(InputError, match=words):
+        check_readings((good, replace(good, **numbers), replace(good, x=1e-3)))  # type: ignore[arg-type]
