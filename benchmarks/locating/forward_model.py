@@ -69,11 +69,11 @@ def build_positions() -> Floats:
 
 def draw_tumours(table: ReadingTable, count: int, bodies: int) -> Floats:
     """Return allowed candidates, drawn evenly in the table's cube and the square, shape (count, bodies, 5)."""
-    random, chosen = np.random.default_rng(SEED), np.empty((0, bodies, 5))
+    random, chosen, cube = np.random.default_rng(SEED), np.empty((0, bodies, 5)), table.layers[0].cube
     while len(chosen) < count:
         points = random.uniform(-1, 1, (2 * count * bodies, 5))
-        depth, diameter, modulus = table.cube.map_from_cube(points[:, 2:])
-        depth = np.maximum(depth, table.cube.compute_shallowest(diameter))
+        depth, diameter, modulus = cube.map_from_cube(points[:, 2:])
+        depth = np.maximum(depth, cube.compute_shallowest(diameter))
         drawn = np.stack([*(HALF_SIDE * points[:, :2].T), depth, diameter, modulus], axis=-1).reshape(-1, bodies, 5)
         chosen = np.concatenate([chosen, drawn[table.is_allowed(drawn)]])
     return chosen[:count]

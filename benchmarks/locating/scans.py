@@ -34,6 +34,7 @@ WIDE = {"depth": ["5 mm", "25 mm"], "diameter": ["4 mm", "16 mm"], "object": ["8
 COMMON = {"x": ["-16 mm", "16 mm"], "least_cover": "2 mm", "tumours": 1}
 NOISE = {"white": 0.01, "gain": 0.05, "stiffness_white": 0.03, "stiffness_gain": 0.05, "charge": "0 pC"}
 SKIN = {"thickness": "1 mm", "youngs_modulus": "20 kPa", "poisson_ratio": 0.45}
+FAT = {"thickness": "12 mm", "youngs_modulus": "3 kPa", "poisson_ratio": 0.45}
 BASELINE = (30e-3, 0.0)  # place of the baseline reading, m
 TISSUES = 12  # different ones, where the tissue is not known
 SEED = 39

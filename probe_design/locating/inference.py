@@ -22,7 +22,6 @@ from probe_design.locating.sampling import draw_posteriors
 from probe_design.locating.scan_data import ScanConditions
 
 MIN_P_VALUE = 1e-3  # of the residual test: one honest scan in a thousand fails it at the most
-TISSUE_MODULUS = "tissue"  # its name among the common errors
 STORED_SETS = 2000  # equally probable sets of each number, for maps and pictures
 COMMON_SETS = 200  # of each number of tumours, for the posterior of gains, tissue and places
 
@@ -142,21 +141,24 @@ def _describe_number(likelihood: Likelihood, sample: Sample, sets: Floats, log_f
     )
 
 
-def draw_tissues(likelihood: Likelihood, tumours: Floats, weights: Floats) -> tuple[Floats, float]:
-    """Return ln of the tissue's modulus over the middle of its range, drawn given each set of tumours (n, m, 5), and its spread.
+def draw_tissues(likelihood: Likelihood, tumours: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Return ln of each layer's modulus over the middle of its range, drawn given each set of tumours (n, m, 5), and its spread.
 
-    Shape (n,); the spread is its standard deviation before the readings. Both are 0 where the modulus is known, and draws are 0
-    for sets without a weight, whose readings may not be predictable.
+    Shapes (n, l) and (l,), the tissue below the layers last; the spread is the standard deviation before the readings. Both are 0
+    where the modulus is known, and draws are 0 for sets without a weight, whose readings may not be predictable.
     """
-    errors, draws = likelihood.common_errors, np.zeros(len(tumours))
-    if TISSUE_MODULUS not in errors.names:
-        return draws, 0.0
-    index, is_likely = errors.names.index(TISSUE_MODULUS), weights > 0
-    deviation = float(errors.deviations[index])
-    mean, covariance = likelihood.solve_common(tumours[is_likely])
-    chance = np.random.default_rng(0).standard_normal(len(mean))
-    draws[is_likely] = deviation * (mean[:, index] + np.sqrt(covariance[:, index, index]) * chance)
-    return draws, deviation
+    errors, is_likely = likelihood.common_errors, weights > 0
+    names = [*(f"layer_{number}_modulus" for number in range(len(likelihood.prior.strata.interfaces))), "tissue"]
+    draws, deviations = np.zeros((len(tumours), len(names))), np.zeros(len(names))
+    for number, name in enumerate(names):
+        if name not in errors.names:
+            continue
+        index = errors.names.index(name)
+        deviations[number] = errors.deviations[index]
+        mean, covariance = likelihood.solve_common(tumours[is_likely])
+        chance = np.random.default_rng(number).standard_normal(len(mean))
+        draws[is_likely, number] = deviations[number] * (mean[:, index] + np.sqrt(covariance[:, index, index]) * chance)
+    return draws, deviations
 
 
 def _test_residuals(likelihood: Likelihood, posterior: Posterior, sets: tuple[Floats, ...]) -> tuple[float, Floats]:

@@ -62,9 +62,9 @@ class NumberResult:
     sets
         Equally probable sets of tumours, shape (n, number, 5): x, y, depth, diameter, Young's modulus.
     log_tissue
-        Ln of the tissue's modulus over the middle of its range, drawn for each set, shape (n,).
+        Ln of each layer's modulus over the middle of its range, the tissue's last, drawn for each set, shape (n, l).
     log_tissue_sd
-        Its standard deviation before the readings; 0 where the modulus is known.
+        Their standard deviations before the readings, shape (l,); 0 where the modulus is known.
     """
 
     number: int
@@ -75,7 +75,7 @@ class NumberResult:
     converged: bool
     sets: Floats
     log_tissue: Floats
-    log_tissue_sd: float
+    log_tissue_sd: Floats
 
     @property
     def place_region_90(self) -> float:

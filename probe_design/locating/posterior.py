@@ -92,20 +92,25 @@ def compute_quantiles(values: Floats, weights: Floats, fractions: tuple[float, .
 def list_values(prior: TumourPrior, tumours: Floats, log_tissue: Floats | float = 0.0) -> Floats:
     """Return the columns named in ``SUMMARY_NAMES`` of tumours (n, m, 5), shape (n, m, 6).
 
-    ``log_tissue``, (n,), is ln of the tissue's modulus over the middle of its range: the contrast is to the tissue as it is.
+    ``log_tissue``, (n, l), is ln of the modulus of each layer of the tissue, and of the tissue below them, over the middle of its
+    range: the contrast is to the layer as it is that holds the tumour.
     """
-    contrast = prior.compute_contrast(tumours) - np.asarray(log_tissue)[..., None]
+    hosts = prior.strata.find_layer(tumours[..., 2])
+    log_moduli = np.broadcast_to(log_tissue, (len(tumours), len(prior.strata.materials)))
+    contrast = prior.compute_contrast(tumours) - np.take_along_axis(log_moduli, hosts, axis=1)
     return np.concatenate([tumours, contrast[..., None]], axis=-1)
 
 
-def draw_prior_values(prior: TumourPrior, log_tissue_sd: float) -> Floats:
-    """Return ``list_values`` of single tumours of the prior, on tissues whose ln modulus has a standard deviation, (n, 6)."""
-    log_tissue = log_tissue_sd * np.random.default_rng(0).standard_normal(PRIOR_SAMPLES)
-    return list_values(prior, prior.transform(prior.draw(PRIOR_SAMPLES, 1, 0)), log_tissue)[:, 0]
+def draw_prior_values(prior: TumourPrior, log_tissue_sd: Floats | float) -> Floats:
+    """Return ``list_values`` of single tumours of the prior that fit, with standard deviations of ln modulus, (l,); (n, 6)."""
+    tumours = prior.transform(prior.draw(PRIOR_SAMPLES, 1, 0))
+    tumours = tumours[prior.find_allowed(tumours)]
+    chance = np.random.default_rng(0).standard_normal((len(tumours), len(prior.strata.materials)))
+    return list_values(prior, tumours, log_tissue_sd * chance)[:, 0]
 
 
 def summarise(
-    prior: TumourPrior, sample: Sample, log_tissue: Floats | float = 0.0, log_tissue_sd: float = 0.0
+    prior: TumourPrior, sample: Sample, log_tissue: Floats | float = 0.0, log_tissue_sd: Floats | float = 0.0
 ) -> tuple[dict[str, Summary], ...]:
     """Return the summaries of all quantities of each tumour of a sample, by ``SUMMARY_NAMES``.
 
@@ -116,9 +121,9 @@ def summarise(
     sample
         Of the posterior.
     log_tissue
-        Ln of the tissue's modulus over the middle of its range for each set of the sample, shape (n,); 0 where it is known.
+        Ln of each layer's modulus over the middle of its range for each set of the sample, shape (n, l); 0 where it is known.
     log_tissue_sd
-        Its standard deviation before the readings.
+        Their standard deviations before the readings, shape (l,).
     """
     values, weights = list_values(prior, prior.transform(sample.points), log_tissue), sample.weights
     prior_sd = _scale(draw_prior_values(prior, log_tissue_sd)).std(axis=0)

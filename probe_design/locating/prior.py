@@ -22,6 +22,7 @@ from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import Range
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation
+from solver.inclusions.tumours import Strata
 
 TUMOUR_QUANTITIES = ("x", "y", "depth", "diameter", "youngs_modulus")  # columns of an array of tumours
 MIN_DISTANCE_M = 0.5e-3  # between the surfaces of two tumours: closer ones count as one
@@ -108,10 +109,10 @@ class TumourPrior:
         """Indices in ``TUMOUR_QUANTITIES`` of the quantities that vary."""
         return tuple(index for index, value_range in enumerate(self.ranges) if not value_range.is_single)
 
-    @property
-    def tissue_modulus(self) -> float:
-        """Young's modulus of the tissue below its layers, Pa: the contrast is relative to it."""
-        return self.scene.tissue.youngs_modulus
+    @cached_property
+    def strata(self) -> Strata:
+        """The layers of the tissue, and the tissue below them."""
+        return Strata.from_tissue(self.scene.tissue)
 
     def transform(self, points: Floats) -> Floats:
         """Return tumours, shape (..., 5), for points of the cube, shape (..., d)."""
@@ -167,8 +168,9 @@ class TumourPrior:
         return fraction
 
     def compute_contrast(self, tumours: Floats) -> Floats:
-        """Return ln contrast of tumours (..., 5): of Young's modulus to that of the tissue, shape (...)."""
-        return np.asarray(np.log(tumours[..., 4] / self.tissue_modulus))
+        """Return ln contrast of tumours (..., 5): of Young's modulus to that of the layer that holds each, shape (...)."""
+        moduli = np.array([material.youngs_modulus for material in self.strata.materials])
+        return np.asarray(np.log(tumours[..., 4] / moduli[self.strata.find_layer(tumours[..., 2])]))
 
     def describe(self) -> dict[str, Any]:
         """Return the lower and upper end of each quantity's range, SI units."""

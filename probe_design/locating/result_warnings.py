@@ -23,6 +23,7 @@ MIN_SCATTER_P_VALUE = 1e-3  # of a misfit as small as that of the readings, belo
 MIN_WILD_P_VALUE = 1e-3  # of as many wild readings at the rate that is stated, below which a warning names them
 MIN_DRIFT_LOG_FACTOR = math.log(100)  # ln Bayes factor of a drift: at most one honest scan in a hundred exceeds it
 EDGE_M, EDGE_PROBABILITY = 1e-3, 0.3  # within which a tumour lies at the edge of the places, and how probably, for a warning
+MIN_LEFT_OUT = 0.01  # of the population's tumours, which do not fit, for a warning
 TESTED_SETS = 200  # most probable sets of one tumour, among which the best is chosen
 MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations: below it no detector reports it reliably
 DETECTABLE_SAMPLES = 1024  # tumours of the prior whose deflections are computed
@@ -83,6 +84,12 @@ def add_warnings(
         notes.append(
             f"the tissue is not known ([population] tissue, layer): all that tumours change may be off alike by "
             f"{100 * scale.max():.0f} %, to first order, which widens depth, diameter and contrast"
+        )
+    left_out = 1 - likelihood.prior.compute_allowed_fraction(1)
+    if left_out > MIN_LEFT_OUT:
+        notes.append(
+            f"{100 * left_out:.0f} of 100 tumours of the population are left out: interfaces of layers cross them or are within "
+            "a tenth of their diameter, or they reach beyond the tissue"
         )
     share = compute_detectable_share(likelihood)
     if share < 0.1:

@@ -25,8 +25,9 @@ from geometry.scenes.scene import Scene
 from solver.inclusions.tumours import Tumours
 from solver.reading_tables.effect_samplers import EffectSampler, choose_sampler
 from solver.reading_tables.expansion import OffsetGrid, build_cube_points, evaluate_cube_basis
-from solver.reading_tables.reading_table import FINE_STEPS, ReadingTable
-from solver.reading_tables.tumour_ranges import TumourCube, TumourRanges, list_ranges
+from solver.reading_tables.layer_table import FINE_STEPS, LayerTable
+from solver.reading_tables.reading_table import ReadingTable, combine_effects
+from solver.reading_tables.tumour_ranges import TumourCube, TumourRanges, build_cubes, list_ranges
 
 FIRST_COUNTS, FIRST_OFFSETS = (14, 8, 4), 24  # points along depth, diameter, strength, and offset, to first order
 REFLECTED_OFFSETS = 10  # points along the offset with reflections
@@ -78,22 +79,27 @@ def read_or_build_table(scene: Scene, ranges: TumourRanges, sampler: EffectSampl
         decay within it.
     """
     sampler = sampler or choose_sampler(scene)
-    cube = TumourCube.from_tissue(ranges, scene.tissue)
-    text = f"{_compute_source_digest()} {version(DISTRIBUTION)} {np.__version__} {sampler.key} {list_ranges(ranges)}"
+    cubes = build_cubes(ranges, scene.tissue)
+    return ReadingTable(scene, ranges, tuple(_read_or_build_layer(scene, cube, sampler) for cube in cubes))
+
+
+def _read_or_build_layer(scene: Scene, cube: TumourCube, sampler: EffectSampler) -> LayerTable:
+    """Return the table of one layer."""
+    text = f"{_compute_source_digest()} {version(DISTRIBUTION)} {np.__version__} {sampler.key} {list_ranges(cube.ranges)}"
     path = find_cache_folder("tables") / f"{hashlib.sha256(text.encode()).hexdigest()}.table"
     arrays = read_arrays(path)
     if arrays is None:
-        table = build_table(scene, cube, sampler)
+        table = _build_layer(scene, cube, sampler)
         write_arrays(path, {name: np.asarray(getattr(table, name)) for name in TABLE_ARRAYS})
         return table
     parts = (arrays[name] for name in TABLE_ARRAYS[2:])
-    return ReadingTable(cube, scene, float(arrays["scale"]), float(arrays["end"]), *parts)
+    return LayerTable(cube, float(arrays["scale"]), float(arrays["end"]), *parts)
 
 
-def build_table(scene: Scene, cube: TumourCube, sampler: EffectSampler) -> ReadingTable:
-    """Build a table, see ``read_or_build_table``."""
+def _build_layer(scene: Scene, cube: TumourCube, sampler: EffectSampler) -> LayerTable:
+    """Build the table of one layer, see ``read_or_build_table``."""
     outer_radius, largest = scene.probe.tube_radius, cube.ranges.diameter[1]
-    wanted = REACH_OUTER_RADII * outer_radius + REACH_DEPTHS * cube.ranges.depth[1]
+    wanted = REACH_OUTER_RADII * outer_radius + REACH_DEPTHS * cube.compute_bottom(cube.ranges.diameter[0])
     end = min(wanted, sampler.tissue_radius - largest / 2 * 1.001)
     if end <= 0:
         allowed = f"at least {format_mm(largest)}, so that the largest tumour fits"
@@ -103,15 +109,14 @@ def build_table(scene: Scene, cube: TumourCube, sampler: EffectSampler) -> Readi
     values = _sample(sampler, cube, grid.points, build_cube_points(counts), reflect=False)
     values += _interpolate_reflections(sampler, cube, grid, counts)
     _check_decay(values, cube, end, sampler)
-    table = _reduce(scene, cube, grid, counts, values)
-    return table.with_errors(*_measure_error(table, sampler))
+    table = _reduce(cube, grid, counts, values)
+    return table.with_errors(*_measure_error(table, outer_radius, sampler))
 
 
 def _choose_counts(cube: TumourCube, counts: tuple[int, ...]) -> tuple[int, int, int]:
     """Return the numbers of points, 1 for a quantity with a single value."""
     ranges = (cube.ranges.depth, cube.ranges.diameter, cube.ranges.youngs_modulus)
     singles = [high / low - 1 < 1e-9 for low, high in ranges]
-    singles[0] &= cube.compute_shallowest(cube.ranges.diameter[1]) >= cube.ranges.depth[1]
     depth, diameter, strength = (1 if single else count for count, single in zip(counts, singles, strict=True))
     return depth, diameter, strength
 
@@ -164,7 +169,7 @@ def _check_decay(values: Floats, cube: TumourCube, end: float, sampler: EffectSa
         raise Refusal("tissue.radius", format_mm(sampler.tissue_radius), allowed)
 
 
-def _reduce(scene: Scene, cube: TumourCube, grid: OffsetGrid, counts: tuple[int, int, int], values: Floats) -> ReadingTable:
+def _reduce(cube: TumourCube, grid: OffsetGrid, counts: tuple[int, int, int], values: Floats) -> LayerTable:
     """Return the table without its errors from effects per diameter^3 at the points, shape (offsets, points, 3)."""
     matrix = values.reshape(grid.count, -1)
     sizes = np.abs(values).max(axis=0).ravel()  # weak tumours count as much as strong ones
@@ -178,22 +183,22 @@ def _reduce(scene: Scene, cube: TumourCube, grid: OffsetGrid, counts: tuple[int,
     coordinate = np.linspace(0, np.hypot(2 * grid.end, grid.scale) - grid.scale, FINE_STEPS + 1)
     offsets = np.sqrt(coordinate * (coordinate + 2 * grid.scale))
     functions = grid.build_interpolation(offsets) @ left
-    return ReadingTable(cube, scene, grid.scale, grid.end, functions, degrees[large], coefficients[large])
+    return LayerTable(cube, grid.scale, grid.end, functions, degrees[large], coefficients[large])
 
 
-def _measure_error(table: ReadingTable, sampler: EffectSampler) -> tuple[Floats, Floats, Floats]:
+def _measure_error(table: LayerTable, outer_radius: float, sampler: EffectSampler) -> tuple[Floats, Floats, Floats]:
     """Return the errors of a table and of its model, and the largest of the table, at tumours drawn evenly within its ranges."""
     random, cube = np.random.default_rng(HELD_OUT_SEED), table.cube
     depth, diameter, modulus = cube.map_from_cube(random.uniform(-1, 1, (HELD_OUT_TUMOURS, 3)))
-    depth = np.maximum(depth, cube.compute_shallowest(diameter))
-    offsets = np.minimum(np.array(HELD_OUT_OFFSETS_OUTER_RADII) * table.scene.probe.tube_radius, table.end)
+    depth = np.clip(depth, cube.compute_shallowest(diameter), cube.compute_deepest(diameter))
+    offsets = np.minimum(np.array(HELD_OUT_OFFSETS_OUTER_RADII) * outer_radius, table.end)
     columns = np.broadcast_arrays(offsets, 0.0, depth[:, None], diameter[:, None], modulus[:, None], cube.ranges.poisson_ratio)
     tumours = Tumours(*(np.ravel(column) for column in columns))
     effects = sampler.compute_effects(tumours, reflect=True)
-    truth = np.stack([np.log1p(effects[:, 0]) - np.log1p(effects[:, 1]), np.log1p(effects[:, 2])], axis=-1)
-    truth = truth.reshape(HELD_OUT_TUMOURS, len(offsets), 2)
-    candidates = np.stack([0 * depth, 0 * depth, depth, diameter, modulus], axis=-1)[:, None]
-    deviations = np.abs(table.predict(candidates, np.stack([offsets, 0 * offsets], axis=-1)) - truth)
+    truth = combine_effects(effects).reshape(HELD_OUT_TUMOURS, len(offsets), 2)
+    candidates = np.stack([0 * depth, 0 * depth, depth, diameter, modulus], axis=-1)
+    predicted, _ = table.compute_effects(candidates, np.stack([offsets, 0 * offsets], axis=-1))
+    deviations = np.abs(combine_effects(predicted) - truth)
     squares = np.stack([deviations**2, sampler.compute_errors(tumours).reshape(truth.shape) ** 2])
     error, scale_error = np.sqrt(squares.mean(axis=(1, 2)) / (truth**2).mean(axis=(0, 1)))
     error = np.hypot(error, UNLIKE_SHARE * scale_error)

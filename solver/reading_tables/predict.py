@@ -90,7 +90,6 @@ def _find_ranges(scene: Scene, candidates: Floats) -> TumourRanges:
     """Return the lowest and highest numbers of candidates, with the cover that they have."""
     depth, diameter, modulus = (candidates[..., column] for column in (2, 3, 4))
     depths, diameters, moduli = ((float(values.min()), float(values.max())) for values in (depth, diameter, modulus))
-    ceiling = max([0.0, *(face for face in scene.tissue.interfaces if face <= depths[1])])
-    cover = max(float((depth - diameter / 2).min()) - ceiling, 0.0)
+    cover = max(float((depth - diameter / 2).min()), 0.0)
     nu = scene.inclusion[0].poisson_ratio if scene.inclusion else scene.tissue.poisson_ratio
     return TumourRanges(depths, diameters, moduli, poisson_ratio=nu, min_cover=cover)

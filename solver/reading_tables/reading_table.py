@@ -1,12 +1,7 @@
-"""Predict readings over many candidate tumours from a table of low rank, built once for a probe on its tissue.
+"""Predict readings over many candidate tumours from tables of low rank, built once for a probe on its tissue.
 
-The relative changes of the inner reading, the outer reading (of charges or stresses, as the scene reads) and the stiffness by one
-tumour at the lateral distance rho from the probe's axis are
-
-    e_c = diameter^3 sum_r phi_r(rho) psi_rc(depth, diameter, youngs_modulus)                             (RT.2)
-
-with phi from a singular value decomposition of effects at Chebyshev points, and psi polynomials on ``TumourCube``. Effects of
-several tumours add. The signals of a scan against tissue without tumours are
+A tumour lies wholly within a layer, and each layer has a table of its own, eq. RT.2. Effects of several tumours add.
+The signals of a scan against tissue without tumours are
 
     ln(1 + e_inner) - ln(1 + e_outer)   of the ratio,     ln(1 + e_stiffness)   of the stiffness            (RT.3)
 
@@ -15,7 +10,7 @@ The stiffness is the force per indentation, and so minus the change of ln indent
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -24,49 +19,40 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.reading_tables.expansion import evaluate_cube_basis
-from solver.reading_tables.tumour_ranges import ROUNDING_RELATIVE, TumourCube
+from solver.reading_tables.layer_table import LayerTable
+from solver.reading_tables.tumour_ranges import ROUNDING_RELATIVE, TumourRanges
 
 CHUNK = 512  # candidates at once, whose arrays fit the processor's cache
-FINE_STEPS = 4096  # of the linear interpolation of phi: its error is 1e-6 of the effect
 MIN_DISTANCE_M = 0.5e-3  # between the surfaces of two tumours: closer ones exchange fields that a sum of effects leaves out
 
 
 @dataclass(frozen=True)
 class ReadingTable:
-    """Readings over tumours within ranges, eqs. RT.2 and RT.3.
+    """Readings over tumours within ranges, eq. RT.3.
 
     Attributes
     ----------
-    cube
-        The tumours that the table covers.
     scene
         The probe on its tissue.
-    scale, end
-        The distance rho enters as sqrt(rho^2 + scale^2) - scale; effects are computed up to ``end`` and vanish at twice that, m.
-    offset_functions
-        phi_r at evenly spaced values of that coordinate, up to the one of 2 ``end``, shape (steps + 1, r).
-    degrees, coefficients
-        Degrees of the polynomials, shape (p, 3), and psi_rc per diameter^3, 1/m^3, as sums of these, shape (p, r, 3).
-    error
-        Root mean square error of the signals over held-out tumours, relative to that of the signals; of ln ratio and ln
-        stiffness, shape (2,). It is of one tumour; several add their exchange of fields.
-    scale_error
-        The same of the model, which all signals of a scan have nearly alike, shape (2,): 0 in linear elasticity.
-    worst_error
-        The largest error of a held-out signal relative to the largest signal of its tumour, shape (2,).
+    ranges
+        Of the tumours.
+    layers
+        Tables of the layers that hold any of them, from the surface downwards.
     """
 
-    cube: TumourCube
     scene: Scene
-    scale: float
-    end: float
-    offset_functions: Floats
-    degrees: Ints
-    coefficients: Floats
-    error: Floats = field(default_factory=lambda: np.zeros(2))
-    scale_error: Floats = field(default_factory=lambda: np.zeros(2))
-    worst_error: Floats = field(default_factory=lambda: np.zeros(2))
+    ranges: TumourRanges
+    layers: tuple[LayerTable, ...]
+
+    @cached_property
+    def error(self) -> Floats:
+        """Largest error of a layer's table, as ``LayerTable.error``, shape (2,)."""
+        return np.asarray(np.max([layer.error for layer in self.layers], axis=0))
+
+    @cached_property
+    def scale_error(self) -> Floats:
+        """Largest error of a layer's model, as ``LayerTable.scale_error``, shape (2,)."""
+        return np.asarray(np.max([layer.scale_error for layer in self.layers], axis=0))
 
     def predict(self, tumours: Floats, positions: Floats) -> Floats:
         """Return the changes of ln ratio and ln stiffness against tissue without tumours.
@@ -94,7 +80,7 @@ class ReadingTable:
         signals = np.empty((len(tumours), len(positions), 2))
         for start in range(0, len(tumours), CHUNK):
             effects = self._sum_effects(tumours[start : start + CHUNK], positions)[0]
-            signals[start : start + CHUNK] = _combine(effects)
+            signals[start : start + CHUNK] = combine_effects(effects)
         return signals
 
     def slopes(self, tumours: Floats, positions: Floats) -> Floats:
@@ -106,7 +92,7 @@ class ReadingTable:
         slopes = np.empty((len(tumours), len(positions), 2, 2))
         for start in range(0, len(tumours), CHUNK):
             effects, gradients = self._sum_effects(tumours[start : start + CHUNK], positions, with_gradients=True)
-            _combine(effects)  # refuses effects without a logarithm
+            combine_effects(effects)  # refuses effects without a logarithm
             relative = gradients / (1 + effects)[..., None, :]
             slopes[start : start + CHUNK, :, 0] = relative[..., 0] - relative[..., 1]
             slopes[start : start + CHUNK, :, 1] = relative[..., 2]
@@ -132,16 +118,15 @@ class ReadingTable:
                 allowed &= distance - radius[:, i] - radius[:, j] >= MIN_DISTANCE_M
         return np.asarray(allowed)
 
-    def with_errors(self, error: Floats, scale_error: Floats, worst_error: Floats) -> ReadingTable:
-        """Return the table with measured errors."""
-        return replace(self, error=error, scale_error=scale_error, worst_error=worst_error)
-
     def _find_covered(self, tumours: Floats) -> Bools:
-        """Return whether each tumour of shape (..., 5) lies within the ranges and has its cover, shape (...)."""
-        ranges, (depth, diameter, modulus) = self.cube.ranges, np.moveaxis(tumours[..., 2:], -1, 0)
-        covered = depth >= self.cube.compute_shallowest(diameter) * (1 - ROUNDING_RELATIVE)
-        for values, (low, high) in ((depth, ranges.depth), (diameter, ranges.diameter), (modulus, ranges.youngs_modulus)):
-            covered &= (values >= low * (1 - ROUNDING_RELATIVE)) & (values <= high * (1 + ROUNDING_RELATIVE))
+        """Return whether each tumour of shape (..., 5) lies within the ranges, a layer and under its cover, shape (...)."""
+        depth, diameter, modulus = np.moveaxis(tumours[..., 2:], -1, 0)
+        low, high = 1 - ROUNDING_RELATIVE, 1 + ROUNDING_RELATIVE
+        covered = np.zeros(depth.shape, dtype=bool)
+        for cube in (layer.cube for layer in self.layers):
+            covered |= (depth >= cube.compute_shallowest(diameter) * low) & (depth <= cube.compute_deepest(diameter) * high)
+        for values, limits in ((diameter, self.ranges.diameter), (modulus, self.ranges.youngs_modulus)):
+            covered &= (values >= limits[0] * low) & (values <= limits[1] * high)
         return np.asarray(covered)
 
     def _check(self, tumours: Floats, positions: Floats) -> tuple[Floats, Floats]:
@@ -156,50 +141,36 @@ class ReadingTable:
         covered = self._find_covered(tumours)
         if not np.all(covered):
             depth, diameter, modulus = tumours[~covered][0, 2:].tolist()
-            ranges, given = self.cube.ranges, f"{format_mm(diameter)} at {format_mm(depth)}, {modulus / 1e3:.4g} kPa"
+            ranges, given = self.ranges, f"{format_mm(diameter)} at {format_mm(depth)}, {modulus / 1e3:.4g} kPa"
             pairs = (("depths", ranges.depth, 1e3, "mm"), ("diameters", ranges.diameter, 1e3, "mm"))
             limits = [f"{name} {low * unit:.4g} to {high * unit:.4g} {text}" for name, (low, high), unit, text in pairs]
             moduli = " to ".join(f"{modulus / 1e3:.4g}" for modulus in ranges.youngs_modulus)
-            shallowest = f"this one at {self.cube.compute_shallowest(diameter) * 1e3:.4g} mm or deeper"
-            raise InputError("tumours", Words(given), f"{', '.join(limits)} and {moduli} kPa, {shallowest}")
+            cover = f"a cover of {format_mm(ranges.min_cover)} and of a tenth of the diameter, also to interfaces of layers"
+            raise InputError("tumours", Words(given), f"{', '.join(limits)} and {moduli} kPa, {cover}")
         return tumours, positions
 
     def _sum_effects(self, tumours: Floats, positions: Floats, with_gradients: bool = False) -> tuple[Floats, Floats]:
         """Return the sums of e_c over the tumours, (n, k, 3), and their gradients by x and y of the probe, 1/m, (n, k, 2, 3)."""
         n, k = len(tumours), len(positions)
         effects, gradients = np.zeros((n, k, 3)), np.zeros((n, k, 2, 3) if with_gradients else 0)
-        step = self._fine_step
         for number in range(tumours.shape[1]):
-            x, y, depth, diameter, modulus = tumours[:, number].T
-            basis = evaluate_cube_basis(self.cube.map_to_cube(depth, diameter, modulus), self.degrees)
-            psi = basis @ self.coefficients.reshape(len(self.degrees), -1)
-            psi *= diameter[:, None] ** 3
-            psi = psi.reshape(n, -1, 3)
-            distance = np.stack([positions[:, 0] - x[:, None], positions[:, 1] - y[:, None]])
-            root = np.sqrt(distance[0] ** 2 + distance[1] ** 2 + self.scale**2)
-            place = np.minimum((root - self.scale) / step, FINE_STEPS - 1e-9)
-            line = place.astype(np.intp)
-            lower, change = self.offset_functions.take(line, axis=0), self._changes.take(line, axis=0)
-            if with_gradients:
-                by_place = change @ psi / step
-                gradients += (distance / root).transpose(1, 2, 0)[..., None] * by_place[:, :, None]
-            change *= (place - line)[..., None]
-            lower += change
-            effects += lower @ psi
+            single = tumours[:, number]
+            for layer, rows in zip(self.layers, self._divide(single[:, 2]), strict=True):
+                layer_effects, layer_gradients = layer.compute_effects(single[rows], positions, with_gradients)
+                effects[rows] += layer_effects
+                if with_gradients:
+                    gradients[rows] += layer_gradients
         return effects, gradients
 
-    @property
-    def _fine_step(self) -> float:
-        """Step of the coordinate of ``offset_functions``, m."""
-        return float(np.hypot(2 * self.end, self.scale) - self.scale) / FINE_STEPS
-
-    @cached_property
-    def _changes(self) -> Floats:
-        """Differences between neighbouring rows of ``offset_functions``."""
-        return np.diff(self.offset_functions, axis=0)
+    def _divide(self, depth: Floats) -> list[Ints | slice]:
+        """Return the rows of the tumours at depths, shape (n,), that each layer holds."""
+        if len(self.layers) == 1:
+            return [slice(None)]
+        numbers = np.searchsorted([layer.cube.floor for layer in self.layers[:-1]], depth, side="right")
+        return [np.flatnonzero(numbers == number) for number in range(len(self.layers))]
 
 
-def _combine(effects: Floats) -> Floats:
+def combine_effects(effects: Floats) -> Floats:
     """Return the signals of eq. RT.3 for effects e_c, shape (..., 3): shape (..., 2)."""
     factors = 1 + effects
     if np.any(factors <= 0):

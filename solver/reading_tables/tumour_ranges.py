@@ -1,8 +1,8 @@
-"""Describe the tumours that a table covers, and map them to the cube on which their effects are expanded.
+"""Describe the tumours that a table covers, and map those of each layer to the cube on which their effects are expanded.
 
 The coordinates, each from -1 to 1, are such that effects of first order are smooth in them:
 
-- the logarithm of the depth between the shallowest depth for the diameter, a straight line, and the largest depth;
+- the logarithm of the depth between the shallowest and the largest depth for the diameter, straight lines;
 - the logarithm of the diameter;
 - the strength q = (c - 1) / (1 + beta (c - 1)) of the contrast c = mu_object / mu_host of the shear moduli, in which the effect
   of the deviatoric strain is linear (Eshelby), with beta = 2 (4 - 5 nu) / (15 (1 - nu)) of the host.                       (RT.1)
@@ -10,17 +10,20 @@ The coordinates, each from -1 to 1, are such that effects of first order are smo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 
 from geometry.common.arrays import Floats, Numeric
-from geometry.common.errors import InputError, Refusal
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene_tables import Tissue
+from solver.inclusions.tumours import Strata
 from solver.materials.linear import Isotropic
 
 MIN_COVER_PER_DIAMETER = 0.1  # of a tumour's diameter: closer to a face its reflections are not resolved by the table's nodes
+CENTRE_PER_DIAMETER = 0.5 + MIN_COVER_PER_DIAMETER  # of a centre from a face, at least
 ROUNDING_RELATIVE = 1e-6  # of the ranges: numbers that are on a limit but for rounding are allowed
 
 
@@ -35,7 +38,7 @@ class TumourRanges:
     poisson_ratio
         Of all tumours.
     min_cover
-        Smallest distance of a tumour from the surface and from interfaces of layers, m; a tenth of the diameter at any rate.
+        Smallest distance of a tumour from the surface, m; a tenth of the diameter at any rate, and from interfaces of layers.
     """
 
     depth: tuple[float, float]
@@ -64,12 +67,12 @@ class TumourRanges:
 
 @dataclass(frozen=True)
 class TumourCube:
-    """Ranges within one layer of a tissue, and their map to the cube [-1, 1]^3.
+    """Tumours that lie wholly within one layer of a tissue, and their map to the cube [-1, 1]^3.
 
     Attributes
     ----------
     ranges
-        Of the tumours.
+        Of these tumours: the depths of the smallest, diameters up to the largest that fits, the cover below ``ceiling``.
     host
         The material around them.
     ceiling, floor
@@ -82,28 +85,25 @@ class TumourCube:
     floor: float
 
     @classmethod
-    def from_tissue(cls, ranges: TumourRanges, tissue: Tissue) -> TumourCube:
-        """Find the layer of the tumours.
-
-        Raises
-        ------
-        Refusal
-            The deepest and largest tumour does not fit below the surface or interface above it, or reaches the face below it.
-        """
-        deepest, largest = ranges.depth[1], ranges.diameter[1]
-        faces = (0.0, *tissue.interfaces, np.inf if tissue.shape == "half-space" else tissue.depth)
-        layer = int(np.searchsorted(tissue.interfaces, deepest, side="right"))
-        cube = cls(ranges, tissue.find_material(deepest), faces[layer], faces[layer + 1])
-        if cube.compute_shallowest(largest) > deepest * (1 + ROUNDING_RELATIVE):
-            face = "the surface" if layer == 0 else f"the interface {format_mm(cube.ceiling)} deep"
-            shallowest = format_mm(float(cube.compute_shallowest(largest)))
-            allowed = f"{shallowest} or more, so that the largest tumour lies below {face}"
-            raise Refusal("population.depth", format_mm(deepest), allowed)
-        lowest = cube.floor - largest / 2 - MIN_COVER_PER_DIAMETER * largest
-        if deepest > lowest:
-            allowed = f"up to {format_mm(max(float(lowest), 0.0))}, so that the largest tumour lies above the face below it"
-            raise Refusal("population.depth", format_mm(deepest), allowed)
-        return cube
+    def from_layer(cls, ranges: TumourRanges, host: Material, ceiling: float, floor: float) -> TumourCube | None:
+        """Return the tumours of ranges that lie within a layer, None without any."""
+        (low, high), (smallest, largest) = ranges.depth, ranges.diameter
+        cover = max(ranges.min_cover - ceiling, 0.0)
+        largest = min(
+            largest,
+            (floor - low) / CENTRE_PER_DIAMETER,
+            (high - ceiling) / CENTRE_PER_DIAMETER,
+            (high - ceiling - cover) / 0.5,
+            (floor - ceiling) / (2 * CENTRE_PER_DIAMETER),
+            (floor - ceiling - cover) / (0.5 + CENTRE_PER_DIAMETER),
+        )
+        if largest < smallest * (1 - ROUNDING_RELATIVE):
+            return None
+        diameters = (smallest, max(smallest, largest))
+        cube = cls(replace(ranges, diameter=diameters, min_cover=cover), host, ceiling, floor)
+        deepest = float(cube.compute_deepest(smallest))
+        depths = (min(float(cube.compute_shallowest(smallest)), deepest), deepest)
+        return replace(cube, ranges=replace(cube.ranges, depth=depths))
 
     def compute_cover(self, diameter: Numeric) -> Numeric:
         """Return the smallest allowed distance between a tumour and the face above it, m."""
@@ -112,6 +112,17 @@ class TumourCube:
     def compute_shallowest(self, diameter: Numeric) -> Numeric:
         """Return the smallest allowed depth of a tumour's centre, m."""
         return np.maximum(self.ranges.depth[0], self.ceiling + diameter / 2 + self.compute_cover(diameter))
+
+    def compute_deepest(self, diameter: Numeric) -> Numeric:
+        """Return the largest allowed depth of a tumour's centre, m."""
+        return np.minimum(self.ranges.depth[1], self.floor - CENTRE_PER_DIAMETER * diameter)
+
+    def compute_bottom(self, diameter: Numeric) -> Numeric:
+        """Return the depth at which the cube ends, a straight line in the diameter at or below the largest allowed depth, m."""
+        deepest = self.ranges.depth[1]
+        if self.compute_deepest(self.ranges.diameter[1]) >= deepest * (1 - ROUNDING_RELATIVE):
+            return deepest + 0 * diameter
+        return self.floor - CENTRE_PER_DIAMETER * diameter
 
     def compute_strength(self, youngs_modulus: Numeric) -> Numeric:
         """Return the strength of tumours, eq. RT.1."""
@@ -122,25 +133,25 @@ class TumourCube:
     def map_from_cube(self, points: Floats) -> tuple[Floats, Floats, Floats]:
         """Return depths and diameters, m, and Young's moduli, Pa, of points of the cube, shape (n, 3)."""
         shares = (points.T + 1) / 2
-        (low, high), deepest = self.ranges.diameter, self.ranges.depth[1]
+        low, high = self.ranges.diameter
         diameter = low * (high / low) ** shares[1]
-        top = self._compute_top(diameter)
+        top, bottom = self._compute_top(diameter), self.compute_bottom(diameter)
         weakest, strongest = (self.compute_strength(value) for value in self.ranges.youngs_modulus)
         strength, (beta, host_modulus) = weakest + (strongest - weakest) * shares[2], self._deviatoric
         contrast = 1 + strength / (1 - beta * strength)
-        return top * (deepest / top) ** shares[0], diameter, 2 * (1 + self.ranges.poisson_ratio) * host_modulus * contrast
+        return top * (bottom / top) ** shares[0], diameter, 2 * (1 + self.ranges.poisson_ratio) * host_modulus * contrast
 
     def map_to_cube(self, depth: Floats, diameter: Floats, youngs_modulus: Floats) -> Floats:
         """Return the points of the cube of tumours, shape (..., 3)."""
-        (low, high), deepest, top = self.ranges.diameter, self.ranges.depth[1], self._compute_top(diameter)
+        (low, high), top, bottom = self.ranges.diameter, self._compute_top(diameter), self.compute_bottom(diameter)
         weakest, strongest = (self.compute_strength(value) for value in self.ranges.youngs_modulus)
         pairs = (
-            (np.log(depth / top), np.log(deepest / top)),
+            (np.log(depth / top), np.log(bottom / top)),
             (np.log(diameter / low), np.log(high / low)),
             (self.compute_strength(youngs_modulus) - weakest, strongest - weakest),
         )
         columns = [2 * np.divide(part, whole, out=np.full_like(depth, 0.5), where=whole > 1e-12) - 1 for part, whole in pairs]
-        return np.stack(columns, axis=-1)
+        return np.asarray(np.clip(np.stack(columns, axis=-1), -1, 1))  # where the depths of a diameter are one, rounding is not
 
     @property
     def _deviatoric(self) -> tuple[float, float]:
@@ -158,8 +169,31 @@ class TumourCube:
             return lowest + 0 * diameter
         cover, share = self.ranges.min_cover, 0.5
         if cover < MIN_COVER_PER_DIAMETER * low:
-            cover, share = 0.0, 0.5 + MIN_COVER_PER_DIAMETER
+            cover, share = 0.0, CENTRE_PER_DIAMETER
         return self.ceiling + cover + share * diameter
+
+
+def build_cubes(ranges: TumourRanges, tissue: Tissue) -> tuple[TumourCube, ...]:
+    """Return the tumours of ranges within each layer of a tissue that holds any, from the surface downwards.
+
+    Raises
+    ------
+    Refusal
+        No tumour lies wholly within a layer and under its cover, or the deepest and largest reaches the tissue's bottom.
+    """
+    strata, bottom = Strata.from_tissue(tissue), np.inf if tissue.shape == "half-space" else tissue.depth
+    (shallowest, deepest), (smallest, largest) = ranges.depth, ranges.diameter
+    lowest = bottom - CENTRE_PER_DIAMETER * largest
+    if deepest > lowest:
+        allowed = f"up to {format_mm(max(float(lowest), 0.0))}, so that the largest tumour lies above the tissue's bottom"
+        raise Refusal("population.depth", format_mm(deepest), allowed)
+    layers = zip(strata.materials, pairwise((0.0, *strata.interfaces, bottom)), strict=True)
+    cubes = [TumourCube.from_layer(ranges, host, *faces) for host, faces in layers]
+    if not any(cubes):
+        given = Words(f"{format_mm(shallowest)} to {format_mm(deepest)}")
+        allowed = f"depths at which a tumour of {format_mm(smallest)} lies within one layer and under its cover"
+        raise Refusal("population.depth", given, allowed)
+    return tuple(filter(None, cubes))
 
 
 def list_ranges(ranges: TumourRanges) -> str:

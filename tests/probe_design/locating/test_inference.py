@@ -28,7 +28,7 @@ from probe_design.locating.sampling import draw_posterior
 from probe_design.locating.scan_data import ScanConditions, ScanData
 from probe_design.locating.scan_loads import ScanLoads, TumourFree
 from probe_design.populations.design_file import Design, design_from_dict
-from solver.reading_tables.tumour_ranges import TumourCube, TumourRanges
+from solver.reading_tables.tumour_ranges import TumourRanges, build_cubes
 from tests.support.paths import ROOT
 from tests.support.stand_in_model import StandInModel
 
@@ -360,7 +360,7 @@ def test_tumours_that_fit_below_a_skin_are_those_of_the_table() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forward_model, "read_or_build_table", lambda scene, given: ranges.append(given))
         forward_model.build_models(prior, (layered,))
-    cube = TumourCube.from_tissue(ranges[0], layered.tissue)
+    (cube,) = build_cubes(ranges[0], layered.tissue)
     tumours = prior.transform(prior.draw(1024, 1, 0))
     depth, diameter = tumours[prior.find_allowed(tumours)][:, 0, 2:4].T
     assert np.all(depth >= cube.compute_shallowest(diameter) - 1e-9)
