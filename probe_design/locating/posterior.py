@@ -218,21 +218,20 @@ def _build_region(places: Floats, weights: Floats, probability: float) -> Region
     """Return the smallest region that holds weighted places (2, n), m, with a probability."""
     halves = (slice(0, None, 2), slice(1, None, 2))
     edges = [_build_edges(coordinates) for coordinates in places]
-    columns, rows = (
-        np.clip(np.searchsorted(lines, coordinates) - 1, 0, len(lines) - 2)
-        for lines, coordinates in zip(edges, places, strict=True)
-    )
+    shape = (len(edges[0]) - 1, len(edges[1]) - 1)
+    columns, rows = (np.searchsorted(lines, values) - 1 for lines, values in zip(edges, places, strict=True))
+    cells = np.ravel_multi_index((columns, rows), shape, mode="clip")
     densities = []
     for half in halves:
-        density, *_ = np.histogram2d(*places[:, half], edges, weights=weights[half])
+        density = np.bincount(cells[half], weights[half], shape[0] * shape[1]).reshape(shape)
         densities.append(gaussian_filter(density, REGION_SMOOTHING_CELLS, mode="constant") / weights[half].sum())
     # each half of the sample is counted by the density of the other: cells that are dense by chance would count themselves
     scores = np.empty(len(weights))
     for half, density in zip(halves, densities[::-1], strict=True):
-        scores[half] = density[columns[half], rows[half]]
+        scores[half] = density.ravel()[cells[half]]
     order = np.argsort(scores)[::-1]
     last = min(int(np.searchsorted(np.cumsum(weights[order]), probability * weights.sum())), len(order) - 1)
-    return Region((densities[0] + densities[1]) / 2 >= scores[order[last]], *edges)
+    return Region((densities[0] + densities[1]) / 2 >= scores[order[last]], edges[0], edges[1])
 
 
 def _build_edges(coordinates: Floats) -> Floats:
