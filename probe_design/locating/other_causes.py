@@ -134,7 +134,7 @@ def find_single_readings(likelihood: Likelihood, samples: Sequence[Sample], none
         is_place = not is_single and log_more < MAX_LOG_FACTOR
         if is_single or (is_place and not find_region(prior, sample.points[:, 0], sample.weights).contains(*place)):
             result.append(SingleReading(index, is_place, float(part), _find_median(reduced, sample)))
-    return result
+    return [reading for reading in result if not reading.is_place] or result  # no place of a tumour that one reading makes
 
 
 def _compare_readings(likelihood: Likelihood, best: Floats) -> tuple[Floats, Floats]:
