@@ -59,7 +59,7 @@ SIDES = ("bond_to_base", "bond_to_block")
 STACKS = (("tape", "tape"), ("tape", "rigid"), ("rigid", "tape"), ("tape", GLUE), (GLUE, "tape"))  # by ``SIDES``
 TISSUES, CONTRASTS = (3e3, 60e3), (2.0, 30.0)  # Pa; the tumour's modulus over the tissue's
 BLOCKS = (12e3, 3e3, 60e3)  # Pa: of the reference blocks
-REFUSED_KEY = "reference.youngs_modulus"  # of the refusal where charges on a block have opposite signs
+REFUSED_KEY = "probe.film"  # of the refusal where charges on a block have opposite signs
 QUANTILE = 1.959964  # of a 95 % interval
 MIN_P_VALUE = 0.001
 

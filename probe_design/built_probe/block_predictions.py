@@ -16,11 +16,11 @@ import numpy as np
 from scipy.special import expit
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal
+from geometry.common.errors import Refusal, Words
 from geometry.meridian.section import TISSUES
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Placement
-from geometry.scenes.units import SI_CONTEXT
+from geometry.scenes.units import SI_CONTEXT, format_modulus
 from geometry.scenes.variables import list_values
 from geometry.workshop.tolerance import find_length_sd
 from probe_design.built_probe.bench import Reference, Workshop
@@ -280,11 +280,13 @@ def solve_block(scene: Scene) -> tuple[Converged, FilmForces, float]:
     read = films.get_observable(scene) if reads_film_states(scene) else films
     inner, outer = read.totals
     if not inner * outer > 0 or not read.ratio_error < 1:
-        wanted = "both films are pressed"
-        if reads_film_states(scene):  # the block bends a film that is glued to it, on soft tape
-            signs = "the outer film's charge is about 0 or has the other sign"
-            wanted = f"both films' charges have one sign (here {signs}; take the same bond on both sides of the films)"
-        raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, f"one on which {wanted}")
+        modulus = format_modulus(scene.tissue.youngs_modulus)
+        if reads_film_states(scene):  # films of other kinds; or the block bends a film that is glued to it, on soft tape
+            charges = " and ".join(f"{1e12 * charge:.2g}" for charge in read.totals / films.totals)
+            given = Words(f"films of {charges} pC/N (inner, outer) on a block of {modulus}")
+            remedy = "take one film for both blocks, without [probe.film.outer], and one bond for both of its sides"
+            raise Refusal("probe.film", given, f"films whose charges have one sign, neither about 0; {remedy}")
+        raise Refusal("reference.youngs_modulus", Words(modulus), "one on which both films are pressed")
     return solution, read, math.log(inner / outer)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.built_probe.film_calibration import MIN_P_VALUE, QUANTILE, Outcome, compute_coverage, measure
 from geometry import Scene
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Refusal
 from geometry.scenes.film import Film
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Reference, bench_from_dict
@@ -53,6 +53,18 @@ def calibration(virtual: VirtualBench) -> Calibration:
     samples = [sampled(signals) for signals in virtual.build_reference_signals(LOAD)]
     predictions = predict_blocks(virtual.drawn, FILM_BENCH.reference, variables=())
     return calibrate(virtual.drawn, FILM_BENCH, samples, predictions)
+
+
+def test_films_whose_charges_have_two_signs_are_refused_with_a_remedy_that_works() -> None:
+    """An outer film turned over, so that its d31, d32 and d33 change their signs."""
+    taped = build_taped()
+    film = taped.probe.film
+    assert film is not None
+    turned = Film.model_validate(film.model_dump(exclude_unset=True) | {"outer": {"d31": -20e-12, "d32": -2e-12, "d33": 20e-12}})
+    scene = taped.model_copy(update={"probe": taped.probe.model_copy(update={"film": turned})})
+    with pytest.raises(Refusal, match=r"take one film for both blocks, without \[probe\.film\.outer\]"):
+        solve_block(scene)
+    solve_block(taped)
 
 
 def test_a_ring_on_a_soft_block_is_pressed_by_a_small_strain() -> None:
