@@ -10,14 +10,13 @@ import tomli_w
 
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
-from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.scene_file import scene_to_dict
 from geometry.scenes.units import PA_PER_KPA
 from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, Report, Writer, format_heights
-from probe_design.design_report.verdict import list_assumptions, write_population_verdict
+from probe_design.design_report.verdict import format_bonds, format_film, list_assumptions, write_population_verdict
 from probe_design.design_search.combination import Combination
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
@@ -163,8 +162,8 @@ def build_population_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]
     add_row("height, mm", lambda verified: format_heights(verified.scene.probe))
     add_row("moduli, kPa", _format_moduli)
     if optimum.search_space.film_choices:
-        add_row("film, um", lambda verified: _format_film(verified.scene.probe.film))
-        add_row("bonds to block / base", lambda verified: _format_bonds(verified.scene.probe.film))
+        add_row("film, um", lambda verified: format_film(verified.scene.probe.film))
+        add_row("bonds to block / base", lambda verified: format_bonds(verified.scene.probe.film))
     if any(_format_materials(verified) for verified in designs.values()):
         add_row("materials", lambda verified: _format_materials(verified) or "-")
     return Table(("quantity", *designs), rows, optimum.title, describe_conditions(optimum))
@@ -243,18 +242,6 @@ def _format_moduli(verified: PopulationVerification) -> str:
     return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
 
 
-def _format_film(film: Film | None) -> str:
-    """Return the thickness of the inner and, where it differs, the outer film in um."""
-    thicknesses = [] if film is None else [f"{item.thickness * 1e6:.4g}" for item in film.by_block]
-    return " / ".join(dict.fromkeys(thicknesses)) or "-"
-
-
-def _format_bonds(film: Film | None) -> str:
-    """Return the bonds of the inner film to block and base, by name or by thickness in um."""
-    bonds = [] if film is None else [film.bond_to_block or RIGID_BOND, film.bond_to_base or RIGID_BOND]
-    return " / ".join(bond.name or ("rigid" if bond.is_rigid else f"{bond.thickness * 1e6:.4g} um") for bond in bonds) or "-"
-
-
 def _format_materials(verified: PopulationVerification) -> str:
     """Return the names of the blocks' materials; empty if neither has one."""
     names = verified.scene.probe.inner.material, verified.scene.probe.outer.material
@@ -298,6 +285,6 @@ def _build_choice_table(
     for key, value in best.items():
         items = sorted(verified[key], key=lambda item: -aim.sign * item.objective[0])
         text = aim.format_value(*items[0].objective) if items else "-"
-        recommended = "yes" if any(item is optimum.winner for item in items) else ""
+        recommended = "yes" if any(item is optimum.winner for item in items) else "no"
         rows.append((*cells[key], f"{aim.scale * aim.convert_searched(value):.4g}", text, recommended))
     return Table((*names, f"{aim.label}, closed form", f"{aim.label}, verified", "recommended"), rows)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from geometry.scenes.catalogue import list_materials
+from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
@@ -84,12 +85,27 @@ def list_assumptions(optimum: PopulationOptimum | TumourOptimum) -> tuple[str, .
     return tuple(texts)
 
 
+def format_film(film: Film | None) -> str:
+    """Return the thickness of the inner and, where it differs, the outer film in um."""
+    thicknesses = [] if film is None else [f"{item.thickness * 1e6:.4g}" for item in film.by_block]
+    return " / ".join(dict.fromkeys(thicknesses)) or "-"
+
+
+def format_bonds(film: Film | None) -> str:
+    """Return the bonds of the inner film to block and base, by name or by thickness in um."""
+    bonds = [] if film is None else [film.bond_to_block or RIGID_BOND, film.bond_to_base or RIGID_BOND]
+    return " / ".join(bond.name or ("rigid" if bond.is_rigid else f"{bond.thickness * 1e6:.4g} um") for bond in bonds) or "-"
+
+
 def _iterate_population_verdict(
     optimum: PopulationOptimum, maps: dict[str, DepthMap], improvements: Sequence[Improvement]
 ) -> Iterator[str]:
     """Yield the sentences of ``write_population_verdict``."""
     best, improved = optimum.best, optimum.winner is not None
     yield _describe_probe(optimum.scene, best.pressed.force, improved=improved)
+    if optimum.search_space.film_choices:
+        film = optimum.scene.probe.film
+        yield f"Its films: {format_film(film)} um, bonds to block / base {format_bonds(film)}."
     yield _describe_detection(optimum, [*maps.values()][-1])
     yield _describe_resolution(best.performance.means["resolved"], improvements)
     yield _describe_improvement(optimum, improvements)

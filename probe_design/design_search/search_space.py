@@ -165,7 +165,10 @@ class SearchSpace:
             return None
 
     def list_limits(self, scene: Scene) -> tuple[Limit, ...]:
-        """Return all limits, and whether a scene's probe reaches each within ``SAME_DESIGN_TOLERANCE_RELATIVE``."""
+        """Return all limits, and whether a scene's probe reaches each within ``SAME_DESIGN_TOLERANCE_RELATIVE``.
+
+        What is fixed has none.
+        """
         probe, vector = scene.probe, read_vector(scene, self.names)
         rows = [
             ("largest outer_radius", self.outer_radius, probe.tube_radius),
@@ -173,7 +176,7 @@ class SearchSpace:
             ("least inner_radius", self.low[0], vector[0]),  # its upper bound follows from the outer radius
         ]
         for name, low, high, value in list(zip(self.names, self.low, self.high, vector, strict=True))[1:]:
-            rows += [(f"least {name}", low, value), (f"largest {name}", high, value)]
+            rows += [(f"least {name}", low, value), (f"largest {name}", high, value)] if low < high else []
         return tuple(
             Limit(name, float(limit), bool(abs(value - limit) <= SAME_DESIGN_TOLERANCE_RELATIVE * limit))
             for name, limit, value in rows

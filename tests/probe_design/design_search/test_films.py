@@ -9,6 +9,7 @@ import pytest
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from probe_design.design_report.verdict import format_bonds, format_film
 from probe_design.design_search.film_choices import list_film_choices
 from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.search_space import build_search_space
@@ -38,6 +39,19 @@ def test_every_film_is_tried_with_every_bond() -> None:
     assert (film.thickness, film.d31, film.d32, film.d33) == pytest.approx((28e-6, 23e-12, 2e-12, -33e-12))
     assert film.bond_to_base == film.bond_to_block
     assert (film.bond_to_base.name, film.bond_to_base.thickness) == ("tape-25um", pytest.approx(25e-6))  # type: ignore[union-attr]
+
+
+def test_what_is_fixed_has_no_limits() -> None:
+    """The example's gap and inner modulus."""
+    design = read_design(ROOT / "examples/films.toml")
+    names = {limit.name for limit in build_search_space(design).list_limits(design.scene)}
+    assert {"least height", "largest outer_modulus"} <= names
+    assert not {name for name in names if name.endswith((" gap", " inner_modulus"))}
+
+
+def test_films_are_described_by_thickness_and_bonds() -> None:
+    film = list_film_choices(read_design(ROOT / "examples/films.toml"))[1].film
+    assert (format_film(film), format_bonds(film)) == ("28", "tape-25um / tape-25um")
 
 
 def test_thicknesses_of_film_and_bonds_are_tried_one_by_one() -> None:
