@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
-from solver.contact.newton import solve
+from solver.contact.newton import PENALTY_ROUNDS, SLOW_ROUNDS, Rounds, solve
 from solver.contact.states import (
     Equilibrium,
     Linearised,
@@ -65,9 +65,11 @@ class Path:
     length: float = 0.0
     _light_state: State = field(init=False)
     _scale: Floats = field(init=False)
+    _schedules: list[Rounds] = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the first points: at rest, and under a very light load."""
+        self._schedules = [*([] if self.model.may_open else [PENALTY_ROUNDS]), SLOW_ROUNDS]
         self.length, self._scale = FIRST_STEP_RELATIVE * self.unit, np.ones(self.model.outputs.shape[1])
         rest_state = self.model.build_rest_state()
         rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
@@ -86,7 +88,7 @@ class Path:
     def seed(self, state: State) -> PathPoint:
         """Solve from a loaded state of the same mesh with other moduli and continue the path there; see ``iterate_steps``."""
         try:
-            point = self._build_point(solve(self.model, state))
+            point = self._build_point(self._solve(state))
         except SolveError as fault:
             raise StoppedError(self.last, f"no further step converges: {fault}") from fault
         self.points.append(point)
@@ -209,14 +211,16 @@ class Path:
     def _solve_point(self, indentation: float) -> PathPoint:
         """Solve at an indentation from the extrapolated state or, where faces may open, also from the state before it."""
         try:
-            return self._build_point(
-                solve(self.model, self._extrapolate(indentation), known=self._has_known_contact(indentation))
-            )
+            return self._build_point(self._solve(self._extrapolate(indentation), known=self._has_known_contact(indentation)))
         except SolveError:
             if not self.model.may_open:
                 raise
         # neighbours may differ in what touches and slides: one alone is sometimes the better start
-        return self._build_point(solve(self.model, self._follow_tangent(self._find_state_before(indentation), indentation)))
+        return self._build_point(self._solve(self._follow_tangent(self._find_state_before(indentation), indentation)))
+
+    def _solve(self, start: State, *, known: bool = False) -> Equilibrium:
+        """Find equilibrium, see ``solver.contact.newton.solve``, first in the way that converged last on this path."""
+        return solve(self.model, start, self._schedules, known=known)
 
     @property
     def _target(self) -> Floats | None:
@@ -267,7 +271,7 @@ class Path:
         if not self.model.may_open:
             return Equilibrium(state, self.model.linearise(state), ())
         pressures = tuple(touch.pressure for touch in self.model.compute_touches(state))
-        return solve(self.model, replace(state, multipliers=pressures))
+        return self._solve(replace(state, multipliers=pressures))
 
     def _scale_light_state(self, indentation: float) -> State:
         """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""
