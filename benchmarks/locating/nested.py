@@ -6,9 +6,9 @@
 Scans are those of ``coverage`` with a tumour. The sample of ``locate`` is that of seed 0; for the marginals, samples of several
 seeds are joined, each by its evidence, until their effective size reaches 2000. Distances of the marginals are the largest
 difference of the cumulative distributions (Kolmogorov and Smirnov); two samples of this size of one distribution differ by 0.043
-in one of 20 cases.
+in one of 20 cases. With 450 live points and 25 steps of a walk, two runs of dynesty differed by up to 0.06, locate's by 0.014.
 
-Duration: five minutes.
+Duration: nine minutes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from probe_design.locating.posterior import list_values
 from probe_design.locating.sampling import draw_posterior
 
 COMPARED = ("narrow", "wide", "hand-held")  # settings, in turn
-LIVE_POINTS, WALKING_SHARE, WALKS = 450, 9, 25  # of the live points one in nine walks together with others, so many steps
+LIVE_POINTS, WALKING_SHARE, WALKS = 1350, 9, 50  # of the live points one in nine walks together with others, so many steps
 MIN_SIZE = 2000.0  # effective sample size on both sides
 NO_LIKELIHOOD = -1e290  # ln L of tumours that do not fit: dynesty takes finite numbers alone
 
