@@ -18,7 +18,7 @@ from netgen.geom2d import SplineGeometry
 from netgen.meshing import MeshingParameters
 
 from geometry import Film, Probe, Scene
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 
 OUTSIDE, TISSUE, INCLUSION, INNER, OUTER, FILM, ADHESIVE, BASE = range(8)
 LAYERS = tuple(range(8, 16))  # of the tissue, from the surface downwards
@@ -170,7 +170,7 @@ def stack(film: Film | None) -> list[float]:
 
 def base(probe: Probe, tops: list[float]) -> list[Edge]:
     """Return the free edges of the elastic base, its axis and its upper face."""
-    unit, measures, (low, side) = probe.inner_radius, base_sizes(probe), tops
+    unit, measures, (low, side) = probe.inner_radius, find_base_sizes(probe), tops
     if math.isclose(low, side, rel_tol=1e-14):
         side = low
     r2, r3, wide = (radius / unit for radius in (probe.hole_radius, probe.tube_radius, measures.flange_radius))

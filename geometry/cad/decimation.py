@@ -27,7 +27,7 @@ def decimate(surface: pyvista.PolyData) -> tuple[pyvista.PolyData, float] | None
     Returns
     -------
     tuple[pyvista.PolyData, float] | None
-        Fewer triangles and how far they are from surface, see ``hausdorff_distance``; None where there are not so many, or where
+        Fewer triangles and how far they are from surface, see ``measure_distance``; None where there are not so many, or where
         fewer do not stay within ``MAX_RELATIVE_DISTANCE``, or are open where the surface is closed.
     """
     if surface.n_cells <= MAX_DIRECT_TRIANGLES:
@@ -37,11 +37,11 @@ def decimate(surface: pyvista.PolyData) -> tuple[pyvista.PolyData, float] | None
     allowed = MAX_RELATIVE_DISTANCE * min(high_x - low_x, high_y - low_y, high_z - low_z) / 2
     if fewer.n_cells == 0 or (surface.is_manifold and not fewer.is_manifold):
         return None
-    distance = hausdorff_distance(surface, fewer)
+    distance = measure_distance(surface, fewer)
     return (fewer, distance) if distance <= allowed else None
 
 
-def hausdorff_distance(surface: pyvista.PolyData, fewer: pyvista.PolyData) -> float:
+def measure_distance(surface: pyvista.PolyData, fewer: pyvista.PolyData) -> float:
     """Return Hausdorff's distance of two surfaces: the largest distance of a point of either from the other.
 
     It is computed from the corners of the first surface and some dozen points on each triangle of the second.

@@ -18,7 +18,7 @@ from geometry.cad import solids, step_check, step_writer
 from geometry.cad.parts_check import PartMeasures
 from geometry.cad.stamp import Stamp, build_stamp
 from geometry.common.errors import InputError
-from geometry.scenes.base_sizes import base_sizes, find_base_faces
+from geometry.scenes.base_sizes import find_base_faces, find_base_sizes
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.units import MM_PER_M
 
@@ -71,7 +71,7 @@ def find_fixture_sizes(probe: Probe) -> FixtureSizes:
     InputError
         A block is too narrow for what is aligned to 0.05 mm.
     """
-    scale, base = MM_PER_M, base_sizes(probe)
+    scale, base = MM_PER_M, find_base_sizes(probe)
     pin = probe.inner_radius * scale - EDGE_MARGIN_MM
     ring = probe.hole_radius * scale + EDGE_MARGIN_MM, probe.tube_radius * scale - EDGE_MARGIN_MM
     if pin < EDGE_MARGIN_MM:

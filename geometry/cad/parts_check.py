@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
 
@@ -99,7 +99,7 @@ def _list_groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float,
 
 def _compute_expected_base(probe: Probe) -> PartMeasures:
     """Compute the measures of the base, whose shape ``geometry.cad.solids.build_base`` describes."""
-    mm, sizes = MM_PER_M, base_sizes(probe)
+    mm, sizes = MM_PER_M, find_base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
     low, side = (height * mm for height in (probe.core_height, probe.tube_height))
     if probe.film is not None:

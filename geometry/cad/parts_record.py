@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from geometry.common.errors import InputError
 from geometry.common.text_files import read_text
 from geometry.provenance.block import build_provenance, compute_digest
-from geometry.scenes.base_sizes import assumed_sizes, base_sizes
+from geometry.scenes.base_sizes import assume_sizes, find_base_sizes
 from geometry.scenes.probe import Probe, format_mm
 
 RECORD_NAME = "parts.json"
@@ -75,7 +75,7 @@ def compute_design_digest(probe: Probe, edge_radius: float = 0.0) -> str:
         }
     )
     edges = {"edge_radius": edge_radius} if edge_radius else {}  # sharp designs keep the digest from before edges could be round
-    return compute_digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies, **edges})
+    return compute_digest({"sizes": sizes, "base": astuple(find_base_sizes(probe)), "bodies": bodies, **edges})
 
 
 def build_record(
@@ -97,7 +97,7 @@ def build_record(
         Of the blocks' lower edges, m.
     """
     old_files, question_digest = ({}, question) if old_record is None else (old_record.files, question or old_record.asked)
-    assumed = {key: str(format_mm(length)) for key, length in assumed_sizes(probe).items()}
+    assumed = {key: str(format_mm(length)) for key, length in assume_sizes(probe).items()}
     files = {**old_files, **{name: _compute_file_sha256(path) for name, path in drafts.items()}}
     design = compute_design_digest(probe, edge_radius)
     return PartsRecord(design=design, assumed=assumed, files=files, asked=question_digest, provenance=build_provenance())

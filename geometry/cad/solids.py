@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.common.interrupts import defer_signals
 from geometry.common.limits import format_maximum_mm
-from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
+from geometry.scenes.base_sizes import find_base_faces, find_base_sizes, find_film_levels
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.units import MM_PER_M
 
@@ -130,9 +130,9 @@ def build_base(probe: Probe) -> cadquery.Solid:
     Raises
     ------
     InputError
-        See ``base_sizes``.
+        See ``find_base_sizes``.
     """
-    sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, find_base_faces(probe)
+    sizes, radius, (low, side) = find_base_sizes(probe), probe.tube_radius, find_base_faces(probe)
     flange = max(low, side) + sizes.step_height
     middle, top = probe.inner_radius + probe.gap / 2, flange + sizes.thickness
     lower = [(0.0, low), (middle, low), (middle, side)] if low != side else [(0.0, low)]
@@ -155,7 +155,7 @@ def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, cadquery.So
     ExportError
         The modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
     InputError
-        See ``build_outer_block`` and ``base_sizes``.
+        See ``build_outer_block`` and ``find_base_sizes``.
     MissingLibrary
         See ``load_cadquery``.
     """

@@ -317,9 +317,11 @@ def _place_core(met: Numeric, reach: Numeric) -> tuple[Numeric, Numeric]:
     z, edge = (ray_length * np.sin(side))[..., None, :], (ray_length * np.cos(side))[..., None, :]
     height_fraction = (z - z[..., :1]) / (z[..., -1:] - z[..., :1])
     # along the lower and the upper row, radii over the row's end as the rays to the box's end have them; linear between the rows
-    lower_ratio, upper_ratio = ((_cotangent(met[..., k]) / _cotangent(side[..., [k]]))[..., None] for k in (0, -1))
+    lower_ratio, upper_ratio = (
+        (_compute_cotangent(met[..., k]) / _compute_cotangent(side[..., [k]]))[..., None] for k in (0, -1)
+    )
     return edge * (lower_ratio + height_fraction * (upper_ratio - lower_ratio)), z + 0 * lower_ratio
 
 
-def _cotangent(angle: Numeric) -> Numeric:
+def _compute_cotangent(angle: Numeric) -> Numeric:
     return np.cos(angle) / np.sin(angle)

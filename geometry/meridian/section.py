@@ -188,7 +188,7 @@ class Section:
             return self.mesh_size
         return smooth_min(self.block_size, self.under_blocks / 4)
 
-    def box_limits(self) -> tuple[Numeric, Numeric]:
+    def compute_box_limits(self) -> tuple[Numeric, Numeric]:
         """Return the smallest and the largest radius at which the sphere's box may end, between sphere and tissue's side.
 
         They are ``NEAREST_BOX`` and ``WIDEST_BOX`` sphere radii, or, where the tissue is narrow, about a third and two thirds of

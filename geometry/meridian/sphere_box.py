@@ -79,12 +79,12 @@ class SphereBox:
         ends.
         """
         breaks = [0.0, *s.block_radii.values(), s.tissue_radius]
-        low, high = s.box_limits()
+        low, high = s.compute_box_limits()
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 
     def find_edge(self, s: Section, box: int, breaks: list[Numeric]) -> Numeric:
-        """Return the radius where the box ends: the middle of what ``box_limits`` leave of the interval ``box`` of ``breaks``."""
-        low, high = s.box_limits()
+        """Return the radius where the box ends: the middle of what its limits leave of the interval ``box`` of ``breaks``."""
+        low, high = s.compute_box_limits()
         blur = 0.2 * (high - low)
         lower = low if box == 0 else smooth_max(low, breaks[box], blur)
         # minus the maximum of the negatives is a minimum

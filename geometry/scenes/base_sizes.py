@@ -29,7 +29,7 @@ class BaseSizes:
     step_height: float
 
 
-def base_sizes(probe: Probe) -> BaseSizes:
+def find_base_sizes(probe: Probe) -> BaseSizes:
     """Return the base's dimensions, those that the scene leaves open by default.
 
     Defaults, in outer radii of the probe: 1.25 for the flange's radius, 0.3 for the thickness, at least 1 mm, and 0.2 for the
@@ -54,21 +54,21 @@ def base_sizes(probe: Probe) -> BaseSizes:
 
 
 def has_flange(probe: Probe) -> bool:
-    """Return whether the base has a flange above its step; see ``base_sizes``."""
+    """Return whether the base has a flange above its step; see ``find_base_sizes``."""
     base = probe.base
     return not base.rigid or base.flange_radius is not None or base.step_height is not None
 
 
-def assumed_sizes(probe: Probe) -> dict[str, float]:
+def assume_sizes(probe: Probe) -> dict[str, float]:
     """Return the dimensions (m) of the probe's parts that the scene leaves open, by the keys that would give them.
 
     Raises
     ------
     InputError
-        See ``base_sizes``.
+        See ``find_base_sizes``.
     """
     keys = ("flange_radius", "thickness", "step_height") if has_flange(probe) else ("thickness",)
-    sizes = base_sizes(probe)
+    sizes = find_base_sizes(probe)
     open_sizes = {f"probe.base.{key}": getattr(sizes, key) for key in keys if getattr(probe.base, key) is None}
     if probe.film is not None and "thickness" not in probe.film.model_fields_set:
         open_sizes["probe.film.thickness"] = probe.film.thickness

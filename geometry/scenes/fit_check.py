@@ -61,13 +61,13 @@ def do_overlap(first: Inclusion, second: Inclusion) -> bool:
         return True
     a1, a2 = compute_semi_axes(first), compute_semi_axes(second)
 
-    def separation(s: float) -> float:
+    def measure_separation(s: float) -> float:
         """Return the function of s above, with (1-s) Q1 + s Q2 = A A^T and A = [sqrt(1-s) a1, sqrt(s) a2], 3 x 6."""
         p, q = math.sqrt(1 - s), math.sqrt(s)
         rows = [[p * e for e in r1] + [q * e for e in r2] for r1, r2 in zip(a1, a2, strict=True)]
         return s * (1 - s) * _min_norm_squared(rows, v)
 
-    return _maximise(separation, 0.0, 1.0) <= _TOUCHING_FACTOR
+    return _maximise(measure_separation, 0.0, 1.0) <= _TOUCHING_FACTOR
 
 
 def _maximise(function: Callable[[float], float], low: float, high: float) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from geometry.cad.stamp import Stamp
 from geometry.provenance.texts import format_markdown_comment
-from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.base_sizes import assume_sizes
 from geometry.scenes.film import Bond
 from geometry.scenes.probe import Probe, format_mm
 from geometry.workshop.csv_lists import combine_scatter
@@ -198,7 +198,7 @@ def _list_remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, sc
         )
     if budget.remark:
         remarks.append(budget.remark)
-    remarks += [f"Assumed, the scene does not give it: {key} = {format_mm(size)}." for key, size in assumed_sizes(probe).items()]
+    remarks += [f"Assumed, the scene does not give it: {key} = {format_mm(size)}." for key, size in assume_sizes(probe).items()]
     for mould in moulds:
         if 2 * mould.vent < SMALL_HOLE_MM:
             remarks.append(

@@ -162,7 +162,9 @@ def compute_cavity_volume(mould: MouldSizes) -> float:
         V = pi h (a^2 + a b + b^2) / 3.   (WS.3)
     """
     (inner, outer), e = mould.compute_radii(mould.edge), mould.edge
-    walls = [_frustum_volume(low, high, mould.height - e) for low, high in ((outer, mould.outer[1]), (inner, mould.inner[1]))]
+    walls = [
+        _compute_frustum_volume(low, high, mould.height - e) for low, high in ((outer, mould.outer[1]), (inner, mould.inner[1]))
+    ]
     foot = math.pi * (outer**2 - inner**2) * e
     # side: 1 where the edge lies inside the wall's radius, -1 where it lies outside
     for radius, side in ((outer, 1), *(((inner, -1),) if inner else ())):  # Pappus, see geometry.cad.parts_check
@@ -170,7 +172,7 @@ def compute_cavity_volume(mould: MouldSizes) -> float:
     return walls[0] - walls[1] + foot - compute_rib_volume(mould)
 
 
-def _frustum_volume(low: float, high: float, height: float) -> float:
+def _compute_frustum_volume(low: float, high: float, height: float) -> float:
     """Return the volume of a frustum with these radii, eq. WS.3."""
     return math.pi * height * (low**2 + low * high + high**2) / 3
 
@@ -184,11 +186,14 @@ def compute_rib_volume(mould: MouldSizes) -> float:
     return float(
         mould.depth
         / 2
-        * sum(w * _groove_footprint(*mould.compute_radii(z), mould.half_width) for z, w in zip(heights, weights, strict=True))
+        * sum(
+            w * _compute_groove_footprint(*mould.compute_radii(z), mould.half_width)
+            for z, w in zip(heights, weights, strict=True)
+        )
     )
 
 
-def _groove_footprint(inner: float, outer: float, a: float) -> float:
+def _compute_groove_footprint(inner: float, outer: float, a: float) -> float:
     """Return the area of the ring between two radii within |y| < a, x > 0, eq. SC.1."""
     return sum(sign * (a * math.sqrt((r - a) * (r + a)) + r**2 * math.asin(a / r)) for r, sign in ((outer, 1), (inner, -1)))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
+from geometry.scenes.base_sizes import find_base_faces, find_base_sizes, find_film_levels
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
 from geometry.workshop.sheet import Loop, Point
@@ -83,9 +83,9 @@ def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
     Raises
     ------
     InputError
-        See ``geometry.scenes.base_sizes.base_sizes``.
+        See ``geometry.scenes.base_sizes.find_base_sizes``.
     """
-    sizes, (low, side), mm = base_sizes(probe), find_base_faces(probe), MM_PER_M
+    sizes, (low, side), mm = find_base_sizes(probe), find_base_faces(probe), MM_PER_M
     films = (None, None) if probe.film is None else probe.film.by_block
     levels = (probe.core_height,) * 2, (probe.tube_height,) * 2  # of the films' lower and upper faces
     (bottom2, top2), (bottom1, top1) = levels if probe.film is None else find_film_levels(probe)

@@ -57,7 +57,7 @@ def build_writers(
     Raises
     ------
     InputError
-        A setting for casting is outside its range; see also ``geometry.scenes.base_sizes.base_sizes``.
+        A setting for casting is outside its range; see also ``geometry.scenes.base_sizes.find_base_sizes``.
     """
     stamp = build_stamp(probe, edge_radius)
     views = {**build_part_views(probe, edge_radius), "assembly": build_assembly_view(probe, edge_radius)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from geometry.cad.materials import PartMaterial, find_part_materials
-from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.base_sizes import assume_sizes
 from geometry.scenes.film import Bond
 from geometry.scenes.probe import Probe
 from geometry.workshop.outlines import (
@@ -130,7 +130,7 @@ class PartView:
 def build_part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartView]:
     """Return the views of all parts by name; ``edge_radius`` is that of the blocks' lower edges, m."""
     lengths = convert_to_mm(probe, edge_radius)
-    open_sizes = {key.removeprefix("probe.") for key in assumed_sizes(probe)}
+    open_sizes = {key.removeprefix("probe.") for key in assume_sizes(probe)}
     films = {}
     if probe.film is not None:
         assumed = "film.thickness" in open_sizes

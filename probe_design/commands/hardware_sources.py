@@ -32,7 +32,7 @@ from probe_design.built_probe.probe_identity import describe_probe_difference, l
 from probe_design.built_probe.reference_charges import scale_bonds
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT, VirtualBench
 from probe_design.commands.hardware_request import ALLOWED_SOURCES, SourceRequest
-from probe_design.data.builtin import builtin_bench_scene
+from probe_design.data.builtin import read_builtin_bench_scene
 
 CHANNEL_COUNT = 3
 MAX_ATTEMPTS = 3  # for one reading with a live device
@@ -187,7 +187,7 @@ class HardwareSetup:
         record = read_record(calibration) if isinstance(calibration, Path) else calibration
         recorded_scene, recorded_bench = (None, None) if record is None else (record.build_scene(), record.build_bench())
         setup = cls(
-            scene if scene is not None else recorded_scene or builtin_bench_scene(),
+            scene if scene is not None else recorded_scene or read_builtin_bench_scene(),
             read_bench(bench) if bench is not None else recorded_bench or read_builtin_bench(),
             record,
             dict(origin or {}) | ({"calibration_sha256": compute_sha256(calibration)} if isinstance(calibration, Path) else {}),

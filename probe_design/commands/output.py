@@ -157,9 +157,9 @@ def split_assignments(key: str, texts: Iterable[str], allowed: str) -> dict[str,
 
 def report_assumed_sizes(probe: Probe) -> None:
     """Report the sizes of a probe that are assumed because the scene does not give them."""
-    from geometry.scenes.base_sizes import assumed_sizes
+    from geometry.scenes.base_sizes import assume_sizes
     from geometry.scenes.probe import format_mm
     from probe_design.terminal.console import write_message
 
-    for key, size in assumed_sizes(probe).items():
+    for key, size in assume_sizes(probe).items():
         write_message(f"assumed: {key} = {format_mm(size)}, which the scene does not give")

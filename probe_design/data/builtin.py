@@ -32,7 +32,7 @@ def read_loaded_builtin_scene() -> Scene:
     return read_builtin_scene().model_copy(update={"load": Load(force=LINEAR_LOAD_N)})
 
 
-def builtin_bench_scene() -> Scene:
+def read_builtin_bench_scene() -> Scene:
     """Return the scene that the bench uses if none is given: the typical one with the tumour on the axis.
 
     The paper's probe does not serve, as its outer film gives no charge that could be read.

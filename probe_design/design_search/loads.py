@@ -285,7 +285,7 @@ class PressingRule:
             forces += [force + 0 * film_totals[0] for force in allowed.values()]
             if self.omits_cancelling:
                 weights *= weigh_charges(self.design.scene, totals[:, members[0]])
-        force = weights * find_variable_force(self.force_variable, reduce(minimum_by_real_part, forces))
+        force = weights * find_variable_force(self.force_variable, reduce(select_smaller, forces))
         return np.repeat(force[:, None], totals.shape[1], axis=1)
 
     def _choose_force(self, allowed_force: float) -> float:
@@ -323,7 +323,7 @@ class PressingRule:
         inner, outer = (compute_block_strain(height, total / area / E) for height, total, area, E in blocks)
         outer = outer * compute_slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
         # -min(-a, -b) is the maximum, here of both blocks' strains
-        max_block_strain = -minimum_by_real_part(-inner, -outer)
+        max_block_strain = -select_smaller(-inner, -outer)
         x, strain = compute_both_strains(
             sizes.outer_radius,
             tissue.tissue,
@@ -349,22 +349,20 @@ class PressingRule:
         else:
             max_x = self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0]
             on_tape, factor = self.charge_factors
-            min_ratio = on_tape * compute_flatness_factor(sizes.outer_radius, minimum_by_real_part(*sizes.heights))
-            allowed["linearity"] = max_x / (-minimum_by_real_part(-strain, -min_ratio * x) * factor) * stiffness
+            min_ratio = on_tape * compute_flatness_factor(sizes.outer_radius, select_smaller(*sizes.heights))
+            allowed["linearity"] = max_x / (-select_smaller(-strain, -min_ratio * x) * factor) * stiffness
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
             allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
         if limits.gap_closure and not self.loaded:
-            allowed["gap_closure"] = self.safety_factor * minimum_by_real_part(
-                CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
-            )
+            allowed["gap_closure"] = self.safety_factor * select_smaller(CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness)
         if limits.charge is not None:
-            allowed["charge"] = limits.charge[1] / -minimum_by_real_part(-charges[0], -charges[1])
+            allowed["charge"] = limits.charge[1] / -select_smaller(-charges[0], -charges[1])
         return allowed
 
 
-def minimum_by_real_part(a: Numeric, b: Numeric) -> Numeric:
+def select_smaller(a: Numeric, b: Numeric) -> Numeric:
     """Return the element-wise minimum of two arrays, compared by their real parts so that complex steps pass through."""
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 

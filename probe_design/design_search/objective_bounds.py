@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.scenes.scene import Scene
 from probe_design.design_search.loads import Pressing
-from probe_design.design_search.tumour_objective import Noise, standard_deviation
+from probe_design.design_search.tumour_objective import Noise, compute_standard_deviation
 from solver.planning.loads import bound_log_sensitivity_change, compute_sensitivity_size
 from solver.results.film_forces import FilmForces
 
@@ -39,7 +39,7 @@ def compute_objective(scene: Scene, films: FilmForces, noise: Noise, force: floa
         return math.inf
     per_force = _compute_charge_per_force(films, observable)
     information = noise.compute_information(observable.log_sensitivity, _compute_inner_fraction(films), force, per_force)
-    return standard_deviation(information)
+    return compute_standard_deviation(information)
 
 
 def _is_resolved(films: FilmForces, observable: FilmForces) -> bool:
@@ -91,7 +91,8 @@ def _bound_noise_of_forces(films: FilmForces, noise: Noise, pressed: Pressing) -
     inner_fraction, shift = _compute_inner_fraction(films), films.bound.log_ratio + pressed.change
     force_ratios = inner_fraction / (1 - inner_fraction) * np.exp([-shift, 0.0, shift])  # inner over outer force
     return [
-        standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in force_ratios.tolist()
+        compute_standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force))
+        for ratio in force_ratios.tolist()
     ]
 
 
@@ -105,5 +106,5 @@ def _bound_noise_of_charges(films: FilmForces, charges: FilmForces, noise: Noise
     unit_sds = []
     for sign in (-1.0, 0.0, 1.0):
         inner, outer = (per_force * np.maximum(1 + sign * errors, MIN_CHARGE_FRACTION)).tolist()
-        unit_sds.append(standard_deviation(noise.compute_information(1.0, fraction, pressed.force, (inner, outer))))
+        unit_sds.append(compute_standard_deviation(noise.compute_information(1.0, fraction, pressed.force, (inner, outer))))
     return unit_sds

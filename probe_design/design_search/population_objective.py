@@ -32,7 +32,7 @@ from scipy.special import ndtr
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_search.film_choices import FilmChoice
-from probe_design.design_search.loads import PressingRule, minimum_by_real_part
+from probe_design.design_search.loads import PressingRule, select_smaller
 from probe_design.design_search.objective import SearchEffort, SearchObjective
 from probe_design.design_search.scan_choices import ScanChoice
 from probe_design.design_search.search_tumours import PLACE_UNIT_M, build_draws, build_stacks, prepare_tumours, step_parameter
@@ -175,9 +175,9 @@ class PopulationObjective(SearchObjective):
             """Return the forces, N, and keep the smallest charge of a channel over all tumours in ``charges``."""
             forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
             # charge of the weaker channel; argmin takes the tumour whose tissue gives least
-            lightest = minimum_by_real_part(min(self.design.protocol.loads, default=np.inf) + 0 * forces, forces)
+            lightest = select_smaller(min(self.design.protocol.loads, default=np.inf) + 0 * forces, forces)
             channels = self.rule.compute_charges(totals, lightest)
-            weaker = minimum_by_real_part(channels[..., 0], channels[..., 1])
+            weaker = select_smaller(channels[..., 0], channels[..., 1])
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
 
@@ -247,7 +247,7 @@ class PopulationObjective(SearchObjective):
         Readings under several loads count as their mean.
         """
         noise, loads = self.design.noise, self.design.protocol.loads or (np.inf,)
-        charges = [self.rule.compute_charges(films.without, minimum_by_real_part(load + 0 * force, force)) for load in loads]
+        charges = [self.rule.compute_charges(films.without, select_smaller(load + 0 * force, force)) for load in loads]
         parts = [noise.white**2 + noise.tilt**2 + ((noise.charge / item) ** 2).sum(axis=2) for item in charges]
         ratio = combine_variances(parts)[..., None] * np.ones((1, 1, films.change.shape[2]))
         return self._stack_channels(ratio, (noise.stiffness_white**2 + MIN_VARIANCE) / len(loads) + 0 * ratio)

@@ -108,7 +108,7 @@ class Noise:
         return sensitivity**2 / variance
 
 
-def standard_deviation(information: float) -> float:
+def compute_standard_deviation(information: float) -> float:
     """Return the standard deviation of ln E_object from the information (eq. DS.6); inf where that is 0."""
     return 1 / math.sqrt(information) if information > 0 else math.inf
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.scenes.base_sizes import base_sizes, find_base_faces, find_film_levels
+from geometry.scenes.base_sizes import find_base_faces, find_base_sizes, find_film_levels
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
@@ -54,7 +54,7 @@ def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
     r, hole, outer_radius, top = probe.inner_radius, probe.hole_radius, probe.tube_radius, max(base_inner, base_outer)
     groove_angle = 0.0 if groove is None else math.asin(min(groove.width / 2 / hole, 1.0))
     depth = 0.0 if groove is None else groove.depth
-    sizes = base_sizes(probe)
+    sizes = find_base_sizes(probe)
     flange = top + sizes.step_height
     # radii and heights of each ring, and the angle at which it begins: rings at the groove's depth begin at its side
     for name, inner, outer, low, high, begin in (

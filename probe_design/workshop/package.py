@@ -14,7 +14,7 @@ from geometry.common.files import check_writable
 from geometry.common.json_types import JsonObject
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
-from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.base_sizes import assume_sizes
 from geometry.scenes.fit_check import list_doubts
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
@@ -52,7 +52,7 @@ class ExportSummary:
 
     def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design export``."""
-        assumed = {key: str(format_mm(size)) for key, size in assumed_sizes(self.scene.probe).items()}
+        assumed = {key: str(format_mm(size)) for key, size in assume_sizes(self.scene.probe).items()}
         entries = {"files": [str(file) for file in self.files], "assumed": assumed, "remarks": list(self.remarks)}
         return entries if self.rounding is None else {**entries, "rounding": self.rounding.as_dict()}
 

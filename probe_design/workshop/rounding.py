@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.scenes.base_sizes import base_sizes, has_flange
+from geometry.scenes.base_sizes import find_base_sizes, has_flange
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
@@ -119,7 +119,7 @@ def _build_cost(result: Result) -> RoundingCost:
 
 def _list_sizes(probe: Probe) -> dict[str, float]:
     """Return the sizes to be rounded by key, m; those of the base only where the probe has or needs them."""
-    base = base_sizes(probe)
+    base = find_base_sizes(probe)
     sizes = {"probe.inner_radius": probe.inner_radius, "probe.gap": probe.gap, "probe.outer_radius": probe.tube_radius}
     if probe.height is not None:
         sizes["probe.height"] = probe.height

@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.meridian.section import LAYERS, STACKS, Body, Section
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
@@ -118,7 +118,7 @@ def add_details(scene: Scene, plain: Sections) -> Sections:
     layers, materials = _list_stack_layers(probe.film)
     if base.youngs_modulus is not None and base.poisson_ratio is not None:
         materials[Body.BASE] = Material(youngs_modulus=base.youngs_modulus, poisson_ratio=base.poisson_ratio)
-        sizes = base_sizes(probe)
+        sizes = find_base_sizes(probe)
         # a flange of the tube's radius is none, within rounding
         wide = sizes.flange_radius > probe.tube_radius * (1 + 1e-9)
         layers |= {"flange_thickness": sizes.thickness, "step_height": sizes.step_height}

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError, Refusal
 from geometry.meridian.mesh_lines import Kind, MeshTopology
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from solver.axisymmetric.evaluator import Axisymmetric
@@ -158,5 +158,5 @@ def _write_defaults(scene: Scene) -> Scene:
     """
     data, probe = scene.model_dump(exclude_unset=True), scene.probe
     if probe.base.youngs_modulus is not None:
-        data["probe"]["base"] |= asdict(base_sizes(probe))
+        data["probe"]["base"] |= asdict(find_base_sizes(probe))
     return Scene.model_validate(data, context=SI_CONTEXT)

@@ -31,7 +31,7 @@ def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
     return _interpolate(x, [_fit_cubics(0, order) for order in range(first, orders)])
 
 
-def spherical_bessel(x: Array, orders: int) -> Array:
+def compute_spherical_bessel(x: Array, orders: int) -> Array:
     """Return the spherical Bessel functions j_0, ..., j_(orders-1) of x from 0 to ``MAX_ARGUMENT``; shape (orders, *x.shape)."""
     return _interpolate(x, [_fit_cubics(1, order) for order in range(orders)])
 

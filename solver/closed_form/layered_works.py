@@ -25,7 +25,7 @@ from functools import reduce
 
 import numpy as np
 
-from solver.closed_form.bessel import Array, spherical_bessel
+from solver.closed_form.bessel import Array, compute_spherical_bessel
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.off_axis import MAX_DEGREE
 from solver.closed_form.tractions import (
@@ -166,7 +166,7 @@ def compute_disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nod
     pressed, sheared, _ = (part / (2 * first.mu) for part in compute_compliance_change(first, near_echo))
     turned = compute_shear_compliance(k, layers) - 1 / first.mu
     normal = first.half_space[0] / (2 * first.mu)
-    squares = spherical_bessel(k * radius[:, None], MAX_DEGREE + 1) ** 2 * (K * weight)
+    squares = compute_spherical_bessel(k * radius[:, None], MAX_DEGREE + 1) ** 2 * (K * weight)
     degree_factors = 2 * radius[:, None] * (2 * np.arange(MAX_DEGREE + 1) + 1) / np.pi
     return (
         normal + degree_factors * (squares * pressed).sum(axis=2).T,

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Ints
-from solver.closed_form.bessel import Array, bessel, spherical_bessel
+from solver.closed_form.bessel import Array, bessel, compute_spherical_bessel
 from solver.closed_form.sphere_moments import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray, SphereWaves
 
 MAX_ORDER, MAX_DEGREE = 6, 8  # maximum n and l: two less change the log-sensitivity of a sphere under the rim by up to 8 %
@@ -99,7 +99,7 @@ def compute_off_axis_response(
         The largest degree l of the pressures j_l.
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
-    j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu
+    j = compute_spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu))  # the moments are times 2 mu
     j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
     pairs = _build_pairs(orders, degree)
     # rows of moments by the parity of m + l of the products that they need

@@ -114,7 +114,7 @@ class Loads:
         return weights / (2 * self.radii[:, None]) if self.solid else weights
 
 
-def batched_matmul(matrices: Any, matrix: Floats) -> Any:
+def multiply_batches(matrices: Any, matrix: Floats) -> Any:
     """Multiply matrices (n, i, j) by one matrix (j, k) as a single product, which is faster than n products."""
     return (matrices.reshape(-1, len(matrix)) @ matrix).reshape(*matrices.shape[:-1], -1)
 
@@ -256,10 +256,10 @@ def transform_long_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Arr
     J0, J1 = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), points, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), points, axis=1)
-    pressure = batched_matmul(J0 * rings[:, None, :], pair.transform_weights[0])
+    pressure = multiply_batches(J0 * rings[:, None, :], pair.transform_weights[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, batched_matmul(J1 * (rings * radii / outer)[:, None, :], pair.transform_weights[1])
+    return pressure, multiply_batches(J1 * (rings * radii / outer)[:, None, :], pair.transform_weights[1])
 
 
 def transform_all_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Array, Array]:
@@ -269,10 +269,10 @@ def transform_all_waves(blocks: BlockPair, k: Array, bonded: bool) -> tuple[Arra
     """
     (c, radius), discs = list_disc_radii(blocks), LOADS.discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
-    pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
+    pressure = multiply_batches(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], discs[1])
+    return pressure, multiply_batches(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], discs[1])
 
 
 def integrate_load_products(blocks: BlockPair) -> tuple[Array, Array]:

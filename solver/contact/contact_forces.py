@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from solver.contact.footpoints import Footpoints, PointGaps, outer_product
+from solver.contact.footpoints import Footpoints, PointGaps, multiply_outer
 from solver.contact.pairs import Pair
 
 FRICTION_SPRING_RELATIVE = 0.01  # of the penalty: with stiffer springs Newton's method cycles between sets of sliding points
@@ -133,7 +133,7 @@ def compute_touch(
     force, opening, normal, shear = pressure[active], footpoints.gap_derivative, zeros.copy(), zeros.copy()
     sliding, sliding_reversed = zeros.astype(int), False
     forces, penalty_stiffness = -force[:, None] * opening, (penalty * rising[active])[:, None]
-    stiffness = outer_product(penalty_stiffness * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
+    stiffness = multiply_outer(penalty_stiffness * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
     normal[active] = footpoints.stretch * force
     if grip is not None:
         slip = np.nan_to_num((place - grip.place)[active])  # a point that the master did not reach before has no slip yet
@@ -195,10 +195,10 @@ def _compute_friction(
     sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * slope_derivative
     shear_derivative = np.where(held[:, None], spring * lengths * place_derivative, sliding)  # derivative of the shear
     # derivative of the direction along which the shear acts
-    direction_derivative = outer_product(
+    direction_derivative = multiply_outer(
         footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), slope_derivative
-    ) - outer_product(footpoints.compute_tangent_change(tangent), place_derivative)
-    return shear[:, None] * forward, outer_product(forward, shear_derivative) + shear[:, None, None] * direction_derivative
+    ) - multiply_outer(footpoints.compute_tangent_change(tangent), place_derivative)
+    return shear[:, None] * forward, multiply_outer(forward, shear_derivative) + shear[:, None, None] * direction_derivative
 
 
 def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tuple[Floats, Floats]:

@@ -170,8 +170,8 @@ class Footpoints:
     def compute_gap_hessian(self) -> Floats:
         """Return the second derivative of the gap with respect to both lines' values, (j, 4 (p + 1), 4 (p + 1))."""
         place_change, turn = self.place_derivative, self.compute_tangent_change(self.opening_direction)
-        bend = (self.run * self.curl)[:, None, None] * outer_product(place_change, place_change)
-        return np.asarray(self.pair.sign * (outer_product(place_change, turn) + outer_product(turn, place_change) + bend))
+        bend = (self.run * self.curl)[:, None, None] * multiply_outer(place_change, place_change)
+        return np.asarray(self.pair.sign * (multiply_outer(place_change, turn) + multiply_outer(turn, place_change) + bend))
 
     def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
         """Assemble the points' forces and stiffness into those on all elements' values.
@@ -191,7 +191,7 @@ class Footpoints:
         index, signs = self._find_indices(width)
         pulls = np.asarray(np.bincount(index.ravel(), weights=(signs * forces).ravel(), minlength=size), dtype=float)
         rows, columns = np.broadcast_arrays(index[:, :, None], index[:, None, :])
-        values = (stiffness * outer_product(signs, signs)).ravel()
+        values = (stiffness * multiply_outer(signs, signs)).ravel()
         return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
 
     def _find_indices(self, width: int) -> tuple[Ints, Floats]:
@@ -206,7 +206,7 @@ class Footpoints:
         return index, _join(*signs)
 
 
-def outer_product(a: Floats, b: Floats) -> Floats:
+def multiply_outer(a: Floats, b: Floats) -> Floats:
     """Return the outer products of vectors: (j, n) and (j, m) give (j, n, m)."""
     return np.asarray(a[:, :, None] * b[:, None, :])
 

@@ -19,8 +19,8 @@ from solver.contact.states import (
     State,
     StoppedError,
     add_weighted,
-    hermite_weights,
-    lagrange_weights,
+    compute_hermite_weights,
+    compute_lagrange_weights,
 )
 from solver.results.film_forces import FilmForces
 
@@ -245,9 +245,11 @@ class Path:
         places = [state.indentation for state in states]
         if self.model.may_open or any(state.contact_mask.any() for state in states):
             # where lines touch, starts with rates lead to another equilibrium of a folding corner: use values alone
-            guess = add_weighted(lagrange_weights(places, indentation), states)
+            guess = add_weighted(compute_lagrange_weights(places, indentation), states)
         else:
-            guess = add_weighted(hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])])
+            guess = add_weighted(
+                compute_hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])]
+            )
         # where the polynomial turns an element inside out, the tangent is safer
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)

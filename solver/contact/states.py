@@ -252,7 +252,7 @@ def add_weighted(weights: Sequence[float], states: Sequence[State]) -> State:
     return replace(states[0], v=v, elements=ElementValues(u, p), multipliers=multipliers)
 
 
-def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
+def compute_lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
     """Return the weights with which values at ``places`` sum to their interpolating polynomial at ``wanted`` (Lagrange)."""
     return [
         float(np.prod([(wanted - other_place) / (place - other_place) for other_place in places if other_place != place]))
@@ -260,7 +260,7 @@ def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
     ]
 
 
-def hermite_weights(places: Sequence[float], wanted: float) -> list[float]:
+def compute_hermite_weights(places: Sequence[float], wanted: float) -> list[float]:
     """Return the weights with which two values, then their derivatives, sum to the cubic through them at ``wanted`` (Hermite)."""
     from scipy.interpolate import CubicHermiteSpline
 

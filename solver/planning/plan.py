@@ -101,7 +101,7 @@ class Plan(LoadedRecord):
             if decision.feature.startswith(MESHED_FEATURES)
         )
         # its error: a part that no scene escapes, and a fraction of the effects of the features that it meshes
-        return self.allowed >= BEST_ACCURACY + (MESH_SHARE if _half(self.scene) else WHOLE_MESH_SHARE) * sum(changed)
+        return self.allowed >= BEST_ACCURACY + (MESH_SHARE if _is_halved(self.scene) else WHOLE_MESH_SHARE) * sum(changed)
 
     def compute_reached_error(self, error: float, accuracy: float) -> float:
         """Return the error of a result for the whole scene, given the evaluator's own error.
@@ -301,7 +301,7 @@ def _is_taken_by_contact(scene: Scene) -> bool:
     return ContactEvaluator().refusal(scene) is None
 
 
-def _half(scene: Scene) -> bool:
+def _is_halved(scene: Scene) -> bool:
     """Return whether ``solid`` meshes only half of a scene, by symmetry."""
     from solver.solid.domain import choose_domain, compute_reach
 
@@ -311,7 +311,7 @@ def _half(scene: Scene) -> bool:
 def _describe_model(scene: Scene, evaluator: str | None) -> str:
     """Describe the model of an evaluator in words."""
     if evaluator == SOLID:
-        return "three dimensions" + (", half by symmetry" if _half(scene) else "")
+        return "three dimensions" + (", half by symmetry" if _is_halved(scene) else "")
     return {
         AXISYMMETRIC: "the meridian plane",
         CONTACT: "the meridian plane, pressed at finite strain"

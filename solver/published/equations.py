@@ -69,50 +69,52 @@ def _check_number(name: str, value: float) -> None:
 
 
 @check_numbers
-def stress_at_depth(sigma: float, a: float, d: float) -> float:
+def compute_stress_at_depth(sigma: float, a: float, d: float) -> float:
     """Return the stress at depth d, Pa. Eq. (1): sigma_1 = 3 sigma a^2 / (2 d^2)."""
     return 3 * sigma * a**2 / (2 * d**2)
 
 
 @check_numbers
-def displacement_matrix(sigma: float, a: float, nu: float, E_matrix: float) -> float:
+def compute_displacement_matrix(sigma: float, a: float, nu: float, E_matrix: float) -> float:
     """Return the displacement of the matrix, m. Eq. (2): DIS_A = 2 (1-nu^2) sigma a / E_matrix."""
     return 2 * (1 - nu**2) * sigma * a / E_matrix
 
 
 @check_numbers
-def displacement_object(sigma: float, a: float, d: float, D: float, E_object: float) -> float:
+def compute_displacement_object(sigma: float, a: float, d: float, D: float, E_object: float) -> float:
     """Return the shortening of the object, m. Eq. (3): DIS_B = sigma_1 D / E_object = 3 sigma a^2 D / (2 d^2 E_object)."""
     return 3 * sigma * a**2 * D / (2 * d**2 * E_object)
 
 
 @check_numbers
-def displacement_below(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float) -> float:
+def compute_displacement_below(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float) -> float:
     """Return the displacement below the object, m. Eq. (4): DIS_C = 3 (1-nu^2) sigma a^2 D / (2 E_matrix d^2)."""
     return 3 * (1 - nu**2) * sigma * a**2 * D / (2 * E_matrix * d**2)
 
 
 @check_numbers
-def displacement_equivalent(sigma: float, a: float, nu: float, E_eq: float) -> float:
+def compute_displacement_equivalent(sigma: float, a: float, nu: float, E_eq: float) -> float:
     """Return the displacement of the equivalent tissue, m. Eq. (5): DIS = 2 (1-nu^2) sigma a / E_eq."""
     return 2 * (1 - nu**2) * sigma * a / E_eq
 
 
 @check_numbers
-def displacement_total(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
+def compute_displacement_total(
+    sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float
+) -> float:
     """Return the total displacement, m. Eq. (6): DIS = DIS_A + DIS_B + DIS_C, by eqs. (2) to (4)."""
-    a_and_b = displacement_matrix(sigma, a, nu, E_matrix) + displacement_object(sigma, a, d, D, E_object)
-    return a_and_b + displacement_below(sigma, a, d, D, nu=nu, E_matrix=E_matrix)
+    a_and_b = compute_displacement_matrix(sigma, a, nu, E_matrix) + compute_displacement_object(sigma, a, d, D, E_object)
+    return a_and_b + compute_displacement_below(sigma, a, d, D, nu=nu, E_matrix=E_matrix)
 
 
 @check_numbers
-def modulus_from_compatibility(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
+def compute_modulus_from_compatibility(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Return the equivalent modulus E_eq by eq. (7), Pa: eq. (5) set equal to eq. (6); sigma cancels."""
-    return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
+    return 2 * (1 - nu**2) * a / compute_displacement_total(1.0, a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
 
 
 @check_numbers
-def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
+def compute_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Return the equivalent modulus E_eq as printed, Pa.
 
     Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix].
@@ -122,7 +124,7 @@ def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float,
 
 
 @check_numbers
-def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
+def compute_layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
     """Return the shortenings of the tissue above, the tumour and the tissue below by eq. (9), m.
 
     Index 1 is the tissue, 2 the tumour, whose shortening is printed with E_1, too.
@@ -132,7 +134,7 @@ def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: flo
 
 
 @check_numbers
-def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
+def compute_modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
     """Return the equivalent modulus E_eq from shortenings, Pa.
 
     Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings).
@@ -141,13 +143,13 @@ def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: t
 
 
 @check_numbers
-def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
+def compute_modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
     """Return the equivalent modulus E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
     return 1 / (1 / E_1 + 1 / E_2 + 1 / E_3)
 
 
 @check_numbers
-def film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, d33: float) -> float:
+def compute_film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, d33: float) -> float:
     """Return the force on a film from its charge Q, N. Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
 
     Raises
@@ -162,15 +164,16 @@ def film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, 
 
 
 EQUATIONS: dict[int, Callable[..., float | tuple[float, float, float]]] = {
-    1: stress_at_depth, 2: displacement_matrix, 3: displacement_object, 4: displacement_below,
-    5: displacement_equivalent, 6: displacement_total, 7: modulus_from_compatibility, 8: modulus_printed,
-    9: layer_shortenings, 10: modulus_from_shortenings, 11: modulus_of_layers, 12: film_force,
+    1: compute_stress_at_depth, 2: compute_displacement_matrix, 3: compute_displacement_object, 4: compute_displacement_below,
+    5: compute_displacement_equivalent, 6: compute_displacement_total, 7: compute_modulus_from_compatibility,
+    8: compute_modulus_printed, 9: compute_layer_shortenings, 10: compute_modulus_from_shortenings,
+    11: compute_modulus_of_layers, 12: compute_film_force,
 }  # fmt: skip
 """The equations by their numbers."""
 
 
 @check_numbers
-def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
+def compute_object_modulus(E_eq: float, E_1: float) -> float:
     """Return E_object from eq. (11) with E_2 = E_object and E_3 = E_1, Pa, as at the end of section 2.3.
 
     Raises
@@ -184,7 +187,7 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
 
 
 @check_numbers
-def modulus_corrected(a: float, d: float, D: float, *, E_matrix: float, E_object: float) -> float:
+def compute_modulus_corrected(a: float, d: float, D: float, *, E_matrix: float, E_object: float) -> float:
     """Return the equivalent modulus E_eq with the defects of eqs. (4) and (6) to (8) corrected, by eq. PU.1, Pa.
 
     Raises

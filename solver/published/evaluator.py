@@ -9,7 +9,7 @@ from time import perf_counter
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
-from solver.published.equations import modulus_corrected, modulus_from_compatibility, modulus_printed
+from solver.published.equations import compute_modulus_corrected, compute_modulus_from_compatibility, compute_modulus_printed
 from solver.results.evaluator import ProgressCallback
 from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Curve, Result
@@ -65,10 +65,10 @@ class Published:
         body, tissue = scene.inclusion[0], scene.tissue
         sizes = scene.probe.tube_radius, body.depth, body.diameter or 0.0
         moduli = {"E_matrix": tissue.youngs_modulus, "E_object": body.youngs_modulus}
-        modulus = modulus_printed(*sizes, nu=tissue.poisson_ratio, **moduli)
-        consistent_modulus = modulus_from_compatibility(*sizes, nu=tissue.poisson_ratio, **moduli)
+        modulus = compute_modulus_printed(*sizes, nu=tissue.poisson_ratio, **moduli)
+        consistent_modulus = compute_modulus_from_compatibility(*sizes, nu=tissue.poisson_ratio, **moduli)
         try:
-            corrected = f"{modulus_corrected(*sizes, **moduli):.4g} Pa without their defects"
+            corrected = f"{compute_modulus_corrected(*sizes, **moduli):.4g} Pa without their defects"
         except InputError as fault:
             corrected = f"none without their defects ({fault})"
         null = "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"

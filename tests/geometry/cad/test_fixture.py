@@ -10,7 +10,7 @@ import pytest
 
 from geometry.cad import fixture, solids
 from geometry.common.errors import InputError
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 from geometry.scenes.probe import Base
 from tests.support.parts import FLANGE, make, read
 
@@ -18,7 +18,7 @@ from tests.support.parts import FLANGE, make, read
 @pytest.mark.parametrize("changes", [{}, {"base": FLANGE}])
 def test_files_hold_closed_solids_of_the_volumes_written_out_here(tmp_path: Path, changes: dict[str, Any]) -> None:
     probe = make(**changes)
-    sizes, rim = fixture.find_fixture_sizes(probe), 1e3 * base_sizes(probe).flange_radius
+    sizes, rim = fixture.find_fixture_sizes(probe), 1e3 * find_base_sizes(probe).flange_radius
     carrier = math.pi * (rim**2 * sizes.sleeve + (rim + fixture.SLEEVE_WALL_MM) ** 2 * fixture.FOOT_HEIGHT_MM)
     inner, outer = sizes.ring
     expected = {
@@ -45,7 +45,7 @@ def test_pin_and_ring_touch_one_block_alone_though_misaligned(changes: dict[str,
     assert 2 * (solid.bore - solid.carrier) + 2 * 0.01 <= fixture.RING_ALIGNMENT_MM + 1e-12
     sleeve, ring = (fixture.build_fixture(probe)[name].BoundingBox() for name in ("sleeve", "ring"))
     parts = solids.build_parts(probe)
-    rim = parts["base"].BoundingBox().zmax - scale * base_sizes(probe).thickness
+    rim = parts["base"].BoundingBox().zmax - scale * find_base_sizes(probe).thickness
     assert sleeve.zmax == pytest.approx(rim + fixture.SLEEVE_GRIP_MM)
     assert sleeve.zmin == pytest.approx(-fixture.CARRIER_RISE_MM - fixture.SLEEVE_GRIP_MM)
     assert ring.zmax == pytest.approx(0.0)

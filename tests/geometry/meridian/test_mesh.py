@@ -192,7 +192,7 @@ def test_designs_near_the_papers_fit_on_its_mesh(key: str, factor: float) -> Non
 def test_nodes_are_smooth_where_the_limits_of_the_spheres_box_change_places() -> None:
     def room(sphere: float) -> float:
         s = section(**PAPER | {"sphere": sphere})
-        return s.box_limits()[0] - s.tube_radius
+        return s.compute_box_limits()[0] - s.tube_radius
 
     assert_smooth(PAPER | {"sphere": brentq(room, 0.3, 1.0)}, {"sphere": 1.0, "cover": 0.0})
 

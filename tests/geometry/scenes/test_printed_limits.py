@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from geometry import InputError, scene_from_dict
 from geometry.scenes import probe as probes
 from geometry.scenes import scene as scenes
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 from geometry.scenes.units import Quantity
 
 MATERIAL = {"youngs_modulus": "10 kPa", "poisson_ratio": 0.4}
@@ -85,7 +85,7 @@ def put(data: dict[str, Any], key: str, value: str) -> dict[str, Any]:
 
 
 def read(data: dict[str, Any]) -> None:
-    base_sizes(scene_from_dict(data).probe)
+    find_base_sizes(scene_from_dict(data).probe)
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())

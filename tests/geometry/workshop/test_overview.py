@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from geometry.cad import solids
-from geometry.scenes.base_sizes import assumed_sizes
+from geometry.scenes.base_sizes import assume_sizes
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Base
 from geometry.workshop import overview
@@ -30,7 +30,7 @@ from tests.support.parts import FLANGE, make
     ],
 )
 def test_what_the_scene_leaves_open(options, wanted):
-    assert assumed_sizes(make(outer_radius=6e-3, **options)) == pytest.approx({f"probe.{k}": v for k, v in wanted.items()})
+    assert assume_sizes(make(outer_radius=6e-3, **options)) == pytest.approx({f"probe.{k}": v for k, v in wanted.items()})
 
 
 def test_png_of_its_size_written_whole(tmp_path):

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from geometry import InputError, read_scene
-from geometry.scenes.base_sizes import base_sizes
+from geometry.scenes.base_sizes import find_base_sizes
 from hw.common.errors import HardwareError, InvalidSource
 from hw.reader import Reader
 from hw.recordings.recording import Recording
@@ -54,7 +54,7 @@ SWEEP = {
 
 
 def _scene(path: Path) -> None:
-    base_sizes(read_scene(path).probe)
+    find_base_sizes(read_scene(path).probe)
 
 
 def _calibration(path: Path) -> None:

@@ -15,7 +15,7 @@ from probe_design import optimize
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD
 from probe_design.design_search.loads import compute_pressing
-from probe_design.design_search.tumour_objective import Noise, standard_deviation
+from probe_design.design_search.tumour_objective import Noise, compute_standard_deviation
 from probe_design.design_search.tumour_study import TumourStudy
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.design_search.verification import evaluate_films, verify_tumour_design
@@ -32,8 +32,8 @@ def test_objective_by_hand() -> None:
     # 5 % on the ratio; q0 = 0.01 pC; Q = 20 pC/N * 0.1 N * share = 1.5 and 0.5 pC
     by_hand = 0.1**2 / (0.05**2 + (0.01 / 1.5) ** 2 + (0.01 / 0.5) ** 2)
     assert Noise().compute_information(0.1, 0.75, 0.1) == pytest.approx(by_hand, rel=1e-12)
-    assert standard_deviation(by_hand) == pytest.approx(by_hand**-0.5)
-    assert standard_deviation(0.0) == math.inf
+    assert compute_standard_deviation(by_hand) == pytest.approx(by_hand**-0.5)
+    assert compute_standard_deviation(0.0) == math.inf
 
 
 def test_two_channels_of_that_gain_error_give_the_ratio_its_noise() -> None:
@@ -52,7 +52,7 @@ def test_without_charge_noise_the_objective_is_detectability_s_and_all_verbs_hav
     """Standard deviation of ln E_object = noise / S, eq. MA.2; defaults are one."""
     assert Thresholds().noise == Noise().ratio == DEFAULT_NOISE
     assert Thresholds().resolved == MAX_RESOLVED_LOG_SD == 0.5
-    assert standard_deviation(Noise(charge=0.0).compute_information(0.1, 0.7, 1.0)) == pytest.approx(DEFAULT_NOISE / 0.1)
+    assert compute_standard_deviation(Noise(charge=0.0).compute_information(0.1, 0.7, 1.0)) == pytest.approx(DEFAULT_NOISE / 0.1)
     for command in ("optimize", "detectability", "estimate"):
         text = re.sub(r"\s+", " ", run(command, "--help").stdout)
         assert f"--noise TEXT Relative standard deviation of one reading of the ratio. [default: {DEFAULT_NOISE:g}]" in text

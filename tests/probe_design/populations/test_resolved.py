@@ -9,7 +9,7 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene_tables import Load
-from probe_design.design_search.tumour_objective import Noise, standard_deviation
+from probe_design.design_search.tumour_objective import Noise, compute_standard_deviation
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.examination import examine
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
@@ -53,7 +53,9 @@ def test_one_reading_of_one_known_tumour_is_today_s_objective() -> None:
     assert result.log_sensitivity is not None
     share = result.ratio * design.scene.probe.inner_area
     share /= share + design.scene.probe.outer_area
-    expected = standard_deviation(Noise.from_scene(design.scene, NOISE).compute_information(result.log_sensitivity, share, 0.01))
+    expected = compute_standard_deviation(
+        Noise.from_scene(design.scene, NOISE).compute_information(result.log_sensitivity, share, 0.01)
+    )
     assert scored_design.contrast_sd[0] == pytest.approx(expected, rel=1e-6)
 
 

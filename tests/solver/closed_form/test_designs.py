@@ -13,7 +13,7 @@ from benchmarks.closed_form.speed import compute_gradients
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
 from geometry.scenes.units import SI_CONTEXT
 from solver import evaluate
-from solver.closed_form.bessel import bessel, spherical_bessel
+from solver.closed_form.bessel import bessel, compute_spherical_bessel
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, build_parameters, compute_forces
 from solver.closed_form.evaluator import ClosedForm
@@ -85,7 +85,7 @@ def test_bessel_functions() -> None:
     x = np.concatenate([np.linspace(0, 20, 500), np.geomspace(20, 1023, 500)])
     for order in range(9):
         assert bessel(x, 9)[order] == pytest.approx(jv(order, x), abs=5e-7)
-        assert spherical_bessel(x, 9)[order] == pytest.approx(spherical_jn(order, x), abs=5e-7)
+        assert compute_spherical_bessel(x, 9)[order] == pytest.approx(spherical_jn(order, x), abs=5e-7)
     derivatives = bessel(x + 1e-30j, 2).imag / 1e-30
     assert derivatives[0] == pytest.approx(-jv(1, x), abs=1e-4)
     assert np.all(np.isnan(bessel(np.array([-1.0, 1024.0, np.nan]))))

@@ -14,7 +14,7 @@ from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.contact.contact_forces import compute_touch
 from solver.contact.model import ContactModel
-from solver.contact.states import StoppedError, hermite_weights
+from solver.contact.states import StoppedError, compute_hermite_weights
 from tests.support.load_paths import COARSE, FINE, FOLDER, pressed, ratio, scene_of, work
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
@@ -172,4 +172,4 @@ def test_the_cubic_through_two_states_and_their_rates_reproduces_cubics() -> Non
     for places in ([0.2, 0.5], [0.5, 0.2]):
         values = [*cubic(np.array(places)), *cubic.deriv()(np.array(places))]
         for wanted in (0.3, 0.9):
-            assert np.dot(hermite_weights(places, wanted), values) == pytest.approx(cubic(wanted), rel=1e-12)
+            assert np.dot(compute_hermite_weights(places, wanted), values) == pytest.approx(cubic(wanted), rel=1e-12)
