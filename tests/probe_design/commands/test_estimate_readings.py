@@ -25,7 +25,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for words in (
         ("calibrate", "scene.toml", "--virtual", "--bench", VERIFIED, "--seconds", "5", "-o", "probe.toml"),
         ("read", "scene.toml", "--virtual", "--calibration", "probe.toml", "--seed", "1", "--record", "a.probe"),
-        ("read", "scene.toml", "--virtual", "--calibration", "probe.toml", "--seed", "2", "--record", "b.probe", "--json"),
+        ("read", "scene.toml", "--virtual", "--calibration", "probe.toml", "--seed", "2", "--record", "b.probe"),
+        ("read", "scene.toml", "--replay", "b.probe", "--calibration", "probe.toml", "--json"),  # with its last packet whole
     ):
         ended = program.run(*words, cwd=place)
         assert ended.returncode == 0, ended.stderr
