@@ -22,8 +22,6 @@ from probe_design.locating.samples import Sample
 from probe_design.locating.sampling import draw_posterior
 
 DRIFT_SD = 0.1  # of ln reading from the first to the last, before the readings
-
-
 MIN_CERTAINTY, MAX_CERTAINTY = 0.95, 0.5  # probability of a tumour that rests on a reading: with it, and at most without it
 MAX_LOG_FACTOR = 3.0  # ln Bayes factor of more tumours against one, above which the place of one alone says nothing
 MIN_DEVIATION = 3.0  # of a reading from the best tumour, in standard deviations, that makes it worth leaving out
@@ -82,8 +80,8 @@ def compare_drift(likelihood: Likelihood, groups: Sequence[Floats], probability:
     probability
         Of each number without a drift.
     """
-    rows, count = likelihood.rows, len(likelihood.data)
-    order = DRIFT_SD * np.linspace(-0.5, 0.5, count)
+    rows = likelihood.rows
+    order = DRIFT_SD * np.linspace(-0.5, 0.5, len(likelihood.data))
     extra = order[None, :, None] * np.eye(2)[:, None, :]
     drifting = Rows(np.concatenate([rows.constant, extra]), np.concatenate([rows.scale, 0 * extra]))
     log_factors, changes = [], []

@@ -63,9 +63,9 @@ def test_a_drift_that_looks_like_tumours_is_named() -> None:
 def test_a_tumour_that_one_wild_reading_makes_is_said_to_rest_on_it() -> None:
     """A reading that is ten standard deviations off, over no tumour, gave one with certainty."""
     wild = change(scan(NONE), 10 * WHITE[0] * (np.arange(len(PLACES)) == 13))
-    found = result(wild, tumours=1)
-    assert found.probability[0] < 0.05
-    (note,) = (line for line in found.warnings if "rests on" in line)
+    located = result(wild, tumours=1)
+    assert located.probability[0] < 0.05
+    (note,) = (line for line in located.warnings if "rests on" in line)
     assert "that there is a tumour rests on reading 13 at x = 0 mm, y = 0 mm alone" in note
 
 
