@@ -27,6 +27,7 @@ from solver.inclusions.tumours import Strata
 TUMOUR_QUANTITIES = ("x", "y", "depth", "diameter", "youngs_modulus")  # columns of an array of tumours
 MIN_DISTANCE_M = 0.5e-3  # between the surfaces of two tumours: closer ones count as one
 FRACTION_SAMPLES = 2**14  # of the prior, from which the allowed fraction is computed: its error is below 0.01
+MIN_ALLOWED_FRACTION = 0.01  # of the sets drawn, fewer of which would not show where tumours may lie
 
 
 class ForwardModel(Protocol):
@@ -163,8 +164,13 @@ class TumourPrior:
             Hardly any fit.
         """
         fraction = float(np.mean(self.find_allowed(self.transform(self.draw(FRACTION_SAMPLES, number, 0)))))
-        if fraction < 1e-2:
-            raise InputError("population", Words(f"{fraction:.2g} of the tumours fit"), "ranges of which more fit the tissue")
+        if fraction < MIN_ALLOWED_FRACTION:
+            share = f"{100 * fraction:.2g} %"
+            if number == 1:
+                raise InputError("population", Words(f"{share} of the tumours fit"), "ranges of which more fit the tissue")
+            given = Words(f"{number}, of which {share} of the sets that were drawn fit beside one another")
+            allowed = f"at most {number - 1}, or places over a wider range: [population] y or margin"
+            raise InputError("population.tumours", given, allowed)
         return fraction
 
     def compute_contrast(self, tumours: Floats) -> Floats:

@@ -340,6 +340,13 @@ def test_touching_tumours_are_excluded_and_the_evidence_counts_it() -> None:
     assert 0.8 < prior.compute_allowed_fraction(2) < 0.99
 
 
+def test_more_tumours_than_a_short_line_holds_are_refused_with_their_number() -> None:
+    line = np.array([(30e-3, 0.0), *((x, 0.0) for x in (-4e-3, 0.0, 4e-3))])  # 8 mm wide
+    prior = TumourPrior.from_design(design(x=[-4e-3, 4e-3], y=[0.0], diameter=[6e-3, 12e-3]), line)
+    with pytest.raises(InputError, match=r"population.tumours = 3, .* %.*: allowed: at most 2, or places over a wider range"):
+        prior.compute_allowed_fraction(3)
+
+
 def test_depth_begins_below_the_least_cover() -> None:
     prior = TumourPrior.from_design(design(depth=[5e-3, 25e-3], diameter=[4e-3, 16e-3]), PLACES)
     tumours = prior.transform(prior.draw(4096, 1, 0))[:, 0]
