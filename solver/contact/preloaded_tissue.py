@@ -20,12 +20,12 @@ import numpy as np
 from geometry.common.arrays import Floats
 from solver.contact.loaded_scene import LoadedForces
 from solver.contact.pressed_tissue import (
-    LOG_DERIVATIVES,
     LoadedChanges,
     PressedTissue,
     bound_effects,
-    build_diagonals,
     list_films,
+    replace_derivatives,
+    replace_totals,
 )
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
@@ -100,32 +100,12 @@ class PreloadedTissue:
             largest = weights.max(axis=1)
             log_ratio = about.bound.log_ratio + part.log_ratio_bound - at_rest.bound.log_ratio
             log_ratio = log_ratio + middle.ratio_errors[0, :, number] + largest * ratio_slope_errors[0, :, number]
-            loaded = replace(
-                part,
-                forces=build_diagonals(totals),
-                bound=errors * np.abs(totals),
-                log_ratio_bound=log_ratio,
-                first_share=log_ratio,
-                first_totals=totals,
-                derivatives={},
-            )
+            loaded = replace_totals(part, totals, errors, log_ratio)
             if linear.derivatives:
-                derivatives = {
-                    key: build_diagonals(
-                        totals
-                        * (
-                            middle.changes[row, :, columns]
-                            + share / sums * slopes[row, :, columns]
-                            + middle.changes[row, :, -1:]
-                            + weight * slopes[row, :, -1:]
-                        )
-                    )
-                    for row, key in enumerate(LOG_DERIVATIVES, start=1)
-                    if key in part.derivatives
-                }
+                by_log = middle.changes[1:, :, columns] + share / sums * slopes[1:, :, columns]
+                by_log = by_log + middle.changes[1:, :, -1:] + weight * slopes[1:, :, -1:]
                 added = middle.ratio_errors[1, :, number] + largest * ratio_slope_errors[1, :, number]
-                slope_bound = (part.sensitivity_error + added)[:, None] / 2 * np.abs(totals)
-                loaded = replace(loaded, slope_bound=slope_bound, derivatives=derivatives)
+                loaded = replace_derivatives(loaded, part, by_log, part.sensitivity_error + added)
             parts.append(loaded)
         return replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
 

@@ -161,32 +161,17 @@ class PressedTissue:
             zip(list_films(self.base.films), list_films(self.bare.films), linear.parts, strict=True)
         ):
             columns = slice(2 * number, 2 * number + 2)
-            values, *derivatives = changes.changes[..., columns]
-            totals = bare.totals * np.exp(values + rise)
+            totals = bare.totals * np.exp(changes.changes[0, :, columns] + rise)
             if number == 0:  # the forces add up to the force, not only to first order
                 totals *= bare.totals.sum() * np.exp(rise) / totals.sum(axis=1, keepdims=True)
             effect_errors = bound_effects(part, films) / np.abs(part.totals)
             errors = bare.relative_errors + effect_errors + changes.errors[0, :, columns] + rise_error
             log_ratio = bare.bound.log_ratio + part.log_ratio_bound - films.bound.log_ratio + changes.ratio_errors[0, :, number]
-            loaded = replace(
-                part,
-                forces=build_diagonals(totals),
-                bound=errors * np.abs(totals),
-                log_ratio_bound=log_ratio,
-                first_share=log_ratio,
-                first_totals=totals,
-                derivatives={},
-            )
+            loaded = replace_totals(part, totals, errors, log_ratio)
             if linear.derivatives:
                 # derivatives at constant indentation, as those of linear readings are
-                slopes = {
-                    key: build_diagonals(totals * (change + changes.changes[number, :, -1:]))
-                    for number, (key, change) in enumerate(zip(LOG_DERIVATIVES, derivatives, strict=False), start=1)
-                    if key in part.derivatives
-                }
-                sensitivity_error = part.sensitivity_error + changes.ratio_errors[1, :, number]
-                slope_bound = sensitivity_error[:, None] / 2 * np.abs(totals)
-                loaded = replace(loaded, slope_bound=slope_bound, derivatives=slopes)
+                slopes = changes.changes[1:, :, columns] + changes.changes[1:, :, -1:]
+                loaded = replace_derivatives(loaded, part, slopes, part.sensitivity_error + changes.ratio_errors[1, :, number])
             parts.append(loaded)
         return replace(parts[0], charges=parts[1]) if len(parts) > 1 else parts[0]
 
@@ -269,7 +254,31 @@ def bound_effects(readings: Readings, films: FilmForces) -> Floats:
     return np.asarray(np.maximum(readings.bound - films.bound.totals, 0.0))
 
 
-def build_diagonals(totals: Floats) -> Floats:
+def replace_totals(linear: Readings, totals: Floats, errors: Floats, log_ratio: Floats) -> Readings:
+    """Return readings with other totals, (n, 2), errors relative to these, and bounds on ln ratio; without derivatives."""
+    return replace(
+        linear,
+        forces=_build_diagonals(totals),
+        bound=errors * np.abs(totals),
+        log_ratio_bound=log_ratio,
+        first_share=log_ratio,
+        first_totals=totals,
+        derivatives={},
+    )
+
+
+def replace_derivatives(loaded: Readings, linear: Readings, slopes: Floats, sensitivity_error: Floats) -> Readings:
+    """Return loaded readings with those of ``LOG_DERIVATIVES`` that the linear ones have, from derivatives of ln totals."""
+    totals = loaded.first_totals
+    derivatives = {
+        key: _build_diagonals(totals * slope)
+        for key, slope in zip(LOG_DERIVATIVES, slopes, strict=False)
+        if key in linear.derivatives
+    }
+    return replace(loaded, slope_bound=sensitivity_error[:, None] / 2 * np.abs(totals), derivatives=derivatives)
+
+
+def _build_diagonals(totals: Floats) -> Floats:
     """Return matrices with the totals, shape (n, 2), on their diagonals, shape (n, 2, 2)."""
     return np.asarray(totals[:, :, None] * np.eye(2))
 
