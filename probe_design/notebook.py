@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probe_design.reporting.table import Table, format_number, format_unit
+from probe_design.reporting.table import Table, find_shown_unit, format_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,13 +56,19 @@ def format_optimum(optimum: TumourOptimum) -> str:
 
 def _build_tables(record: Record) -> Iterator[Table]:
     numbers = record.collect_numbers().items()
-    yield Table(("quantity", "value", "unit"), [(name, _format_value(value), format_unit(name)) for name, value in numbers])
+    yield Table(("quantity", "value", "unit"), [_build_row(name, value) for name, value in numbers])
     if len(record.DIMENSIONS) == 1:
         dimension = record.DIMENSIONS[0]
         columns = {dimension: np.array(getattr(record, dimension))} | record.collect_arrays()
-        shown = {f"{name}, {format_unit(name)}".rstrip(", "): (values.tolist(), 6) for name, values in columns.items()}
+        units = {name: find_shown_unit(name) for name in columns}
+        shown = {
+            f"{name}, {units[name][0]}".rstrip(", "): ((units[name][1] * values).tolist(), 6) for name, values in columns.items()
+        }
         yield Table.from_columns("", shown, MAX_TABLE_ROWS)
 
 
-def _format_value(value: str | bool | float) -> str:
-    return str(value) if isinstance(value, str | bool) else format_number(value, 6)
+def _build_row(name: str, value: str | bool | float) -> tuple[str, str, str]:
+    if isinstance(value, str | bool):
+        return name, str(value), ""
+    unit, scale = find_shown_unit(name)
+    return name, format_number(scale * value, 6), unit

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from geometry.common.errors import Refusal
 from geometry.common.limits import format_minimum
+from geometry.common.percent import format_minimum_percent, format_percent
 from geometry.common.resources import LimitReached
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
@@ -202,29 +203,29 @@ def _build_refusal(
     # the load's part of the error, at least: the accuracy that the evaluator's allowed error leaves
     load = 0.0 if linear else (1 + accuracy) / (1 + best.plan.allowed) - 1
     smaller_load, load_text = (
-        (", or a smaller load", f", {load:.2g} of it by the load") if load > MIN_LOAD_SHARE_OF_ERROR * reached else ("", "")
+        (", or a smaller load", f", {format_percent(load)} by the load") if load > MIN_LOAD_SHARE_OF_ERROR * reached else ("", "")
     )
-    text = f"{reachable} or more for this scene{smaller_load} ({name} reaches {format_minimum(reached, 3)}{load_text}; {advice})"
-    if reachable is None:
-        text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
-    number = None if reachable is None else float(reachable)
-    return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text, reachable=number)
+    text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
+    if reachable is not None:
+        text = f"{format_percent(reachable)} or more for this scene{smaller_load}"
+        text += f" ({name} reaches {format_minimum_percent(reached, 3)}{load_text}; {advice})"
+    return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text, reachable=reachable)
 
 
-def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, progress: ProgressCallback | None) -> str | None:
-    """Return the text of an accuracy that some evaluator reaches, None if none below 1 is.
+def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, progress: ProgressCallback | None) -> float | None:
+    """Return an accuracy, of two digits, that some evaluator reaches; None if none below 1 is.
 
     It is found by trying larger and larger ones, from ``reached`` on, as an evaluator's effort depends on the accuracy requested.
     """
     for _ in range(MAX_ACCURACY_ATTEMPTS):
         if not reached < 1:  # NaN too
             return None
-        text = format_minimum(reached, 2)
+        tried = float(format_minimum(reached, 2))
         try:
-            outcome = _try_evaluators(scene, float(text), linear, progress, coarse=None, skip_sure=False)
+            outcome = _try_evaluators(scene, tried, linear, progress, coarse=None, skip_sure=False)
         except LimitReached:
-            return text  # out of time: the first suggestion has to do
+            return tried  # out of time: the first suggestion has to do
         if isinstance(outcome, AutoChoice):
-            return text
-        reached = max(min(attempt.compute_error(float(text)) for attempt in outcome), MIN_ACCURACY_GROWTH * float(text))
-    return format_minimum(reached, 2) if reached < 1 else None
+            return tried
+        reached = max(min(attempt.compute_error(tried) for attempt in outcome), MIN_ACCURACY_GROWTH * tried)
+    return float(format_minimum(reached, 2)) if reached < 1 else None

@@ -11,6 +11,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.percent import format_percent
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
 from geometry.scenes.fit_check import list_doubts
@@ -121,12 +122,13 @@ def explain_error(scene: Scene, result: Result) -> tuple[Note, ...]:
         return ()
     factor = CHARGE_CHANGE_FACTOR if is_charge else 1.0
     left_out = [
-        f"at most {min(factor * item.effect, error):.2g} to the {item.feature}, which is left out"
+        f"at most {format_percent(min(factor * item.effect, error))} to the {item.feature}, which is left out"
         for item in result.plan
         if item.feature in OMITTED_DETAILS and not item.modelled and factor * item.effect >= MIN_NAMED_SHARE * error
     ]
     parts = ", ".join([*left_out, f"{'the rest ' if left_out else ''}to the meshes of {result.evaluator} under this load"])
-    text = f"reading.accuracy = {scene.reading.accuracy:g} of the scene: the error of {error:.2g} is due {parts}"
+    stated = f"reading.accuracy = {format_percent(scene.reading.accuracy, 6)} of the scene"
+    text = f"{stated}: the error of {format_percent(error)} is due {parts}"
     return (Note("accuracy", text),)
 
 

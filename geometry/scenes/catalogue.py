@@ -24,6 +24,7 @@ from typing import Literal
 
 from geometry.common.errors import InputError, describe_choices
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.catalogue_laws import build_law_numbers, fill_in_law
 from geometry.scenes.recipes import MixingRatio, Thinned, parse_name
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
@@ -280,10 +281,12 @@ def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> 
     youngs_modulus, log_sd, tolerance = _combine_published(entry, published)
     if thinned is None:
         return _build_material(name, entry, (youngs_modulus, log_sd, tolerance), published)
-    recipe = f"thinner, added to parts A and B: 0 to {100 * thinned.thinner[-1]:g} % (--thinner), as compressed; interpolated"
+    recipe = (
+        f"thinner, added to parts A and B: 0 to {format_percent(thinned.thinner[-1], 6)} (--thinner), as compressed; interpolated"
+    )
     change, added_sd = thinned.compute_softening(thinner or 0.0)
     if thinner:
-        name = f"{name} with {100 * thinner:g} % thinner"
+        name = f"{name} with {format_percent(thinner, 6)} thinner"
         tolerance += f"; without thinner, whose effect of {math.exp(change):.3g} adds {added_sd:.2g}"
     return _build_material(
         name, entry, (youngs_modulus * math.exp(change), math.hypot(log_sd, added_sd), tolerance), published, recipe

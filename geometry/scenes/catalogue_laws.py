@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.sourced_numbers import Number
 
 LAW_KEYS = ("c2_over_c1", "c3_over_c1", "law_strain")
@@ -20,7 +21,7 @@ def build_law_numbers(entry: JsonObject | None, source: str) -> dict[str, Number
     """
     if entry is None:
         return {}
-    fitted = f"Yeoh's law in tension, misfit {entry['misfit']:g} of the largest stress; {source}"
+    fitted = f"Yeoh's law in tension, misfit {format_percent(entry['misfit'], 6)} of the largest stress; {source}"
     scatter = f"standard deviation {entry['sd']:g} of one curve; ratios to C1, so that they stay beside a measured modulus"
     return {
         "law": Number("yeoh", fitted),

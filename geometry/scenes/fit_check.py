@@ -8,6 +8,7 @@ from itertools import combinations, pairwise
 
 from geometry.common.errors import InputError
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
+from geometry.common.percent import format_percent
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene_tables import Inclusion, SceneTables
@@ -190,7 +191,7 @@ def _check_insets(scene: SceneTables) -> None:
             raise InputError(f"{table}.electrode_inset", format_mm(inset), allowed)
         if edge > 0 and abs(inset - edge) < _INSET_SEPARATION * edge:
             reason = f"mesh lines of both would coincide: contact.edge_radius is {format_mm(edge)}"
-            allowed = f"more than {100 * _INSET_SEPARATION:g} % above or below contact.edge_radius ({reason})"
+            allowed = f"more than {format_percent(_INSET_SEPARATION, 6)} above or below contact.edge_radius ({reason})"
             raise InputError(f"{table}.electrode_inset", format_mm(inset), allowed)
 
 

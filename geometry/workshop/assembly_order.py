@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from geometry.cad.stamp import Stamp
+from geometry.common.percent import format_percent
 from geometry.provenance.texts import format_markdown_comment
 from geometry.scenes.base_sizes import assume_sizes
 from geometry.scenes.film import Bond
@@ -83,7 +84,7 @@ def _list_casting_steps(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]
     steps = []
     for mould in moulds:
         material = (probe.inner if mould.name == "inner" else probe.outer).material or "elastomer"
-        volume, grown = f"{compute_cavity_volume(mould):.4g} mm\u00b3", f"shrinkage {100 * mould.shrinkage:g} %"
+        volume, grown = f"{compute_cavity_volume(mould):.4g} mm\u00b3", f"shrinkage {format_percent(mould.shrinkage, 6)}"
         angle = f"draft {math.degrees(mould.draft):.3g}\u00b0"
         steps.append(
             f"Cast the {mould.name} block: close `mould-{mould.name}-lower.step` and `mould-{mould.name}-upper.step` on their "
@@ -178,7 +179,7 @@ def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
     """Describe the scatter of probes built to the drawings, and its largest sources; empty where the scatter is unknown."""
     if not budget.sensitivities:
         return ""
-    parts = ", ".join(f"{name} {100 * sd:.2g} %" for name, sd in list(scatter.items())[:MAX_LISTED_PARTS])
+    parts = ", ".join(f"{name} {format_percent(sd)}" for name, sd in list(scatter.items())[:MAX_LISTED_PARTS])
     total = combine_scatter(scatter)
     requested = f"requested: {budget.percent:g} %"
     advice = "" if total <= budget.percent else ": what dominates has to be measured, or calibrated, since no drawing holds it"
@@ -230,7 +231,7 @@ def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:
     general, draft = find_process(CASTING_PROCESS).general, f"{math.degrees(mould.draft):.3g}\N{DEGREE SIGN}"
     return (
         f"Cast; deviations are the casting's, {general}. Measure the mould, not the soft block; at half the height:",
-        f"cavity {', '.join(sizes)}; shrinkage {100 * mould.shrinkage:g} %, draft {draft}.",
+        f"cavity {', '.join(sizes)}; shrinkage {format_percent(mould.shrinkage, 6)}, draft {draft}.",
         f"Modulus: {_describe_modulus(mould.name, budget)}test a cylinder cast of the same pour in compression (ISO 7743),",
         "and write what it measures into the scene.",
     )
@@ -253,7 +254,7 @@ def _find_mould_deviation(size: float) -> float:
 def _describe_modulus(block: str, budget: Budget) -> str:
     """Return a block's modulus with its standard deviation; empty where the budget does not have it."""
     known = budget.find_modulus(block)
-    return "" if known is None else f"{known.nominal} \N{PLUS-MINUS SIGN}{100 * known.sd:.2g} % (1 sd); "
+    return "" if known is None else f"{known.nominal} \N{PLUS-MINUS SIGN}{format_percent(known.sd)} (1 sd); "
 
 
 def compute_gap_deviation(probe: Probe, moulds: Sequence[MouldSizes]) -> float:

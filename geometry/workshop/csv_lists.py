@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import compute_expected_bodies
 from geometry.cad.stamp import Stamp
+from geometry.common.percent import format_percent
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import format_modulus
@@ -136,7 +137,7 @@ def write_tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str
             "standard deviation",
             "",
             dimension.nominal,
-            f"{100 * dimension.sd:.3g} %",
+            format_percent(dimension.sd, 3),
             dimension.source,
             "",
             "",

@@ -14,6 +14,7 @@ from importlib.resources import files
 from typing import Any
 
 from geometry.cad.materials import find_part_materials
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
 
@@ -293,7 +294,7 @@ def _find_machined(made: Process, size: float, radius: bool) -> tuple[float, str
     if radius and usual is not None:
         usual = next(deviation for max_size, deviation in RADIUS_DEVIATIONS_MM if size <= max_size)
     if usual is None or usual > SMALL_SIZE_FRACTION * size:
-        return SMALL_SIZE_FRACTION * size, f"{100 * SMALL_SIZE_FRACTION:g} % of the size", True
+        return SMALL_SIZE_FRACTION * size, f"{format_percent(SMALL_SIZE_FRACTION, 6)} of the size", True
     return usual, made.general, False
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from hw.signal.measurement import Measurement
 from probe_design.built_probe.bench import Bench, Reference
@@ -287,7 +288,7 @@ def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:
         return []
     percent_error = 100 * (scale.factor - 1)
     side = "much" if percent_error > 0 else "little"
-    shown = f"shows {abs(percent_error):.2g} % too {side}, ± {100 * scale.sd:.2g} %"
+    shown = f"shows {abs(percent_error):.2g} % too {side}, ± {format_percent(scale.sd)}"
     if not scale.confirmed:
         return [
             f"nothing confirms the force channel's scale: by the films' nominal gains it {shown}; gains and stresses count that, "

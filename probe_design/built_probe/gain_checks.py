@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from geometry.common.errors import InputError, Words
+from geometry.common.percent import format_percent
 from hw.common.samples import FILM_NAMES
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_fractions
@@ -91,7 +92,7 @@ def _check_force(observations: Sequence[Observation], bench: Bench) -> None:
         median = float(np.median(ratios))
         remedy = f"is the force channel plugged in, its sensitivity right? {describe_remedy(median)}"
         raise InputError(
-            "reading", Words(f"{median:.3g} of the force channel on both films"), f"1 to {100 * tolerance:.2g} %: {remedy}"
+            "reading", Words(f"{median:.3g} of the force channel on both films"), f"1 to {format_percent(tolerance)}: {remedy}"
         )
 
 
@@ -113,7 +114,7 @@ def _widen_leaks(observations: Sequence[Observation], bench: Bench) -> tuple[lis
         is_touching = TOUCHING_SD * expected_sd < other_fraction < MAX_LEAK_SD * expected_sd
         is_unstated = reference.leak is None
         if is_touching:
-            text = f"{100 * other_fraction:.2g} % of what the {reference.name} shows is in the other film's channel"
+            text = f"{format_percent(other_fraction)} of what the {reference.name} shows is in the other film's channel"
             deviation = f"{other_fraction / expected_sd:.2g} standard deviations of cross-talk and leak"
             warnings.append(f"{text}, {deviation}: does it touch both blocks?")
         if is_touching or (is_unstated and reference.leak_sd < other_fraction <= TOUCHING_SD * expected_sd):
@@ -244,5 +245,5 @@ def _check_plausible(gains: Gains, bench: Bench) -> Gains:
     if not strange:
         return gains
     place = "the force channel's sensitivity" if "alike" in strange[0] else "film, cable, amplifier"
-    allowed = f"1 to {100 * bench.channels.gain:g} %, by channels.gain of the bench: look at {place}"
+    allowed = f"1 to {format_percent(bench.channels.gain, 6)}, by channels.gain of the bench: look at {place}"
     raise InputError("gain", Words(f"{', '.join(strange)} of nominal"), allowed)

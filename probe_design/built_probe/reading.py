@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from hw.common.samples import FILM_NAMES
 from hw.signal.covariance import propagate_covariance
@@ -346,7 +347,7 @@ def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, 
     warnings += measurement.warnings
     if gains is None:
         channels = bench.channels
-        text = f"gains to {100 * channels.gain:g} %, cross-talk to {100 * channels.cross_talk:g} %"
+        text = f"gains to {format_percent(channels.gain, 6)}, cross-talk to {format_percent(channels.cross_talk, 6)}"
         warnings.append(f"not calibrated: the uncertainties count {text} of nominal")
     elif not gains.absolute:
         warnings.append("the calibration had no force channel: the stresses' common factor is nominal")

@@ -23,6 +23,7 @@ import numpy as np
 from geometry.cad.fixture import find_fixture_sizes
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.percent import format_percent
 from geometry.scenes.bonds import BOND_SIDES, find_bond
 from geometry.scenes.film import Bond, Film
 from geometry.scenes.probe import Material, Probe
@@ -114,7 +115,7 @@ class LoadFactor:
         """
         strain = force * self.strain
         if strain > MAX_PIN_STRAIN:
-            limit = f"up to {MAX_PIN_STRAIN / self.strain:.3g} N, which strains its block by {100 * MAX_PIN_STRAIN:g} %"
+            limit = f"up to {MAX_PIN_STRAIN / self.strain:.3g} N, which strains its block by {format_percent(MAX_PIN_STRAIN, 6)}"
             raise Refusal("load", Words(f"{force:.3g} N on the {name}"), f"{limit}; press more lightly, or on a wider end")
         return replace(self, variance=self.variance + (PIN_CHANGE_PER_STRAIN * strain) ** 2 / 3)
 

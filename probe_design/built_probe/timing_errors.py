@@ -40,6 +40,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from geometry.common.percent import format_percent
 from hw.common.samples import FILM_NAMES, Complexes, Floats
 from hw.signal.amplifier import compute_parts_covariance
 from hw.signal.covariance import propagate_complex_covariance, split_parts
@@ -101,8 +102,8 @@ def _warn_of_wrong_rate(measurement: Measurement, bench: Bench) -> list[str]:
         return []
     side = "above" if error > 0 else "below"
     return [
-        f"the load reads {100 * abs(error):.2g} % {side} the {bench.load.frequency:g} Hz of the bench: the sampling rate or the "
-        "unit of the times is off as much, or load.frequency of the bench is not the drive's; counted in the uncertainties"
+        f"the load reads {format_percent(abs(error))} {side} the {bench.load.frequency:g} Hz of the bench: the sampling rate or "
+        "the unit of the times is off as much, or load.frequency of the bench is not the drive's; counted in the uncertainties"
     ]
 
 
@@ -133,7 +134,7 @@ def count_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
         raise Flawed(f"{text}: a filter, play or friction before the sensor, or amplifiers that are not the bench's")
     loss, warnings = estimate_amplitude_loss(lag), measurement.warnings
     if loss > MIN_WARNED_LOSS:
-        counted = f"its amplitude may be in error by {100 * loss:.2g} %, which is counted"
+        counted = f"its amplitude may be in error by {format_percent(loss)}, which is counted"
         warnings += (f"{text}: {counted}; a delay that is known stands in force.delay of the bench",)
     return replace(measurement, force_loss=loss, warnings=warnings)
 

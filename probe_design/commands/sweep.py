@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from geometry.common.errors import InputError, MissingLibrary
+from geometry.common.percent import format_percent
 from geometry.scenes.scene_file import load_scene, read_scene
 from probe_design.commands.fields import LimitedRequest, Linear, Memory, Time, replace_limits
 from probe_design.commands.optimize import Stages, ignore_stage
@@ -114,7 +115,8 @@ class TradeoffRequest(LimitedRequest):
             write_message(f"wrote {', '.join(file.name for file in files)} to {self.output}")
         for row in study.uncertain_references:
             remedy = "" if self.solid else "; --solid runs the three-dimensional evaluator"
-            write_message(f"{row.scene}: even the most accurate result states an error of {row.stated_error:.2g}{remedy}")
+            error = format_percent(row.stated_error or 0.0)
+            write_message(f"{row.scene}: even the most accurate result states an error of {error}{remedy}")
         warn((*study.warnings, *(_describe_broken_row(row) for row in study.understated_rows)))
 
 
@@ -156,9 +158,9 @@ def tradeoff(
 
 def _describe_broken_row(row: Row) -> str:
     """Return a warning about an evaluator whose true error is above its stated error, in one row of the table."""
-    setting = row.evaluator if row.accuracy is None else f"{row.evaluator} at {row.accuracy:g}"
-    reason = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
-    return f"{row.scene}: {setting} {reason}"
+    stated, least = (format_percent(error or 0.0) for error in (row.stated_error, row.true_error_least))
+    reason = f"states an error of {stated}, which is {least} at least: a defect of the program"
+    return f"{row.scene}: {row.setting} {reason}"
 
 
 def _read_scenes(paths: Sequence[Path]) -> dict[str, Scene]:

@@ -6,6 +6,7 @@ Noise is the relative standard deviation of one reading of the ratio. Both chann
 from __future__ import annotations
 
 from geometry.common.errors import InputError
+from geometry.common.percent import format_percent
 from geometry.scenes.film import Film
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import read_fraction
@@ -18,7 +19,7 @@ MAX_NOISE = 10.0
 MIN_ACCURACY, MAX_ACCURACY = 5e-4, 0.01  # default accuracies of an evaluator, between which the noise chooses
 ALLOWED_NOISE = (
     f"from {MIN_NOISE:g} to {MAX_NOISE:g}: relative, one standard deviation of the ratio, such as "
-    f"{DEFAULT_NOISE:g} or {100 * DEFAULT_NOISE:g} %"
+    f"{DEFAULT_NOISE:g} or {format_percent(DEFAULT_NOISE, 6)}"
 )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Load
 from probe_design.populations.design_file import Design
@@ -101,7 +102,7 @@ def _iterate_changes(design: Design) -> Iterator[tuple[str, str, Design]]:
         counts = not (protocol.blank and key.endswith("gain")) and (protocol.stiffness or not key.startswith("stiffness"))
         if getattr(noise, key) and counts and not (key == "gain" and noise.calibration):
             half = getattr(noise, key) / 2
-            size = f"{half * 1e12:g} pC" if key == "charge" else f"{100 * half:g} %"
+            size = f"{half * 1e12:g} pC" if key == "charge" else format_percent(half, 6)
             yield f"{key} halved", f"half {label}, {size}", _replace_table(design, "noise", **{key: half})
     if not protocol.stiffness:
         yield "stiffness read", "the stiffness read, too", _replace_table(design, "protocol", stiffness=True)

@@ -8,6 +8,7 @@ from functools import partial
 
 import tomli_w
 
+from geometry.common.percent import format_percent
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene_file import scene_to_dict
@@ -181,7 +182,7 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     loads = f", each under {forces}, or the design's force where that is less," if protocol.loads else ""
     return (
         f"Verified with {performance.evaluator} on {len(performance.draw)} tumours that were not used in the search; "
-        f"{places}{loads} against {against}, {100 * protocol.false_alarm:g} % false alarms; "
+        f"{places}{loads} against {against}, {format_percent(protocol.false_alarm, 6)} false alarms; "
         f"*: by what the probe is designed for, {CHANNEL_LABELS[protocol.channel_set]} ([protocol] stiffness); {read}± "
         f"sampling and model error together; information and place error {located}; detected (90 %): 9 times in 10 if the tumour "
         f"were known; resolved: ln contrast to "

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 
+from geometry.common.percent import format_percent
 from geometry.provenance.block import build_provenance
 from geometry.scenes.units import PA_PER_KPA
 from probe_design.design_report.report import LIMIT_UNITS, Report, format_heights
@@ -98,7 +99,7 @@ def describe_noise(optimum: TumourOptimum) -> str:
     """Return the noise for which the standard deviations hold, in words."""
     noise = optimum.noise
     observable = "ratio of charges" if optimum.design.scene.observable == "charge" else "ratio"
-    return f"noise {100 * noise.ratio:g} % on the {observable}, {noise.charge * 1e12:g} pC on each channel's charge"
+    return f"noise {format_percent(noise.ratio, 6)} on the {observable}, {noise.charge * 1e12:g} pC on each channel's charge"
 
 
 def build_verified_table(optimum: TumourOptimum) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from geometry.common.percent import format_percent
 from geometry.scenes.catalogue import list_materials
 from geometry.scenes.film import RIGID_BOND, Film
 from geometry.scenes.probe import Material
@@ -59,7 +60,7 @@ def write_tumour_verdict(optimum: TumourOptimum) -> tuple[str, ...]:
     return (
         *texts,
         f"It cannot resolve the tumour's stiffness: one reading determines it to {spread}.",
-        f"What would help most: noise of {100 * noise:.2g} % on the ratio and {charge * 1e12:.2g} pC on each charge, or many "
+        f"What would help most: noise of {format_percent(noise)} on the ratio and {charge * 1e12:.2g} pC on each charge, or many "
         "readings; a scan that detects tumours is designed by probe-design optimize DESIGN (--template prints a DESIGN file).",
     )
 
@@ -73,8 +74,8 @@ def list_assumptions(optimum: PopulationOptimum | TumourOptimum) -> tuple[str, .
             "The tumours are those of [population]: round, and bonded to their tissue. Others are detected more or less often."
         )
         texts.append(
-            f"The noise is that of [noise]: {100 * noise.white:g} % of each ratio and {noise.charge * 1e12:g} pC on each charge. "
-            "probe-design read measures that of your bench."
+            f"The noise is that of [noise]: {format_percent(noise.white, 6)} of each ratio and {noise.charge * 1e12:g} pC on "
+            "each charge. probe-design read measures that of your bench."
         )
         if optimum.design.protocol.blank:
             texts.append("The baseline reading is taken over the same tissue and layers, with no tumour below.")
@@ -148,7 +149,7 @@ def _describe_detection(optimum: PopulationOptimum, depth_map: DepthMap) -> str:
     at_least = "at least " if deepest == depth_map.depth.max() else ""  # the map ends there
     reach = "at no depth" if deepest is None else f"down to a depth of {at_least}{1e3 * deepest:.3g} mm"
     return (
-        f"Of 100 of your tumours it detects {', '.join(parts)}, with {100 * performance.false_alarm:g} % false alarms. "
+        f"Of 100 of your tumours it detects {', '.join(parts)}, with {format_percent(performance.false_alarm, 6)} false alarms. "
         f"It detects those of {1e3 * diameter:.2g} mm, 9 times in 10, {reach}."
     )
 

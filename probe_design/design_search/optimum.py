@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, Literal, Self, TypeVar
 
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
@@ -206,7 +207,7 @@ class TumourOptimum(Optimum[TumourVerification]):
             return f"{NO_GAIN}; {comparison} below {start}, {evaluators}{best}"
         return (
             f"{NO_GAIN}; the standard deviation of ln E_object of the best design tried is {best_value}, "
-            f"{100 * reduction:.2g} % less than "
+            f"{format_percent(reduction)} less than "
             f"{start}, {evaluators}, which is within its errors"
         )
 
@@ -365,8 +366,8 @@ def _describe_load_gain(verified: TumourVerification, linear: TumourVerification
         f"under {verified.pressing.force:.3g} N (limited by {verified.pressing.limited_by}): "
         f"{_format_objective(verified)} in place of {_format_objective(linear)} under "
         f"{linear.pressing.force:.3g} N, where linear elasticity ends ({linear.pressing.limited_by}): a gain of "
-        f"{100 * gain:.2g} %, "
-        f"error {100 * error:.2g} %"
+        f"{format_percent(gain)}, "
+        f"error {format_percent(error)}"
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.errors import ProbeError
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from hw.common.samples import Floats, Samples
 from hw.signal.amplifier import TooSlow
@@ -75,7 +76,7 @@ def _check_clipping(samples: Samples) -> list[Finding]:
         if count:
             findings.append(Finding(f"clipping, {name}", "fault", f"{count} samples at the end of the range", remedy))
         elif (fraction := _measure_flat_fraction(volts)) > 0:
-            text = f"{100 * fraction:.2g} % of the samples at its highest or lowest value: the wave is cut"
+            text = f"{format_percent(fraction)} of the samples at its highest or lowest value: the wave is cut"
             findings.append(Finding(f"clipping, {name}", "fault", text, remedy))
     return findings or [Finding("clipping", "good", f"none; the largest voltage is {np.abs(samples.volts).max():.3g} V")]
 

@@ -24,6 +24,7 @@ from types import MappingProxyType
 import numpy as np
 
 from geometry.common.errors import InputError, Refusal, Words, describe_choices
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from probe_design.data.noise import MAX_ACCURACY, choose_accuracy
@@ -123,7 +124,7 @@ def _drop_useless_stiffnesses(model: TargetModel) -> tuple[TargetModel, tuple[st
     is_useless = model.data.is_stiffness & (model.stiffness_error > model.data.noise)
     if not is_useless.any():
         return model, ()
-    limit = f"the model predicts stiffness within {100 * model.stiffness_error:.2g} % only"
+    limit = f"the model predicts stiffness within {format_percent(model.stiffness_error)} only"
     note = f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise"
     return replace(model, data=model.data.select(~is_useless)), (note,)
 

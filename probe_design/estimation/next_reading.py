@@ -23,6 +23,7 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats, Ints
+from geometry.common.percent import format_percent
 from probe_design.estimation.estimate_result import ExpectedInterval, NextReading, get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import Likelihood, compute_hulls
 from probe_design.estimation.measurements import Measurements, Reading, is_on_tissue
@@ -64,7 +65,7 @@ class NextCandidate:
         """The candidate in words."""
         if self.reading is None:
             keys = " and ".join(name.removeprefix("inclusion.") for name in self.learned)
-            return f"{keys} from ultrasound, to {100 * ULTRASOUND_RELATIVE_SD:g} %"
+            return f"{keys} from ultrasound, to {format_percent(ULTRASOUND_RELATIVE_SD, 6)}"
         quantity = "ratio and stiffness" if self.reading.stiffness else "ratio"
         if self.reading.blank:
             return f"{quantity} over tumour-free tissue (blank = true)"

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.percent import format_percent
 from geometry.scenes.units import MM_PER_M, format_modulus
 from probe_design.estimation.estimate_result import DepthAndStrength, get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import TOLERATED_SHIFT, Interval, Piece
@@ -133,7 +134,9 @@ def _explain_interval(findings: Findings, interval: Interval) -> str:
         return _explain_no_fit(findings)
     if low is None and high is None:
         change, noise = np.expm1(np.ptp(findings.log_ratios)), data.noise[data.first_ratio]
-        change_text = f"over all of them the ratio changes by {change:.2g} of its value, its noise is {noise:.2g}"
+        change_text = (
+            f"over all of them the ratio changes by {format_percent(change)} of its value, its noise is {format_percent(noise)}"
+        )
         return f"any {name} explains the readings: {change_text}"
     if low is None or high is None:
         return _explain_open_end(findings, 0 if low is None else -1)

@@ -17,6 +17,7 @@ from scipy.stats import qmc
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Words
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
@@ -165,7 +166,7 @@ class TumourPrior:
         """
         fraction = float(np.mean(self.find_allowed(self.transform(self.draw(FRACTION_SAMPLES, number, 0)))))
         if fraction < MIN_ALLOWED_FRACTION:
-            share = f"{100 * fraction:.2g} %"
+            share = format_percent(fraction)
             if number == 1:
                 raise InputError("population", Words(f"{share} of the tumours fit"), "ranges of which more fit the tissue")
             given = Words(f"{number}, of which {share} of the sets that were drawn fit beside one another")

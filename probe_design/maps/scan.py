@@ -10,6 +10,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Observable
@@ -248,7 +249,7 @@ def _list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> It
         return
     count, n = int(film_readings.reflected.sum()), len(film_readings.reflected)
     effect = float(min(film_readings.first_share.max(), 1e9))
-    size = f"changes the ratio by at most about {effect:.2g}"
+    size = f"changes the ratio by at most about {format_percent(effect)}"
     reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
     yield Decision(REFLECTIONS_FEATURE, count > 0, effect, base.accuracy, reason)
 
@@ -286,13 +287,13 @@ def _iterate_warnings(
     if not read.resolved.all():
         where = f"at {(~read.resolved).sum()} of {n} positions"
         yield f"no ratio is given {where}: under one of the blocks the {scene.observable} is smaller than its own error"
-    limit = f"the accuracy {accuracy:g}"
+    limit = f"the accuracy {format_percent(accuracy, 6)}"
     if farthest.accuracy < accuracy:
-        limit = f"{farthest.accuracy:.2g}, which the load leaves of {limit}"
+        limit = f"{format_percent(farthest.accuracy)}, which the load leaves of {limit}"
     for quantity, bounds in _compute_errors(scene, film_readings).items():
         exceeding = (bounds > farthest.accuracy).sum()
         if exceeding:
-            bound = f"{bounds.max():.2g}" if bounds.max() < 1 else "1 and more"
+            bound = format_percent(bounds.max()) if bounds.max() < 1 else "100 % and more"
             yield f"the error of {quantity} is up to {bound} at {exceeding} of {n} positions, more than {limit}"
     if film_readings.derivatives and scene.target is not None:
         tolerance = compute_sensitivity_tolerance(farthest.accuracy, read.log_sensitivity)

@@ -9,6 +9,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import Material
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
 from geometry.scenes.units import format_modulus
@@ -89,7 +90,7 @@ class MaterialFit:
         """Return the misfit in words."""
         share = self.chosen.misfit
         grade = "good" if share <= GOOD_MISFIT_RELATIVE else "fair" if share <= FAIR_MISFIT_RELATIVE else "poor"
-        return f"{grade}: {share:.2g} of the largest stress, root mean square, R2 {self._compute_r2():.5g}"
+        return f"{grade}: {format_percent(share)} of the largest stress, root mean square, R2 {self._compute_r2():.5g}"
 
     def describe_stability(self) -> str:
         """Return in words up to where the law is stable."""

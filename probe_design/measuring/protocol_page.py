@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from geometry.cad import fixture
 from geometry.cad.solids import PART_COLOURS
+from geometry.common.percent import format_percent
 from geometry.provenance.texts import build_picture_metadata
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
@@ -207,10 +208,10 @@ def _list_steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> 
     seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
     slack, play = fixture.RING_ALIGNMENT_MM, fixture.SLEEVE_PLAY_MM
     count, channels = len(expected), bench.channels
-    known = ", ".join(f"{100 * item:g} %" for item in sorted({item.tolerance for item in bench.blocks})) or "no block"
+    known = ", ".join(format_percent(item, 6) for item in sorted({item.tolerance for item in bench.blocks})) or "no block"
     return [
         f"Amplitudes: a sinusoidal load of {bench.load.frequency:g} Hz; signals at nominal gain,",
-        f"± {100 * channels.gain:g} %, and up to {100 * channels.cross_talk:g} % of cross-talk.",
+        f"± {format_percent(channels.gain, 6)}, and up to {format_percent(channels.cross_talk, 6)} of cross-talk.",
         "Where the larger signal shows on the other channel, or neither does: cables exchanged, or a film dead.",
         "",
         "1. Amplifiers on, films on them for half an hour; null the offsets. During a reading a film may warm",

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from geometry.common.percent import format_percent
 from probe_design.probe_check.deviation import DETECTED_TOLERANCES, MIN_POWER, Deviation, compute_power
 
 MAX_TOLERANCES = 1e6  # tolerances: what is not detected there is never detected
@@ -124,4 +125,4 @@ def _is_detected(deviation: Deviation, name: str) -> bool:
 
 def _format_reading_sd(deviation: Deviation) -> str:
     """Format the largest relative standard deviation of a reading as percent."""
-    return f"{100 * float(deviation.reading_sd.max()):.2g} %"
+    return format_percent(float(deviation.reading_sd.max()))

@@ -12,6 +12,7 @@ import numpy as np
 
 from geometry.common.errors import ProbeError
 from geometry.common.limits import format_maximum
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import list_values
@@ -99,7 +100,7 @@ def _build_plan(scene: Scene) -> Iterator[Part]:
 
 def _format_effect(effect: float) -> str:
     """Return a relative effect as text; those that stand for "unknown" are beyond all others."""
-    return f"{effect:.2g}" if effect < MAX_SHOWN_EFFECT else "unknown"
+    return format_percent(effect) if effect < MAX_SHOWN_EFFECT else "unknown"
 
 
 def _build_loads(scene: Scene) -> Iterator[Part]:

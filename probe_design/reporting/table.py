@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import ClassVar
 
-from solver.results.record import SI_UNITS
+from solver.results.record import SHOWN_IN_PERCENT, SI_UNITS
 
 SHOWN_UNITS = {"C": ("pC", 1e12), "C/N": ("pC/N", 1e12)}  # by SI unit: the unit that is shown, and its number in an SI unit
 MAX_CELL_CHARACTERS = 24  # of numbers and names, which stay in one line; longer text is wrapped
@@ -103,8 +103,11 @@ def format_unit(name: str) -> str:
     return SI_UNITS.get(name, "").replace("1", "")
 
 
-def find_shown_unit(si: str) -> tuple[str, float]:
-    """Return the unit in which results in an SI unit are shown, and its number in the SI unit."""
+def find_shown_unit(name: str) -> tuple[str, float]:
+    """Return the unit in which a field of results is shown, and its number in the SI unit."""
+    if name in SHOWN_IN_PERCENT:
+        return "%", 100.0
+    si = format_unit(name)
     return SHOWN_UNITS.get(si, (si, 1.0))
 
 

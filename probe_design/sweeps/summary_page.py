@@ -17,7 +17,6 @@ from geometry.scenes.units import convert_to_unit
 from probe_design.reporting.page import Chapter, Picture, Text, build_page
 from probe_design.reporting.table import Table, find_shown_unit
 from probe_design.sweeps.results import iterate_rows, read_provenance, read_request
-from probe_design.sweeps.rows import COLUMN_UNITS
 
 STRESS_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
 CHARGE_COLUMNS = (
@@ -57,7 +56,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
         effects = _build_effects(request, result_rows, y, complete=len(result_rows) == request["designs"])
         sections.append(
             Chapter(
-                _format_label(name.replace("_", " "), find_shown_unit(COLUMN_UNITS[name])[0]),
+                _format_label(name.replace("_", " "), find_shown_unit(name)[0]),
                 (_draw_scatter(name, request["variables"], result_rows, y), *effects),
             )
         )
@@ -171,7 +170,7 @@ def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Fl
     column_count, row_count = min(len(variables), PICTURES_PER_LINE), -(-len(variables) // PICTURES_PER_LINE)
     figure = Figure(figsize=(3.2 * column_count, 2.8 * row_count), layout="constrained")
     step = -(-len(y) // MAX_POINTS)  # rounded up: every step-th design is drawn
-    unit, scale = find_shown_unit(COLUMN_UNITS[name])
+    unit, scale = find_shown_unit(name)
     places = figure.subplots(row_count, column_count, sharey=True, squeeze=False).ravel()
     for axes in places[len(variables) :]:
         axes.set_visible(False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from geometry.common.percent import format_percent
 from probe_design.estimation.estimate_result import Estimate, ExpectedInterval
 from probe_design.estimation.intervals import Interval
 from probe_design.estimation.reasons import UNKNOWN_NAMES, format_value
@@ -70,7 +71,7 @@ def build_estimate_table(estimate: Estimate) -> Table:
         interval = _describe_strength(estimate.strength_interval, "given")
         rows.append(("strength", f"{estimate.strength * 1e9:.4g} mm^3", interval))
     if estimate.error_estimate is not None:
-        rows.append(("error_estimate", f"{estimate.error_estimate:.2g}", ""))
+        rows.append(("error_estimate", format_percent(estimate.error_estimate), ""))
     title = f"{estimate.evaluator}, {estimate.seconds:.2g} s, {_describe_noise(estimate)}"
     return Table(("quantity", "value", "95 % interval"), rows, title)
 
@@ -78,7 +79,7 @@ def build_estimate_table(estimate: Estimate) -> Table:
 def _describe_noise(estimate: Estimate) -> str:
     """Describe the noise of the readings, and the uncertainty of nuisances, the other uncertain numbers of the scene."""
     min_noise, max_noise = min(estimate.noise), max(estimate.noise)
-    nuisances = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
+    nuisances = [f"{name} known to {format_percent(sd, 3)}" for name, sd in estimate.nuisances.items()]
     noise = f"noise {100 * min_noise:g}{f' to {100 * max_noise:g}' if max_noise > min_noise else ''} %"
     return ", ".join([f"{noise} on the ratio of {OBSERVABLE_WORDS[estimate.observable]}", *nuisances])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from geometry.common.errors import to_one_line
+from geometry.common.percent import format_percent
 from geometry.scenes.units import MM_PER_M, format_modulus
 from geometry.scenes.variables import PIEZO_KEYS
 from probe_design.built_probe.calibration_record import CalibrationRecord
@@ -109,7 +110,7 @@ def build_coverage_table(check: Check) -> Table:
     rows = []
     for row in (*check.tested, *check.untested):
         detected_from = "nowhere" if row.found_from is None else _format_size(row.variable, row.found_from)
-        effect, power = f"{100 * row.effect:.2g} %", f"{100 * row.power:.0f} %"
+        effect, power = format_percent(row.effect), f"{100 * row.power:.0f} %"
         tolerance = _format_size(row.variable, row.tolerance)
         rows.append((_shorten(row.variable), tolerance, effect, power, detected_from, "yes" if row.tested else "no"))
     return Table(headings, rows, title)

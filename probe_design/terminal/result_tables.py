@@ -6,8 +6,10 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from geometry.common.limits import format_maximum
-from probe_design.reporting.table import Table, find_shown_unit, format_number, format_unit
-from solver.results.result import ERROR_FIELDS, MAX_EFFECT
+from geometry.common.percent import format_percent
+from probe_design.reporting.table import Table, find_shown_unit, format_number
+from solver.results.record import ERROR_FIELDS
+from solver.results.result import MAX_EFFECT
 
 if TYPE_CHECKING:
     from probe_design.maps.detectability import Detectability
@@ -27,6 +29,7 @@ CHARGE_ERRORS = (
 OTHER_QUANTITIES = ("equivalent_modulus", "residual", "frequency", "ratio_phase", "ratio_phase_error")
 OBSERVABLE_WORDS = {"stress": "film stresses", "charge": "film charges"}
 
+ERROR_DIGITS = 2  # significant ones of an error
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
 
 
@@ -40,9 +43,10 @@ def build_result_table(result: Result) -> Table:
     quantiles = ERROR_FIELDS if result.error_kind == "95 %" else ()
     rows = list[tuple[str, str, str]]()
     for name, value in values:
-        unit, scale = find_shown_unit(format_unit(name))
+        unit, scale = find_shown_unit(name)
         if value is not None:
-            rows.append((f"{name} (95 %)" if name in quantiles else name, format_number(scale * value, 6), unit))
+            digits = ERROR_DIGITS if name in ERROR_FIELDS else 6
+            rows.append((f"{name} (95 %)" if name in quantiles else name, format_number(scale * value, digits), unit))
     rows += [
         (f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
         for name, limit in (("linear_limit_load", result.linear_limit_load), ("gap_closure_load", result.gap_closure_load))
@@ -57,7 +61,7 @@ def list_reading_lines(result: Result) -> list[str]:
     preloaded = [f"Stresses, charges and their ratio are {result.response}."] if "preload" in (result.response or "") else []
     if result.charge_ratio is None or read.ratio is None:
         return preloaded
-    within = "" if read.error is None else f" within {100 * read.error:.2g} %"
+    within = "" if read.error is None else f" within {format_percent(read.error)}"
     text = f"A reading is the ratio of {OBSERVABLE_WORDS[result.observable]}, {read.ratio:.4g}{within}"
     if not read.log_sensitivity:
         return [*preloaded, f"{text}."]
@@ -71,7 +75,7 @@ def build_plan_table(plan: Plan) -> Table:
     rows = list[tuple[str, ...]]()
     for decision in plan.decisions:
         effects = (decision.effect, decision.effect_on_stresses, decision.effect_on_stiffness)
-        sizes = ("-" if effect is None else "unknown" if effect >= MAX_EFFECT else f"{effect:.2g}" for effect in effects)
+        sizes = ("-" if effect is None else "unknown" if effect >= MAX_EFFECT else format_percent(effect) for effect in effects)
         rows.append((decision.feature, "yes" if decision.modelled else "no", *sizes))
     title = f"{plan.evaluator or 'no evaluator'}: {plan.dimension}"
     headings = ("feature", "modelled", "ratio", "stresses", "stiffness")
@@ -93,7 +97,7 @@ def build_curve_table(curve: Curve) -> Table:
         "youngs_modulus, Pa": (curve.youngs_modulus, 4),
         f"{charge}ratio": (read.ratio, 6),
         f"{charge}log_sensitivity": (read.log_sensitivity, 4),
-        "charge_ratio_error" if charge else "error_estimate": (read.error, 2),
+        **_build_error_column(f"{charge}ratio", read.error),
     }
     title = f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s"
     return Table.from_columns(title, columns, CURVE_ROWS)
@@ -109,15 +113,21 @@ def build_scan_table(scan: Scan) -> Table:
         f"{charge}ratio": (read.ratio, 6),
         "stiffness, N/m": (scan.stiffness, 6),
         f"{charge}log_sensitivity": (read.log_sensitivity, 4),
-        "charge_ratio_error" if charge else "error_estimate": (read.error, 2),
+        **_build_error_column(f"{charge}ratio", read.error),
     }
     title = f"{scan.evaluator}, {len(scan.ratio)} positions {line_text} in {scan.seconds:.2g} s"
     return Table.from_columns(title, columns, SCAN_ROWS)
 
 
+def _build_error_column(ratio: str, errors: Sequence[float | None]) -> dict[str, tuple[list[float | None], int]]:
+    """Return the column of the errors of a ratio, by its heading."""
+    percent = [None if error is None else 100 * error for error in errors]
+    return {f"{'error_estimate' if ratio == 'ratio' else 'charge_ratio_error'}, %": (percent, ERROR_DIGITS)}
+
+
 def build_threshold_table(maps: Detectability) -> Table:
     """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
-    noise = f"noise {100 * maps.noise:g} % on the ratio of {OBSERVABLE_WORDS[maps.observable]}"
+    noise = f"noise {format_percent(maps.noise, 6)} on the ratio of {OBSERVABLE_WORDS[maps.observable]}"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     diameters = [1e3 * diameter for diameter in maps.diameter]
 
@@ -146,7 +156,7 @@ def build_load_table(curve: LoadCurve) -> Table:
         f"{charge}log_sensitivity": (read.log_sensitivity, 4),
         "walls, um": ([1e6 * metres for metres in curve.closest_walls], 4),
         "strain": (curve.largest_strain, 2),
-        "charge_ratio_error" if charge else "error_estimate": (read.error, 2),
+        **_build_error_column(f"{charge}ratio", read.error),
     }
     return Table.from_columns(title, columns, CURVE_ROWS, keep_last=True)
 
@@ -157,5 +167,7 @@ def list_load_lines(curve: LoadCurve) -> list[str]:
     if curve.constant_ratio is not None:
         of_charges = " of charges" if curve.observable == "charge" else ""
         force_range = f"{curve.constant_ratio.low:.3g} and {curve.constant_ratio.high:.3g} N"
-        lines.append(f"the ratio{of_charges} is constant within {curve.constant_ratio.share:g} between {force_range}")
+        lines.append(
+            f"the ratio{of_charges} is constant within {format_percent(curve.constant_ratio.share)} between {force_range}"
+        )
     return lines

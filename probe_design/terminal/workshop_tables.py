@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import format_mm
 from geometry.scenes.units import format_modulus
 from probe_design.reporting.table import Table
@@ -24,14 +25,14 @@ def build_tolerance_table(budget: ToleranceBudget) -> Table:
     """Return a budget of uncertainties as a table, one row for each number, the largest contribution to the ratio first."""
     title = f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s"
     title += ", ratio of charges" if budget.observable == "charge" else ""
-    last = f"hold to, for {100 * budget.ratio:g} %"
+    last = f"hold to, for {format_percent(budget.ratio, 6)}"
     rows = list[tuple[str, ...]]()
     for line in budget.lines:
         part = line.outputs["ln_ratio"]  # the number's part in the variance of ln ratio
         ends = part.total_interval
         sobol = "-" if ends is None else f"{max(ends[0], 0.0):.3f} to {ends[1]:.3f}"
         required = "-" if line.held is None else _format_sd(line, line.held)
-        moves = f"{100 * part.contribution:.2g} %"
+        moves = format_percent(part.contribution)
         rows.append((line.name, _format_nominal(line), _format_sd(line, line.sd), moves, f"{part.share:.3f}", sobol, required))
     return Table(("what", "as drawn", "sd", "moves ratio", "share", "Sobol total, 95 %", last), rows, title)
 
@@ -41,13 +42,13 @@ def write_tolerance_lines(budget: ToleranceBudget) -> list[str]:
     lines = []
     for key, output in budget.outputs.items():
         absolute = key == "log_sensitivity"
-        sd = f"{output.sd:.3g}" if absolute else f"{100 * output.sd:.3g} %"
+        sd = f"{output.sd:.3g}" if absolute else format_percent(output.sd, 3)
         sampled_text = "no samples beside it"
         if output.sampled is not None and output.sampled_error is not None:
             scale, unit = (1.0, "") if absolute else (100.0, " %")
             sampled_text = f"samples {scale * output.sampled:.3g} ± {scale * output.sampled_error:.2g}{unit}"
         size = output.error_estimate
-        error = ", error of it not known" if size is None else f", error of it {100 * size:.2g} % at most"
+        error = ", error of it not known" if size is None else f", error of it {format_percent(size)} at most"
         lines.append(f"{OUTPUT_NAMES[key]}: standard deviation {sd} to first order, {sampled_text}{error}")
     return lines
 
@@ -69,7 +70,7 @@ def _format_sd(line: BudgetLine, sd: float) -> str:
         return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"
     if line.kind == "temperature":
         return f"{sd:.2g} K"
-    return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / abs(line.value):.2g} %"
+    return f"{sd:.2g}" if line.kind == "poisson_ratio" else format_percent(sd / abs(line.value))
 
 
 def write_rounding_lines(rounding: Rounding) -> list[str]:
@@ -89,5 +90,5 @@ def _describe_change(cost_before: RoundingCost, cost_after: RoundingCost, key: s
         return "none"
     change_text = f" ({100 * (new / old - 1):+.2g} %)" if old else ""
     errors = [cost.error_estimate for cost in (cost_before, cost_after) if cost.error_estimate is not None]
-    error_text = f", each within {100 * max(errors):.2g} %" if key == "ratio" and errors else ""
+    error_text = f", each within {format_percent(max(errors))}" if key == "ratio" and errors else ""
     return f"{old:.5g} to {new:.5g}{change_text} by {cost_after.evaluator}{error_text}"

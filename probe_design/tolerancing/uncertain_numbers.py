@@ -19,6 +19,7 @@ import numpy as np
 
 from geometry.common.errors import InputError, describe_choices
 from geometry.common.json_types import JsonMapping
+from geometry.common.percent import format_percent
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
@@ -135,7 +136,9 @@ def _build_film_numbers(scene: Scene) -> dict[str, UncertainNumber]:
     }
     if not list_tape_moduli(scene):
         return numbers
-    source = f"assumed: {TEMPERATURE_SD_K:g} K; a tape's modulus falls by {100 * TAPE_COEFFICIENT_PER_K:g} % per K (assumed)"
+    source = (
+        f"assumed: {TEMPERATURE_SD_K:g} K; a tape's modulus falls by {format_percent(TAPE_COEFFICIENT_PER_K, 6)} per K (assumed)"
+    )
     return numbers | {TEMPERATURE_NAME: UncertainNumber(TEMPERATURE_NAME, "temperature", 0.0, TEMPERATURE_SD_K, source)}
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from geometry.common.errors import escape_unprintable
+from geometry.common.percent import format_percent
 from probe_design.reporting.picture_files import save_figure
 from probe_design.tradeoffs.rows import Row, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.study import Tradeoff
@@ -111,7 +112,7 @@ def _label_accuracies(axes: Axes, results: Sequence[Row]) -> None:
             continue
         label_places.append((x, y))
         axes.annotate(
-            f"{row.accuracy:g}", (10**x, 10**y), xytext=(6, 4), textcoords="offset points", fontsize=7.5,
+            format_percent(row.accuracy, 6), (10**x, 10**y), xytext=(6, 4), textcoords="offset points", fontsize=7.5,
             color=EVALUATOR_COLOURS[row.evaluator], zorder=5, bbox=white,
         )  # fmt: skip
 

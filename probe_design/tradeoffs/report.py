@@ -9,6 +9,7 @@ from statistics import median
 
 from geometry.common.files import write_together
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.provenance.block import build_provenance
 from probe_design.reporting.page import Chapter, Items, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section
@@ -98,7 +99,7 @@ def build_choice_table(study: Tradeoff) -> Table:
 def _build_choice_cells(study: Tradeoff) -> list[Cells]:
     """Return a table row for each scene and tolerance: the fastest settings whose stated, and whose true error is within it."""
     return [
-        (name, f"{100 * tolerance:g} %", _format_choice(stated), _format_choice(true))
+        (name, format_percent(tolerance, 6), _format_choice(stated), _format_choice(true))
         for name, tolerance, stated, true in study.iterate_choices()
     ]
 
@@ -174,12 +175,12 @@ def _format_choice(row: Row | None) -> str:
 
 def _format_setting_cells(setting: Setting) -> tuple[str, str]:
     """Return the table cells of a setting: evaluator, and requested accuracy if it has one."""
-    return setting.evaluator, "-" if setting.accuracy is None else f"{setting.accuracy:g}"
+    return setting.evaluator, "-" if setting.accuracy is None else format_percent(setting.accuracy, 6)
 
 
 def _format_error(value: float | None) -> str:
     """Format a relative error with two digits; "-" if it is unknown."""
-    return "-" if value is None else f"{value:.1e}"
+    return "-" if value is None else format_percent(value)
 
 
 def _format_seconds(value: float | None) -> str:

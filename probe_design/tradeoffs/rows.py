@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from geometry.common.percent import format_percent
 from geometry.scenes.scene_tables import Observable
 from solver.results.result import ErrorKind
 
@@ -28,8 +29,8 @@ class Setting:
     accuracy: float | None
 
     def __str__(self) -> str:
-        """Name the setting, such as "axisymmetric at 0.01"."""
-        return self.evaluator if self.accuracy is None else f"{self.evaluator} at {self.accuracy:g}"
+        """Name the setting, such as "axisymmetric at 1 %"."""
+        return self.evaluator if self.accuracy is None else f"{self.evaluator} at {format_percent(self.accuracy, 6)}"
 
 
 @dataclass(frozen=True)

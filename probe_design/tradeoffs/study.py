@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError, Refusal, Words, import_extra
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoffs.rows import Row, Setting, compare_with_reference, find_cheapest, find_pareto_front, remove_duplicates
@@ -115,7 +116,7 @@ class Tradeoff:
         rows = []
         for name, tolerance, choice, _ in self.iterate_choices():
             text = "none" if choice is None else f"{choice.setting}, {choice.seconds_probe or choice.seconds_first or 0.0:.2g} s"
-            rows.append(f"{name}: within {tolerance:g}: {text}")
+            rows.append(f"{name}: within {format_percent(tolerance, 6)}: {text}")
         return "\n".join(["Tradeoff", *rows])
 
     __repr__ = __str__

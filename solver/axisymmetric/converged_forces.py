@@ -9,6 +9,7 @@ from functools import cache, partial
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.axisymmetric.lower_order import bound_by_descent, bound_by_last_degree, bound_by_lower_order, is_graded_everywhere
@@ -178,7 +179,7 @@ def _write_notes(
     """Yield warnings: features left out, the limit that stopped refinement, and accuracies that were not reached."""
     for change in omitted:
         if change.effect > NEGLIGIBLE_SHARE * accuracy:
-            size = f"changes the ratio by at most about {change.effect:.2g}"
+            size = f"changes the ratio by at most about {format_percent(change.effect)}"
             yield Note("left_out", f"left out: {change.feature}, {size}, counted in error_estimate")
     reached = max(film.compute_max_error(scene) for film in films)
     # relative error; 2e-6 / accuracy keeps it finite where the log-sensitivity vanishes

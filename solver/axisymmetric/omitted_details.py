@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
+from geometry.common.percent import format_percent
 from geometry.meridian.mesh_lines import find_kind
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.refinement import MESH_LEVELS
@@ -62,7 +63,7 @@ class Change:
         with np.errstate(divide="ignore"):
             stresses = totals / np.abs(self.totals)
             stiffness = totals.sum(axis=1) / np.abs(self.totals.sum(axis=1))
-        size = f"changes the ratio by at most about {self.effect:.2g}"
+        size = f"changes the ratio by at most about {format_percent(self.effect)}"
         reason = f"modelled: {size}" if self.modelled else f"left out: {size}, counted in error_estimate"
         changes = Effect(self.effect, float(stresses.max()), float(stiffness.max()))
         return Decision.from_effect(self.feature, self.modelled, changes, accuracy, reason)

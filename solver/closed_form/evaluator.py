@@ -18,6 +18,7 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Refusal
+from geometry.common.percent import format_percent
 from geometry.common.resources import LimitReached, get_limits, start_clock, use_limits
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
@@ -244,7 +245,7 @@ def _warn_of_charges(solutions: Sequence[ClosedFormForces], accuracy: float) -> 
     each = max((float(np.max(item.relative_errors)) for item in charges), default=0.0)
     ratio = max((item.ratio_error for item in charges), default=0.0)
     if max(each, ratio) > accuracy:
-        sizes = f"{ERROR_KIND} errors of the charges are {each:.2g}, of their ratio {ratio:.2g}"
+        sizes = f"{ERROR_KIND} errors of the charges are {format_percent(each)}, of their ratio {format_percent(ratio)}"
         yield Note("accuracy", f"{sizes}: equivalent-inclusion and axisymmetric compute both more accurately")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError, Words
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
@@ -138,7 +139,9 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
     for change in changes:
         if limits[change.quantity] is None:
             reached = f"up to {loaded.paths[0].last.force:.3g} N, as far as is known"
-            notes.append(Note("linear", f"{change.quantity} stays within {change.allowed:.2g} of linear elasticity {reached}"))
+            notes.append(
+                Note("linear", f"{change.quantity} stays within {format_percent(change.allowed)} of linear elasticity {reached}")
+            )
     return LoadEnds(limits["ratio"], limits.get("log_sensitivity"), closure, tuple(notes))
 
 
@@ -234,7 +237,12 @@ def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | Non
     read, read_errors = (charges["charge_ratio"], charges["charge_ratio_error"]) if observable == "charge" else (ratio, error)
     worst = max((value for value in read_errors or () if value is not None), default=0.0)
     if worst > accuracy:
-        warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
+        warnings.append(
+            Note(
+                "accuracy",
+                f"error bounds reach {format_percent(worst)}, above the requested accuracy of {format_percent(accuracy, 6)}",
+            )
+        )
     if scene.load.preload:
         warnings.append(Note("linear", "load.preload is left out: the curve is of presses from zero to each load"))
     if not is_round(scene):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.errors import Refusal, SolveError
+from geometry.common.percent import format_percent
 from solver.contact.limits import CLOSED_GAP_RELATIVE
 from solver.contact.loaded_scene import LoadedForces
 from solver.contact.tumours_anywhere import MAX_X, TumoursUnderLoad
@@ -54,7 +55,9 @@ def find_changes(under_load: TumoursUnderLoad, accuracy: float) -> tuple[dict[st
     for change in changes:
         if limits[change.quantity] is None:
             reached = f"up to {points[-1][0]:.3g} N, as far as is known" if points else "at no load that contact reaches"
-            notes.append(Note("linear", f"{change.quantity} stays within {change.allowed:.2g} of linear elasticity {reached}"))
+            notes.append(
+                Note("linear", f"{change.quantity} stays within {format_percent(change.allowed)} of linear elasticity {reached}")
+            )
     return limits, notes
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.ellipsoids import check_ellipsoids, correct_for_ellipsoids
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed, solve_alone, solve_undisturbed
@@ -118,7 +119,7 @@ def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decis
     if not read.derivatives:
         return []
     effect = float(min(read.first_share[k], 1e9))  # may be infinite
-    size = f"changes the ratio by at most about {effect:.2g}"
+    size = f"changes the ratio by at most about {format_percent(effect)}"
     modelled = bool(read.reflected[k])
     reason = f"modelled: {size}" if modelled else f"left out: {size}, counted in error_estimate"
     return [Decision(REFLECTIONS_FEATURE, modelled, effect, base.accuracy, reason)]

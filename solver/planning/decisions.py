@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from geometry.common.limits import format_maximum
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Layer
 from solver.planning.coarse_model import CoarseModel
@@ -42,17 +43,19 @@ def _describe_indentation(scene: Scene, rule: LoadRule, force: float, evaluator:
     """
     depth, x = force / rule.stiffness, rule.compute_x(force)
     depth_ratio = depth / scene.probe.tube_radius
-    text = f"{evaluator}: indented by {1e3 * depth:.2g} mm, {depth_ratio:.2g} of the outer radius"
+    text = f"{evaluator}: indented by {1e3 * depth:.2g} mm, {format_percent(depth_ratio)} of the outer radius"
     if x < UNREMARKED_STRAIN_RATIO * depth_ratio:
         return text
-    return f"{text}, equivalent to {x:.2g} of it under stiff blocks on deep tissue"
+    return f"{text}, equivalent to {format_percent(x)} of it under stiff blocks on deep tissue"
 
 
 def _decide_finite_strain(scene: Scene, rule: LoadRule, force: float, accuracy: float, evaluator: str) -> Decision:
     """Decide on finite strain under a force, N, by the strain alone: whether the gap may close is a decision of its own."""
     description, x = _describe_indentation(scene, rule, force, evaluator), rule.compute_x(force)
     if x > MAX_X:
-        return _build_decision("finite strain", math.inf, accuracy, f"{description}; beyond {MAX_X:g} the effect is unknown")
+        return _build_decision(
+            "finite strain", math.inf, accuracy, f"{description}; beyond {format_percent(MAX_X)} the effect is unknown"
+        )
     changes = replace(rule, closure=math.inf).describe_changes(force, scene.target is not None)  # with a gap that never closes
     return _build_decision(
         "finite strain", bound_ratio_change(x, rule.covered), accuracy, f"{description}, which changes {changes}"
@@ -74,7 +77,7 @@ def _decide_lift_off(scene: Scene, coarse: CoarseModel, indentation: float, accu
     raised = max(0.0, 1 - indentation / tilted) if tilted > 0 else 0.0
     pulled = coarse.pulled_share
     tie = "" if scene.contact.interface == "unilateral" else f" (interface = '{scene.contact.interface}' ties them)"
-    reason = f"no evaluator: about {pulled:.2g} of the contact's force would pull the surfaces apart{tie}"
+    reason = f"no evaluator: about {format_percent(pulled)} of the contact's force would pull the surfaces apart{tie}"
     if raised > 0:
         reason += f"; the tilt raises one side by {1e3 * tilted:.2g} mm at an indentation of {1e3 * indentation:.2g} mm"
     return _build_decision("lift-off", max(pulled, raised), accuracy, reason)
@@ -100,7 +103,7 @@ def decide_layers(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
             CoarseModel.from_scene(replace_layers(coarse.scene, (*layers[:k], replaced_layer, *layers[k + 1 :])), details=False),
             coarse,
         )
-        reason = f"modelled: it changes the ratio by about {effect.ratio:.2g}"
+        reason = f"modelled: it changes the ratio by about {format_percent(effect.ratio)}"
         yield Decision.from_effect(f"tissue.layer[{k}]", True, effect, accuracy, reason)
 
 
@@ -112,7 +115,9 @@ def warn_of_missing_skin(scene: Scene, coarse: CoarseModel) -> Iterator[Note]:
         return
     effect = _compute_effect(coarse, CoarseModel.from_scene(replace_layers(coarse.scene, (BREAST_SKIN,)), details=False))
     skin = f"{1e3 * BREAST_SKIN.thickness:g} mm and {1e-3 * BREAST_SKIN.youngs_modulus:g} kPa"
-    yield Note("skin", f"no layers: a skin of {skin}, as on a breast, would change the ratio by about {effect.ratio:.2g}")
+    yield Note(
+        "skin", f"no layers: a skin of {skin}, as on a breast, would change the ratio by about {format_percent(effect.ratio)}"
+    )
 
 
 def replace_layers(scene: Scene, layers: tuple[Layer, ...]) -> Scene:

@@ -10,6 +10,7 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from solver.planning.charge_changes import SOFT_BOND_FACTOR, add_charges, has_soft_bond
 from solver.planning.load_limits import LOAD_SHARE, build_limits, build_load_rule, find_largest_load
@@ -23,8 +24,8 @@ from solver.results.warnings import Note
 
 FORMULAS_MARGIN = 0.9  # of the stiffness by formulas, which is off by some per cent, and counts tumours that stiffen
 LIMIT_REASONS = {
-    "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
-    "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of its value",
+    "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy}",
+    "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise} of its value",
     "strain limit": "the effect of larger strains is unknown",
     "gap closure": "at larger loads the gap may close",
 }
@@ -86,7 +87,9 @@ def check_known_load(scene: Scene, rule: LoadRule) -> None:
 
 def explain_limit(limit: LargestLoad, accuracy: float) -> str:
     """Describe in words the reason for a limit."""
-    return LIMIT_REASONS[limit.by].format(accuracy=LOAD_SHARE * accuracy, promise=5 * LOAD_SHARE * accuracy)
+    return LIMIT_REASONS[limit.by].format(
+        accuracy=format_percent(LOAD_SHARE * accuracy), promise=format_percent(5 * LOAD_SHARE * accuracy)
+    )
 
 
 def compute_budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:

@@ -20,6 +20,7 @@ from typing import Literal
 import numpy as np
 
 from geometry.common.arrays import Floats, Numeric
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_bonds
@@ -330,11 +331,11 @@ class LoadRule:
         promise
             Whether there is a log-sensitivity.
         """
-        changes = f"ratio, stresses and stiffness by at most {self.bound_ratio_change(force):.2g}"
+        changes = f"ratio, stresses and stiffness by at most {format_percent(self.bound_ratio_change(force))}"
         if not promise:
             return changes
         fraction = self.bound_log_sensitivity_change(force)
-        change = f"{fraction:.2g} of its value"
+        change = f"{format_percent(fraction)} of its value"
         if fraction > 1 and self.films is not None and any(self.films):
             change = (
                 f"{bound_log_sensitivity_change(self.compute_x(force)) * compute_sensitivity_size(self.films):.2g} (absolute)"

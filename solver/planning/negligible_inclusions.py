@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.first_order import bound_first_order_error, bound_first_order_share
 from solver.inclusions.tumours import Tumours
@@ -139,7 +140,7 @@ def _bound_effect_on_target(tumours: Tumours, changes: Floats, derivatives: Floa
 def _build_decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:
     """Return the line of the plan about inclusion k."""
     effect = effects.build_effect(k, bounded=dropped)
-    size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
+    size = f"changes the ratio by {'at most ' if dropped else ''}about {format_percent(effect.ratio)}"
     what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"
     if k == scene.target:
         what = f"modelled, as the target: {size}"

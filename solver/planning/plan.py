@@ -13,6 +13,7 @@ import numpy as np
 
 from geometry.common.errors import InputError, Refusal
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE_SHARE
 from solver.axisymmetric.evaluator import Axisymmetric
@@ -345,7 +346,7 @@ def _decide_edges(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
     effect = coarse.edge_effect
     if effect is not None:
         yield Decision.from_effect(
-            "far edges", True, effect, accuracy, f"modelled: they change the ratio by about {effect.ratio:.2g}"
+            "far edges", True, effect, accuracy, f"modelled: they change the ratio by about {format_percent(effect.ratio)}"
         )
 
 

@@ -8,9 +8,9 @@ from time import perf_counter
 from typing import Protocol
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
-from geometry.common.limits import format_minimum
+from geometry.common.percent import format_minimum_percent, format_percent
 from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_own_workspace
@@ -245,8 +245,9 @@ class OutOfReach(Refusal):
     ) -> None:  # fmt: skip
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
         self.reachable = reachable
-        reason = f"{format_minimum(reached, 2)} or more for this scene (--evaluator {name} returns its result with that error)"
+        least = format_minimum_percent(reached, 2)
+        reason = f"{least} or more for this scene (--evaluator {name} returns its result with that error)"
         if reached >= 1:
             reason = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
         reason = allowed or reason
-        super().__init__("accuracy", accuracy, f"{reason}; {stopped}" if stopped else reason)
+        super().__init__("accuracy", Words(format_percent(accuracy, 6)), f"{reason}; {stopped}" if stopped else reason)

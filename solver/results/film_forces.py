@@ -13,6 +13,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import MODULUS_QUANTITY
@@ -303,11 +304,11 @@ def describe_sensitivity_error(relative_error: float) -> str:
     """Return a sentence that states the error of a log-sensitivity, relative to its value, in per cent with one digit."""
     if relative_error >= 10:  # where one digit of the value's own size is unknown, too, a percentage says nothing
         return "log_sensitivity is smaller than its own error"
-    return f"log_sensitivity is known within {100 * float(f'{relative_error:.1g}'):.4g} % of its value"
+    return f"log_sensitivity is known within {format_percent(relative_error, 1)} of its value"
 
 
 def describe_shortfall(reached: float, accuracy: float, kind: ErrorKind = "bound") -> str:
     """Return a text which says that the largest error, ``reached``, is above the accuracy."""
     errors = "error bounds" if kind == "bound" else f"{kind} errors"
-    size = f"of {reached:.2g}" if reached < 1 else "no smaller than the values themselves"
-    return f"{errors} {size} reached, accuracy {accuracy:g} requested"
+    size = f"of {format_percent(reached)}" if reached < 1 else "no smaller than the values themselves"
+    return f"{errors} {size} reached, accuracy {format_percent(accuracy, 6)} requested"

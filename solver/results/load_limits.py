@@ -9,6 +9,7 @@ from typing import Literal
 from geometry.common.errors import Words
 from geometry.common.json_types import JsonObject
 from geometry.common.limits import format_maximum
+from geometry.common.percent import format_percent
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.results.record import Record
@@ -60,17 +61,17 @@ class LargestLoad:
 
 def describe_ratio_limit(accuracy: float) -> str:
     """Return the statement that limits the load by ratio, stresses and stiffness."""
-    return f"ratio, stresses and stiffness within {accuracy:.4g} of linear elasticity"
+    return f"ratio, stresses and stiffness within {format_percent(accuracy, 4)} of linear elasticity"
 
 
 def describe_sensitivity_limit(accuracy: float) -> str:
     """Return the statement that limits the load by the log-sensitivity; its tolerance is five times the accuracy."""
-    return f"log_sensitivity within {5 * accuracy:.4g} of linear elasticity"
+    return f"log_sensitivity within {format_percent(5 * accuracy, 4)} of linear elasticity"
 
 
 def describe_auto_limit(accuracy: float) -> str:
     """Return the statement that limits the load up to which ``auto`` uses linear elasticity."""
-    return f"auto uses linear elasticity within {accuracy:.4g}, its own error included"
+    return f"auto uses linear elasticity within {format_percent(accuracy, 4)}, its own error included"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import MissingLibrary
 from geometry.common.json_types import JsonObject
+from geometry.common.percent import format_percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +32,13 @@ SI_UNITS = {
     "charge_ratio_without": "1", "seconds": "s", "strength": "m^3", "p_value": "1",
 }  # fmt: skip
 """SI units of the fields of results, by name; 1 is a pure number."""
+ERROR_FIELDS = (
+    "error_estimate", "stress_inner_error", "stress_outer_error", "stiffness_error", "charge_inner_error", "charge_outer_error",
+    "charge_per_force_inner_error", "charge_per_force_outer_error", "charge_ratio_error",
+)  # fmt: skip
+"""Fields of a result that are relative errors, of the kind ``error_kind``."""
+SHOWN_IN_PERCENT = frozenset((*ERROR_FIELDS, "error", "change", "noise", "accuracy", "seen_threshold"))
+"""Fields, also of scans and maps, that are relative: people read them in percent."""
 
 MAX_SHOWN_ROWS = 10  # rows of arrays that a printed result shows
 
@@ -84,11 +92,13 @@ class Record:
         if arrays:
             columns = {name: np.array(getattr(self, name)) for name in self.DIMENSIONS} | arrays
             columns = {name: values for name, values in columns.items() if np.isfinite(values).any()}
-            cells = [columns.keys(), *([f"{value:.5g}" for value in row] for row in zip(*columns.values(), strict=True))]
-            shown = cells[: MAX_SHOWN_ROWS + 1]
-            widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
-            rows += ["  ".join(cell.rjust(size) for cell, size in zip(row, widths, strict=True)) for row in shown]
-            rows += [f"... {len(cells) - len(shown)} more rows"] if len(cells) > len(shown) else []
+            shown = [[name, *(_format_entry(name, x) for x in column[:MAX_SHOWN_ROWS])] for name, column in columns.items()]
+            widths = [max(map(len, cells)) for cells in shown]
+            rows += [
+                "  ".join(cell.rjust(size) for cell, size in zip(row, widths, strict=True)) for row in zip(*shown, strict=True)
+            ]
+            left = len(next(iter(columns.values()))) - MAX_SHOWN_ROWS
+            rows += [f"... {left} more rows"] if left > 0 else []
         rows += [f"warning: {text}" for text in getattr(self, "warnings", ())]
         return "\n".join([type(self).__name__, *rows])
 
@@ -138,8 +148,15 @@ class Record:
         return dataset
 
 
+def _format_entry(name: str, value: float) -> str:
+    """Return an entry of an array, whose unit its heading does not have."""
+    return format_percent(value, 3) if name in SHOWN_IN_PERCENT and np.isfinite(value) else f"{value:.5g}"
+
+
 def _format_value(name: str, value: object) -> str:
     """Return a number with its SI unit, or a text as it is."""
     if isinstance(value, str | bool):
         return str(value)
+    if name in SHOWN_IN_PERCENT and isinstance(value, float):
+        return format_percent(value, 3)
     return f"{value:.6g} {SI_UNITS.get(name, '').replace('1', '')}".rstrip()

@@ -11,22 +11,11 @@ from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance
 from geometry.scenes.scene_tables import Observable
 from solver.results.load_limits import LoadedRecord, LoadLimits
+from solver.results.record import ERROR_FIELDS
 from solver.results.warnings import Note
 
 ErrorKind = Literal["bound", "95 %"]
 """What a stated error is: a bound, or a quantile, which the true error is below in 95 % of scenes."""
-ERROR_FIELDS = (
-    "error_estimate",
-    "stress_inner_error",
-    "stress_outer_error",
-    "stiffness_error",
-    "charge_inner_error",
-    "charge_outer_error",
-    "charge_per_force_inner_error",
-    "charge_per_force_outer_error",
-    "charge_ratio_error",
-)
-"""Fields of a result that are relative errors, of the kind ``error_kind``."""
 Column = tuple[float | None, ...]  # of a curve
 T = TypeVar("T")
 MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.percent import format_percent
 from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.film_states import CHARGE_UNIT
@@ -191,9 +192,10 @@ def widen_charge_bound(films: FilmForces, sample: ChargeSample, k: int, cut: Flo
 def list_charge_decisions(sample: ChargeSample, cut: Floats, accuracy: float) -> Iterator[Decision]:
     """Yield the decisions on what the charges' errors include besides those of meshes; parameters as above."""
     correction = CORRECTION_SHARE * float(np.abs(sample.correction[0] / sample.charges[0].sum(axis=1)).sum())
-    reason = f"by a factor from the symmetric part: changes the ratio of charges by at most about {correction:.2g}, counted"
+    change = f"changes the ratio of charges by at most about {format_percent(correction)}"
+    reason = f"by a factor from the symmetric part: {change}, counted"
     yield Decision("the stack's compliance in the change of charges", True, correction, accuracy, reason)
     if cut.any():
         size = float(cut.sum())
-        reason = f"left out: changes the ratio of charges by at most about {size:.2g}, counted in its error"
+        reason = f"left out: changes the ratio of charges by at most about {format_percent(size)}, counted in its error"
         yield Decision("the film's cut above the groove, and leads in it", False, size, accuracy, reason)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.percent import format_percent
 from geometry.common.resources import LimitReached
 from geometry.processes.programs import ChildThreads
 from geometry.scenes.scene import Scene
@@ -265,11 +266,12 @@ def _list_decisions(symmetric: SymmetricPart, difference: SceneDifference, accur
     exact, whole = symmetric.exact, symmetric.exact + difference.forces[0]
     # change of ln(inner / outer film force) by inclusions, groove and edges
     effect = abs(float(np.log(np.abs(whole.sum(axis=1) / exact.sum(axis=1))) @ [1.0, -1.0]))
-    size = f"changes the ratio by about {effect:.2g}"
+    size = f"changes the ratio by about {format_percent(effect)}"
     yield Decision("inclusions, groove and edges, in three dimensions", True, effect, accuracy, f"modelled: {size}")
     if symmetric.domain.shortened:
         left = FAR_TISSUE_PRODUCT_SHARE * symmetric.edges * effect
-        reason = f"left out but for its compliance: changes the ratio by at most about {left:.2g}, counted in error_estimate"
+        change = f"changes the ratio by at most about {format_percent(left)}"
+        reason = f"left out but for its compliance: {change}, counted in error_estimate"
         yield Decision("far tissue's effect on the change by inclusions", False, left, accuracy, reason)
     if symmetric.domain.half:
         yield Decision("the other half of a mirror-symmetric scene", False, 0.0, accuracy, "left out: exactly the same")

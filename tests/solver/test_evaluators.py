@@ -13,7 +13,7 @@ import pytest
 from geometry import Load, Refusal, Scene, read_scene
 from solver import evaluate, evaluator
 from solver.evaluators import EVALUATOR_NAMES
-from solver.results.result import ERROR_FIELDS
+from solver.results.record import ERROR_FIELDS
 from solver.results.warnings import Note, select_notes
 from tests.support.imports import sources
 from tests.support.paths import REFERENCE, SCENE

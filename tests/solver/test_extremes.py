@@ -69,7 +69,7 @@ TRUTH = Truth(1.0, 1.0, 1.0, 1.0, 0.1)
         ({"ratio": 1.02}, "ratio in error by 0.02, stated 0.01"),
         ({"ratio": 1.02, "error_estimate": 0.03}, None),
         ({"stress_outer": 1.1}, "stress_outer in error by 0.1, stated 0.01"),
-        ({"stress_outer": 1.1, "warnings": ("error bounds of 0.11 reached, accuracy 0.01 requested",)}, None),
+        ({"stress_outer": 1.1, "warnings": ("error bounds of 11 % reached, accuracy 1 % requested",)}, None),
         ({"stiffness": float("nan")}, "stiffness in error by nan, stated 0.01"),
         ({"log_sensitivity": 0.11}, "log_sensitivity 0.11, true 0.1 +- 0.005 stated"),
         ({"log_sensitivity": 0.11, "warnings": ("log_sensitivity is known within 20 % of its value",)}, None),

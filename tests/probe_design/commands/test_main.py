@@ -174,7 +174,7 @@ def test_auto_does_not_answer_worse_than_asked() -> None:
     assert worse.stdout == ""
     *progress, refusal = worse.stderr.splitlines()
     assert all("accuracy" not in line for line in progress)
-    assert re.search(r"accuracy = 0.001: allowed: 0.00\d+ or more for this scene .*solid reaches 0.00\d+", refusal)
+    assert re.search(r"accuracy = 0.1 %: allowed: 0.\d+ % or more for this scene .*solid reaches 0.\d+ %", refusal)
     ended = run("evaluate", groove, "--evaluator", "axisymmetric", "--json")
     assert ended.returncode == 0
     assert json.loads(ended.stdout)["error_estimate"] > 0.01

@@ -202,7 +202,7 @@ def test_a_load_that_leaves_too_little_to_solid_is_refused_by_the_accuracy_that_
     breast = read_scene(EXAMPLES / "skin.toml")
     off_axis = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face
     with pytest.raises(
-        Refusal, match=r"^accuracy = 0\.01: allowed: 0\.0\d+ or more for this scene(, or a smaller load)? \(solid reaches"
+        Refusal, match=r"^accuracy = 1 %: allowed: \d[.\d]* % or more for this scene(, or a smaller load)? \(solid reaches"
     ):
         evaluate(breast.model_copy(update={"inclusion": (off_axis,), "load": Load(force=1e-3)}))
 

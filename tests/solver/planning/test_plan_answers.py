@@ -65,11 +65,11 @@ def test_what_the_load_leaves_is_what_the_level_may_be_off():
 
 @pytest.mark.slow
 def test_refusals_quote_what_was_asked_and_what_is_reached():
-    with pytest.raises(OutOfReach, match=r"^accuracy = 0\.001: allowed: 0\.00\d+ or more for this scene \(solid reaches 0\.003"):
+    with pytest.raises(OutOfReach, match=r"^accuracy = 0\.1 %: allowed: 0\.\d+ % or more for this scene \(solid reaches 0\.3"):
         evaluate(ellipsoid(1e-6), accuracy=0.001)
     scene_plan = plan(ellipsoid(1e-6), 0.001)
     assert scene_plan.evaluator is None
-    assert str(scene_plan.refusal).startswith("accuracy = 0.001: allowed: 0.003")
+    assert str(scene_plan.refusal).startswith("accuracy = 0.1 %: allowed: 0.3")
 
 
 def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():
