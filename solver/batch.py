@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from geometry.common.calls import check_call
 from geometry.common.errors import InputError, ProbeError, import_extra
 from geometry.common.resources import Limits, get_limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
@@ -63,6 +64,7 @@ class _Request:
     linear: bool
 
 
+@check_call
 def evaluate_many(
     scenes: Sequence[Scene | Path | str],
     evaluator: str = evaluators.AUTO,
@@ -105,7 +107,7 @@ def evaluate_many(
     >>> from solver import evaluate_many
     >>> [result.ratio for result in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
     """
-    if isinstance(scenes, Scene | str | Path):
+    if isinstance(scenes, Scene | str | Path) or not isinstance(scenes, Iterable):
         raise InputError("scenes", scenes, "several scenes or names of scene files; evaluate takes one")
     accuracy = evaluators.check_accuracy(accuracy)
     if evaluator != evaluators.AUTO:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.calls import check_call
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.percent import format_percent
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
@@ -20,6 +21,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from geometry.scenes.scene_tables import LOAD_QUANTITIES
 from geometry.scenes.surface_names import check_surface_names
+from geometry.scenes.units import FREQUENCY_QUANTITY
 from solver import evaluators
 from solver.automatic import build_allowed_plan, choose_evaluator, get_evaluator
 from solver.evaluators import AUTO, CONTACT, DEFAULT_ACCURACY, choose_accuracy
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from solver.results.result import LoadCurve
 
 
+@check_call
 def evaluate(
     scene: Scene | Path | str,
     evaluator: str = AUTO,
@@ -90,6 +93,7 @@ def evaluate(
     scene = load_scene(scene)
     is_of_scene, accuracy = accuracy is None, choose_accuracy(scene, accuracy)
     start = perf_counter()
+    frequency = None if frequency is None else FREQUENCY_QUANTITY.read("frequency", frequency, units_required=False)
     with use_limits(limits), start_clock():
         check_surface_names(scene)
         if frequency is not None:
@@ -185,6 +189,7 @@ def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -
     )
 
 
+@check_call
 def plan(scene: Scene | Path | str, accuracy: float | None = None, solid: bool = False, *, loads: bool = False) -> Plan:
     """Return how ``auto`` would evaluate a scene, what it would leave out and the effect of that; see ``solver.planning.plan``.
 
@@ -234,6 +239,7 @@ def plan(scene: Scene | Path | str, accuracy: float | None = None, solid: bool =
         return _add_load_limits(planned, scene, accuracy) if loads else planned
 
 
+@check_call
 def press(
     scene: Scene | Path | str,
     *,
@@ -280,11 +286,14 @@ def press(
         None if load is None else LOAD_QUANTITIES[name].read(name, load, units_required=False)
         for name, load in (("force", force), ("indentation", indentation))
     )
+    if (force is None) == (indentation is None):
+        value = Words("missing" if force is None else "both force and indentation")
+        raise InputError("load", value, "the largest load: either force, such as '0.3 N', or indentation, such as '2 mm'")
     max_load = force if indentation is None else indentation
-    if (force is None) == (indentation is None) or not max_load or points < 1:
-        raise InputError(
-            "load", Words(f"force = {force}, indentation = {indentation}"), "one of them, above 0, and points from 1"
-        )
+    if not max_load:
+        raise InputError("force" if indentation is None else "indentation", max_load, "the largest load, above 0")
+    if not isinstance(points, int | np.integer) or points < 1:
+        raise InputError("points", points, "a whole number from 1: of loads, evenly spaced above 0")
     if indentation is not None and scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
         raise InputError(
             "indentation", format_mm(indentation), f"less than the tissue's depth of {format_mm(scene.tissue.depth)}"
@@ -297,6 +306,7 @@ def press(
     return replace(result, provenance=build_provenance(scene, evaluator=CONTACT, accuracy=accuracy))
 
 
+@check_call
 def curve(
     scene: Scene | Path | str,
     moduli: Floats,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 from pydantic import ValidationError, model_validator
 
+from geometry.common.calls import CallError, check_call
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.file_kinds import check_kind
@@ -24,6 +25,24 @@ if TYPE_CHECKING:
 class Scene(SceneTables):
     """Everything that an evaluator needs to know; frozen, in SI units, checked as a whole."""
 
+    def __init__(self, *places: object, **tables: object) -> None:
+        """Build a scene from its tables, mappings or models, by their names; numbers are in SI units.
+
+        Raises
+        ------
+        InputError
+            A value is missing or not allowed.
+        """
+        if places:
+            form = "Scene(probe=..., tissue=..., load=...)"
+            raise CallError("scene", places[0], f"tables by their names, {form}; Scene.from_file reads a file")
+        try:
+            super().__init__(**tables)  # type: ignore[arg-type]  # which pydantic checks
+        except ValidationError as refused:
+            raise convert_error(refused, type(self)) from None
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # pydantic validates nested scenes without calling it
+
     @model_validator(mode="after")
     def _check_fit(self) -> Self:
         check_bodies_fit(self)
@@ -38,6 +57,7 @@ class Scene(SceneTables):
         return self
 
     @classmethod
+    @check_call
     def from_file(cls, path: Path | str) -> Self:
         """Read the scene file at ``path``; names of surface files in it are relative to its folder.
 
@@ -68,6 +88,7 @@ class Scene(SceneTables):
         return cls.from_dict(data)
 
     @classmethod
+    @check_call
     def from_dict(cls, tables: Mapping[str, object]) -> Self:
         """Build a scene from the tables of a scene file, quantities as texts with units. Raises ``InputError``."""
         return cls.from_tables(tables, units_required=True)
@@ -93,6 +114,7 @@ class Scene(SceneTables):
         except ValidationError as refused:
             raise convert_error(refused, cls) from None
 
+    @check_call
     def replace(self, changes: Mapping[str, Value]) -> Self:
         """Return the scene with other values; the scene itself stays as it is.
 
@@ -125,6 +147,7 @@ class Scene(SceneTables):
         values = [key.read_bare_value(value) for key, value in zip(keys, changes.values(), strict=True)]
         return self.from_tables(replace_values(tables, keys, values))
 
+    @check_call
     def plot(self) -> Figure:
         """Draw the meridian section to scale: probe, tissue with its layers, tumours; Matplotlib is imported when it is used.
 

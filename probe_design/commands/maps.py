@@ -10,7 +10,7 @@ from pydantic import Field
 
 from geometry.common.errors import InputError
 from geometry.scenes.probe import format_mm
-from geometry.scenes.quantities import Length, Position
+from geometry.scenes.quantities import POSITION_QUANTITY, Length, Position
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from geometry.scenes.scene_tables import Force, Indentation
@@ -108,7 +108,7 @@ def scan(
 
     from probe_design.maps.scan import scan as run
 
-    line_positions = _choose_lengths(positions, np.linspace(*DEFAULT_POSITIONS))
+    line_positions = _choose_lengths("positions", positions, np.linspace(*DEFAULT_POSITIONS))
     return run(load_scene(scene), along, line_positions, at, accuracy=accuracy, linear=linear, progress=progress)
 
 
@@ -210,8 +210,8 @@ def detectability(
     default_depths, default_diameters = choose_sizes(target_scene, points)
     return run(
         target_scene,
-        _choose_lengths(depths, default_depths),
-        _choose_lengths(diameters, default_diameters),
+        _choose_lengths("depths", depths, default_depths),
+        _choose_lengths("diameters", diameters, default_diameters),
         Thresholds(noise, seen, resolved),
         accuracy=accuracy,
         linear=linear,
@@ -260,8 +260,15 @@ def _read_load(text: str) -> tuple[float | None, float | None]:
     raise InputError("to", text, "a force such as '0.3 N', or an indentation such as '2 mm', above 0")
 
 
-def _choose_lengths(values: ArrayLike | None, default: Floats) -> Floats:
-    """Return ``values`` as an array of shape (n,), or ``default`` if they are None."""
+def _choose_lengths(name: str, values: ArrayLike | None, default: Floats) -> Floats:
+    """Return ``values``, numbers or texts with units, as an array of shape (n,), m, or ``default`` if they are None."""
     import numpy as np
 
-    return default if values is None else np.atleast_1d(np.asarray(values, dtype=float))
+    if values is None:
+        return default
+    entries = np.atleast_1d(np.asarray(values, dtype=object)).tolist()
+    try:
+        read = [POSITION_QUANTITY.read(name, entry) if isinstance(entry, str) else float(entry) for entry in entries]
+    except TypeError:
+        raise InputError(name, values, "lengths, m, or texts with units, such as ['-5 mm', '0 mm']") from None
+    return np.array(read)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from geometry.common.calls import check_call
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from probe_design.locating.figures import draw_location
@@ -20,7 +21,10 @@ from solver import Curve, LoadCurve
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PLOTTED = "a result of curve, press, scan, detectability, locate or tolerances"
 
+
+@check_call
 def plot(result: Curve | LoadCurve | Scan | Detectability | Location | ToleranceBudget) -> Figure:
     """Draw a result as its command does with ``--plot``.
 
@@ -52,9 +56,7 @@ def plot(result: Curve | LoadCurve | Scan | Detectability | Location | Tolerance
             return draw_location(result)
         case ToleranceBudget():
             return draw_budget(result)
-    raise InputError(
-        "result", Words(f"a {type(result).__name__}"), "a result of curve, press, scan, detectability, locate or tolerances"
-    )
+    raise InputError("result", Words(f"an object of type {type(result).__name__}"), PLOTTED)
 
 
 def _require_scene(scene: Scene | None) -> Scene:

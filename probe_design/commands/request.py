@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationErro
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from geometry.common.calls import bind_arguments
 from geometry.common.errors import InputError, suggest_word
 from geometry.common.resources import Limits
 from geometry.scenes.units import Quantity, format_modulus, read_fraction, read_number
@@ -241,10 +242,7 @@ def use_request(request: type[Request], *, checks: bool = True) -> Callable[[Cal
         @functools.wraps(function)
         def check_and_call(*values: P.args, **keywords: P.kwargs) -> ResultT:
             """Check the parameters that are fields of the request, and call the function."""
-            try:
-                bound = signature.bind(*values, **keywords)
-            except TypeError as fault:
-                raise TypeError(f"{function.__name__}({_list_names(signature)}): {fault}") from None
+            bound = bind_arguments(function.__name__, signature, values, keywords)
             if not checks:
                 return function(*bound.args, **bound.kwargs)
             # parameters that the caller left out keep the function's own default, unchecked
@@ -261,14 +259,6 @@ def use_request(request: type[Request], *, checks: bool = True) -> Callable[[Cal
         return check_and_call
 
     return decorate
-
-
-def _list_names(signature: inspect.Signature) -> str:
-    """Return the names of a function's parameters; those behind the star are given by name."""
-    parameters = signature.parameters.values()
-    places = [parameter.name for parameter in parameters if parameter.kind is not inspect.Parameter.KEYWORD_ONLY]
-    named = [f"{parameter.name}=" for parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
-    return ", ".join([*places, *(["*", *named] if named else [])])
 
 
 def _expand_signature(

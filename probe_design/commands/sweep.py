@@ -158,8 +158,8 @@ def tradeoff(
 
 def _describe_broken_row(row: Row) -> str:
     """Return a warning about an evaluator whose true error is above its stated error, in one row of the table."""
-    stated, least = (format_percent(error or 0.0) for error in (row.stated_error, row.true_error_least))
-    reason = f"states an error of {stated}, which is {least} at least: a defect of the program"
+    stated, true = (format_percent(error or 0.0) for error in (row.stated_error, row.true_error_least))
+    reason = f"states an error of {stated}, which is {true} at least: a defect of the program"
     return f"{row.scene}: {row.setting} {reason}"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import softmax
 
 from geometry.common.arrays import Bools, Floats
+from geometry.common.calls import check_call
 from geometry.common.errors import InputError, Words
 from probe_design.estimation.measurements import Reading, build_scan_reading, is_on_tissue
 from probe_design.locating.forward_model import build_models
@@ -59,6 +60,7 @@ class Locator:
     >>> locator.next_position()  # doctest: +SKIP
     """
 
+    @check_call
     def __init__(self, design: DesignSource, *, outliers: float = 0.0, seed: int = 0, model: ForwardModel | None = None) -> None:
         known = read_design_source(design)
         if not isinstance(known, Design):

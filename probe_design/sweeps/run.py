@@ -12,6 +12,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from geometry.common.calls import check_call
 from geometry.common.errors import InputError
 from geometry.common.files import write_text
 from geometry.common.json_types import JsonMapping, JsonObject
@@ -77,6 +78,7 @@ class SweepSummary(Record):
         return results.dataset(self.folder)
 
 
+@check_call
 def sweep(
     specification: Sweep | JsonMapping | Path | str,
     output: Path | str,
@@ -119,6 +121,10 @@ def sweep(
         Committed rows are kept.
     """
     start = monotonic()
+    if not isinstance(specification, Sweep | Mapping | Path | str):
+        raise InputError("specification", specification, "the name of a sweep file, or its tables")
+    if not isinstance(output, Path | str):
+        raise InputError("output", output, "the name of a folder")
     checked_sweep = specification if isinstance(specification, Sweep) else _read_specification(specification)
     if workers is not None:
         check_integer("workers", workers, 1, 1024)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.calls import check_call
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
@@ -35,6 +36,7 @@ class PredictedReadings:
     error: Floats
 
 
+@check_call
 def predict_readings(
     scene: Scene | Path | str, tumours: Floats, positions: Floats, ranges: TumourRanges | None = None
 ) -> PredictedReadings:
@@ -72,18 +74,28 @@ def predict_readings(
     >>> tumour = [3e-3, 0, 10e-3, 8e-3, 25e3]
     >>> predict_readings("examples/scene.toml", [[tumour]], [[0, 0], [8e-3, 0]]).log_ratio  # doctest: +SKIP
     """
-    scene, candidates = load_scene(scene), np.asarray(tumours, dtype=float)
+    scene, candidates, places = load_scene(scene), _read_array("tumours", tumours), _read_array("positions", positions)
     if candidates.ndim != 3 or candidates.shape[2] != 5 or not candidates.size or not np.all(np.isfinite(candidates)):
         shape = f"an array of shape {candidates.shape}" if candidates.ndim != 3 or not candidates.size else "not all finite"
         raise InputError("tumours", Words(shape), "finite numbers of shape (candidates, tumours of each, 5)")
+    if places.ndim != 2 or places.shape[1] != 2 or not np.all(np.isfinite(places)):
+        raise InputError("positions", Words(f"an array of shape {places.shape}"), "finite x and y, m, of shape (positions, 2)")
     table = read_or_build_table(scene, ranges or _find_ranges(scene, candidates))
-    signals = table.predict(candidates, np.asarray(positions, dtype=float))
+    signals = table.predict(candidates, places)
     allowed = table.is_allowed(candidates)
     if not np.all(allowed):
         number = int(np.flatnonzero(~allowed)[0])
         raise InputError("tumours", Words(f"candidate {number}"), "tumours inside the tissue and at least 0.5 mm apart")
     exchange = SUPERPOSITION_ERROR_RELATIVE if candidates.shape[1] > 1 else 0.0
     return PredictedReadings(signals[..., 0], signals[..., 1], np.hypot(table.error, table.scale_error) + exchange)
+
+
+def _read_array(name: str, values: object) -> Floats:
+    """Return numbers as an array; raise ``InputError`` for anything else."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(name, values, "numbers in SI units, in rows of one length") from None
 
 
 def _find_ranges(scene: Scene, candidates: Floats) -> TumourRanges:

@@ -245,8 +245,8 @@ class OutOfReach(Refusal):
     ) -> None:  # fmt: skip
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
         self.reachable = reachable
-        least = format_minimum_percent(reached, 2)
-        reason = f"{least} or more for this scene (--evaluator {name} returns its result with that error)"
+        reachable_text = format_minimum_percent(reached, 2)
+        reason = f"{reachable_text} or more for this scene (--evaluator {name} returns its result with that error)"
         if reached >= 1:
             reason = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
         reason = allowed or reason

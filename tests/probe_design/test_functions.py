@@ -228,7 +228,7 @@ def test_texts_with_units_are_taken_as_in_files() -> None:
 
 
 def test_a_wrong_call_is_answered_with_the_names_of_parameters() -> None:
-    with pytest.raises(TypeError, match=r"scan\(scene, \*, along=, positions=, .*too many positional arguments"):
+    with pytest.raises(TypeError, match=r"argument 2 = .-10 mm.: allowed: scan\(scene, \*, along=, positions=, "):
         scan(SCENE, "-10 mm", "10 mm", 3)  # type: ignore[call-arg]
 
 
