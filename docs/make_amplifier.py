@@ -176,7 +176,7 @@ def draw_schematic(path: Path) -> None:
     wire((1.6, 5.2), (4.6, 5.2), (8.6, 5.2))
     for y in (4.85, 5.55):
         axes.plot([2.3, 3.7], [y, y], "--", color="black", lw=1)
-    text(3.0, 5.95, "coaxial, at most 1 m")
+    text(2.6, 6.05, "coaxial, at most 1 m")
     resistor(5.0, 5.2, "Rs  10 kΩ")
     # clamps to the reference
     for x, up in ((6.5, True), (7.3, False)):
@@ -185,7 +185,7 @@ def draw_schematic(path: Path) -> None:
         diode(x, 4.1, up)
     wire((6.5, 3.0), (7.3, 3.0), (8.1, 3.0), (8.1, 4.2), (8.6, 4.2))
     dot(7.3, 3.0)
-    text(5.1, 3.8, "D1  BAV199\npin 3 at the input,\n1 and 2 below", fontsize=8.5)
+    text(4.6, 3.8, "D1  BAV199\npin 3 at the input,\n1 and 2 below", fontsize=8.5)
     # op-amp
     axes.fill([8.6, 8.6, 11.2], [5.8, 3.6, 4.7], facecolor="white", edgecolor="black", lw=1.5, zorder=3)
     text(8.85, 5.2, "−", zorder=4), text(8.85, 4.2, "+", zorder=4), text(9.55, 4.7, "U1 ½\nOPA2320", fontsize=7.5, zorder=4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -53,6 +53,11 @@ LEGENDS = {
         "standard deviation) and as the most probable tumours predict it (line). A square is the baseline reading."
     ),
 }
+
+
+LEGEND_ABOVE: dict[str, Any] = {  # the panel, as bars and readings may lie anywhere in it
+    "fontsize": 7, "ncols": 2, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "borderaxespad": 0.2
+}  # fmt: skip
 
 
 def draw_location(result: Location) -> Figure:
@@ -183,7 +188,7 @@ def _plot_marginal(axes: Axes, result: Location, name: str) -> None:
     if edges[-1] - edges[0] > 1e-9 * abs(edges[0]):
         axes.hist(before, edges, density=True, color=PRIOR_COLOUR, label="before the scan")
         axes.hist(after, edges, density=True, histtype="step", color=POSTERIOR_COLOUR, linewidth=1.6, label="after it")
-        axes.legend(fontsize=7)
+        axes.legend(**LEGEND_ABOVE)
     else:
         axes.text(0.5, 0.5, "given by\nthe design file", ha="center", va="center", transform=axes.transAxes)
     low, high = (scale * end for end in result.tumours[0].quantities[name].interval_90)
@@ -210,4 +215,4 @@ def _plot_fit(axes: Axes, result: Location) -> None:
             )
     axes.axhline(0, color="0.7", linewidth=0.8)
     axes.set(xlabel="press, in the order of the file", ylabel="change against\ntumour-free tissue, %")
-    axes.legend(fontsize=7, ncols=2)
+    axes.legend(**LEGEND_ABOVE | {"ncols": 4})
