@@ -1,5 +1,5 @@
 "use strict";
-// Tables that are stacked where they are too wide, and copied; bodies that turn, drawn by WebGL; nothing is fetched.
+// Tables that are stacked where they are too wide, and copied; pictures that are scrolled; bodies that turn, drawn by WebGL; nothing is fetched.
 
 // A table that is wider than the page shows each row as a list of headings and cells.
 function stackWideTables() {
@@ -14,6 +14,16 @@ for (const table of document.querySelectorAll("div.wide > table")) {
 }
 stackWideTables();
 addEventListener("resize", stackWideTables);
+
+const BROAD = 900;  // pixels: pictures of one panel have less
+// What is scrolled is reached by keyboard, too.
+function reachScrolledParts() {
+  for (const image of document.images) image.classList.toggle("broad", image.naturalWidth > BROAD);
+  for (const part of document.querySelectorAll("div.wide")) {
+    if (part.scrollWidth > part.clientWidth) part.setAttribute("tabindex", "0"); else part.removeAttribute("tabindex");
+  }
+}
+for (const event of ["load", "resize"]) addEventListener(event, reachScrolledParts);
 
 for (const button of document.querySelectorAll("button.copy")) {
   button.addEventListener("click", () => {

@@ -29,6 +29,7 @@ onload = () => {{
   told.clipped = [...page.body.querySelectorAll("*")].filter((one) => free(one) && one.getBoundingClientRect().right > wide + 0.5)
     .map((one) => one.tagName).join(" ");
   told.scrolled = [...page.querySelectorAll("div.wide, pre")].filter((one) => one.scrollWidth > one.clientWidth).length;
+  told.reached = page.querySelectorAll("div.wide[tabindex]").length;
   told.drawn = [...page.querySelectorAll("canvas")].map((one) => one.dataset.drawn).join(" ");
   told.broken = [...page.images].filter((one) => !one.complete || !one.naturalWidth).length;
   told.tables = page.querySelectorAll("table").length;
