@@ -47,15 +47,15 @@ class Question:
     default: str
     quantity: Quantity
 
-    def ask(self, *, on_terminal: bool) -> str:
-        """Return the answer as it was typed, asked for again until it is such a quantity; the default without a terminal."""
-        return click.prompt(self.text, self.default, value_proc=self._check, err=True) if on_terminal else self.default
+    def ask(self, default: str) -> str:
+        """Return the answer as it was typed, asked for again until it is such a quantity."""
+        return str(click.prompt(self.text, default, value_proc=self._check, err=True))
 
     def _check(self, answer: str) -> str:
         try:
             self.quantity.parse(answer.strip())
-        except ValueError:
-            raise click.BadParameter(f"{self.quantity.allowed}.") from None
+        except ValueError as fault:
+            raise click.BadParameter(f"{self.quantity.allowed} ({fault}).") from None
         return answer.strip()
 
 
@@ -106,22 +106,52 @@ class InitRequest(Request):
     def run(self) -> None:
         """Ask, check that the file is one that can be read, write it, and say what to do with it."""
         on_terminal = sys.stdin is not None and sys.stdin.isatty()
+        if self.output is not None:
+            self._check_output(Path(self.output))  # before any question
         kind = self.kind or (_ask_kind() if on_terminal else "scene")
         path = Path(self.output or f"{kind}.toml")
-        if path.exists() and not self.force:
-            raise InputError("output", str(path), "a file that does not exist yet, or --force to replace it")
+        self._check_output(path)
         questions = (*TISSUE_QUESTIONS, *(TUMOUR_QUESTIONS if kind == "scene" else POPULATION_QUESTIONS), *PROBE_QUESTIONS)
-        answers: dict[str, str] = {}
-        for question in questions:
-            if question.key != "skin_modulus" or THICKNESS_QUANTITY.parse(answers["skin_thickness"]) > 0:
-                answers[question.key] = question.ask(on_terminal=on_terminal)
-        text = build_file_text(kind, answers)
+        answers, text = ask_all(kind, questions) if on_terminal else build_default_file(kind, questions)
         command = "evaluate" if kind == "scene" else "optimize -o out"
         write_text(path, text)
         if self.as_json:
             print_json({"file": str(path), "kind": kind, "answers": answers})
         else:
             print(f"wrote {path}; next: probe-design {command} {path}")
+
+    def _check_output(self, path: Path) -> None:
+        """Raise ``InputError`` where the file exists already, or where its folder does not."""
+        if path.exists() and not self.force:
+            raise InputError("output", str(path), "a file that does not exist yet, or --force to replace it")
+        if not path.parent.is_dir():
+            raise InputError("output", str(path), f"a file in a folder that exists; {str(path.parent)!r} is none")
+
+
+def ask_all(kind: str, questions: tuple[Question, ...]) -> tuple[dict[str, str], str]:
+    """Return answers that fit together, and the file's text; where they contradict each other they are asked for again."""
+    typed = {question.key: question.default for question in questions}
+    while True:
+        for question in questions:
+            if question.key != "skin_modulus" or THICKNESS_QUANTITY.parse(typed["skin_thickness"]) > 0:
+                typed[question.key] = question.ask(typed[question.key])
+        answers = _drop_absent_skin(typed)
+        try:
+            return answers, build_file_text(kind, answers)
+        except InputError as fault:
+            click.echo(f"Error: {fault}. Once more; Enter keeps an answer.", err=True)
+
+
+def build_default_file(kind: str, questions: tuple[Question, ...]) -> tuple[dict[str, str], str]:
+    """Return the answers that Enter takes over, and the file's text."""
+    answers = {question.key: question.default for question in questions}
+    return answers, build_file_text(kind, answers)
+
+
+def _drop_absent_skin(answers: dict[str, str]) -> dict[str, str]:
+    """Return the answers without the skin's modulus where there is no skin."""
+    absent = THICKNESS_QUANTITY.parse(answers["skin_thickness"]) == 0
+    return {key: answer for key, answer in answers.items() if not (absent and key == "skin_modulus")}
 
 
 def build_file_text(kind: str, answers: dict[str, str]) -> str:
@@ -167,5 +197,5 @@ def _read_data(name: str) -> str:
 
 def _ask_kind() -> str:
     """Ask which kind of file to write."""
-    text = "Write a scene (one probe over one tumour) or a design file (search a probe for many tumours)?"
+    text = "One probe (scene), or the search for one (design)?"  # within 80 columns, with choices and default
     return str(click.prompt(text, "design", type=click.Choice(["scene", "design"]), err=True))
