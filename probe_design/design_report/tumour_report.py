@@ -177,7 +177,7 @@ def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> 
     read = shown.result.reading
     rows = [
         ("ratio", read.ratio),
-        ("error estimate", read.error),
+        ("error estimate, %", None if read.error is None else 100 * read.error),
         ("log-sensitivity", read.log_sensitivity),
         ("sd of ln E_object", shown.value),
         ("sd, lower bound", shown.lower),

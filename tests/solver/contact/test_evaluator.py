@@ -85,7 +85,7 @@ def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pyt
     result = ContactEvaluator().evaluate(with_load(EXAMPLE, indentation=1e-6), 1e-4)
     assert result.error_estimate is not None
     assert 1e-4 < result.error_estimate < 1e-3
-    assert any("accuracy 0.0001 requested" in note for note in result.warnings)
+    assert any("accuracy 0.01 % requested" in note for note in result.warnings)
 
 
 def test_a_path_goes_on_from_points_that_lie_close_together() -> None:

@@ -135,7 +135,7 @@ def test_a_change_of_films_that_may_cancel_is_printed_as_a_finite_number() -> No
     change = 0.2 * 0.02 * bound_log_sensitivity_change(0.0816)
     assert rule.describe_changes(force, True).endswith(f"log_sensitivity by at most {change:.2g} (absolute)")
     apart = replace(rule, films=(0.05, 0.01)).describe_changes(force, True)
-    assert apart.endswith(f"log_sensitivity by at most {bound_log_sensitivity_change(0.0816):.2g} of its value")
+    assert apart.endswith(f"log_sensitivity by at most {100 * bound_log_sensitivity_change(0.0816):.2g} % of its value")
     assert "log_sensitivity" not in rule.describe_changes(force, False)
 
 
