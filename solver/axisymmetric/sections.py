@@ -115,20 +115,31 @@ def add_details(scene: Scene, plain: Sections) -> Sections:
         The base's flange is narrower than the tube.
     """
     probe, base = scene.probe, scene.probe.base
-    layers, materials = _list_stack_layers(probe.film)
-    if base.youngs_modulus is not None and base.poisson_ratio is not None:
-        materials[Body.BASE] = Material(youngs_modulus=base.youngs_modulus, poisson_ratio=base.poisson_ratio)
-        sizes = find_base_sizes(probe)
-        # a flange of the tube's radius is none, within rounding
-        wide = sizes.flange_radius > probe.tube_radius * (1 + 1e-9)
-        layers |= {"flange_thickness": sizes.thickness, "step_height": sizes.step_height}
-        layers["flange_radius"] = sizes.flange_radius if wide else 0.0
-    return Sections(
-        replace(plain.section, **layers),
-        tuple(replace(s, **layers) for s in plain.bracket),
-        plain.materials | materials,
-        plain.outline,
-        None if probe.film is None or probe.film.uses_psi else probe.film.by_block,
+    if base.youngs_modulus is None or base.poisson_ratio is None:
+        return add_stacks(scene, plain)
+    sizes = find_base_sizes(probe)
+    # a flange of the tube's radius is none, within rounding
+    wide = sizes.flange_radius > probe.tube_radius * (1 + 1e-9)
+    lengths = {"flange_thickness": sizes.thickness, "step_height": sizes.step_height}
+    lengths["flange_radius"] = sizes.flange_radius if wide else 0.0
+    material = Material(youngs_modulus=base.youngs_modulus, poisson_ratio=base.poisson_ratio)
+    return _add_bodies(add_stacks(scene, plain), lengths, {Body.BASE: material})
+
+
+def add_stacks(scene: Scene, plain: Sections) -> Sections:
+    """Return the sections ``plain`` of a scene with its films and their bonds added, but without its base."""
+    film = scene.probe.film
+    stacks = _add_bodies(plain, *_list_stack_layers(film))
+    return replace(stacks, films=None if film is None or film.uses_psi else film.by_block)
+
+
+def _add_bodies(sections: Sections, lengths: dict[str, float], materials: dict[Body, Material]) -> Sections:
+    """Return sections with further lengths, by name, and the materials of the bodies that these add."""
+    return replace(
+        sections,
+        section=replace(sections.section, **lengths),
+        bracket=tuple(replace(section, **lengths) for section in sections.bracket),
+        materials=sections.materials | materials,
     )
 
 

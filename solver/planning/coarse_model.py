@@ -27,12 +27,12 @@ from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.axisymmetric.omitted_details import Change, bound_detail, bound_omitted_changes
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
-from solver.axisymmetric.sections import Sections, add_details, build_sections
+from solver.axisymmetric.sections import Sections, add_details, add_stacks, build_sections
 from solver.elements.shape_functions import evaluate_edge_functions, evaluate_legendre
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.linalg.workspace import keep_result
 from solver.materials.linear import Isotropic
-from solver.planning.charge_changes import add_charges, compute_charge_factor
+from solver.planning.charge_changes import add_charges, compute_charge_factor, has_soft_bond
 from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing, has_tape
 from solver.planning.tumour_effects import add_tumours, adjust_rule
 from solver.results.detail_compliance import FILM_DETAIL, iterate_details
@@ -48,7 +48,9 @@ _walls = keep_result(GapWalls.from_mesh)
 
 @dataclass(frozen=True)
 class CoarseModel:
-    """A scene without tumours, groove, films, elastic base and tilt on the coarsest mesh, its contact tied.
+    """A scene without tumours, groove, elastic base and tilt on the coarsest mesh, its contact tied.
+
+    Films and bonds are left out, too, unless a film has a soft bond to the base: then their film states are needed for eq. PL.14.
 
     Attributes
     ----------
@@ -83,8 +85,9 @@ class CoarseModel:
         bare = remove_tumours(scene)
         plain = build_sections(bare)
         try:
-            coarse = solve_on_mesh(plain.section, plain, bare, MESH_LEVELS[0])
-            return cls(bare, coarse, _bound_details(bare, plain, coarse) if details else ())
+            sections, coarse = _solve_coarsely(bare, plain)
+            alike = replace(sections, films=None), select_base_states(coarse)
+            return cls(bare, coarse, _bound_details(bare, *alike) if details else ())
         except SolveError as fault:
             reason = f"scenes whose sizes and moduli lie closer together ({fault})"
             raise Refusal("scene", "too extreme for a plan", reason) from fault
@@ -100,8 +103,9 @@ class CoarseModel:
         films = FilmForces(
             self.forces, Bound.from_independent_errors(COARSE_MESH_ERROR * np.abs(self.forces.sum(axis=1)), self.forces)
         )
-        alone = ProbeAlone.from_converged(self.scene, 1.0, Converged((films,), self.sample, (), ()))
-        return Undisturbed.from_states(alone, self.sample.states, COARSE_MESH_ERROR)
+        sample = select_base_states(self.sample)
+        alone = ProbeAlone.from_converged(self.scene, 1.0, Converged((films,), sample, (), ()))
+        return Undisturbed.from_states(alone, sample.states, COARSE_MESH_ERROR)
 
     @cached_property
     def edge_effect(self) -> Effect | None:
@@ -113,7 +117,7 @@ class CoarseModel:
         wide = self.scene.model_copy(update={"tissue": HalfSpaceTissue(shape="half-space", **material)})
         plain = build_sections(wide)
         try:
-            totals, free = self.sample.totals[0], solve_on_mesh(plain.section, plain, wide, MESH_LEVELS[0]).totals[0]
+            totals, free = (sample.totals[0, :2] for sample in (self.sample, _solve_coarsely(wide, plain)[1]))
         except SolveError:
             return None
         with np.errstate(divide="ignore"):
@@ -147,7 +151,8 @@ class CoarseModel:
     @cached_property
     def charge_factor(self) -> float:
         """How many times as much a load changes the films' charges as the film forces, at most: eq. PL.14."""
-        return compute_charge_factor(self.scene, LoadRule.from_totals(self.scene, self.forces.sum(axis=1), self.closure_force))
+        rule = LoadRule.from_totals(self.scene, self.forces.sum(axis=1), self.closure_force)
+        return compute_charge_factor(self.scene, self.sample.states, rule)
 
     def build_rule(self, scene: Scene) -> LoadRule:
         """Return the rule for loads on a scene with this probe and tissue, whatever tumours it has.
@@ -202,6 +207,39 @@ def compute_charge_per_force(scene: Scene) -> Floats:
     except SolveError as fault:
         raise Refusal("scene", "too extreme for a plan", f"films and bonds of less extreme sizes and moduli ({fault})") from fault
     return np.asarray(CHARGE_UNIT * totals[2:] / totals[:2])
+
+
+def _solve_coarsely(scene: Scene, plain: Sections) -> tuple[Sections, MeshSample]:
+    """Solve a scene without tumours, and its sections ``plain``, on the coarsest mesh; return the sections that are modelled.
+
+    They have film states where eq. PL.14 needs them, unless stacks so extreme that these cannot be solved for.
+
+    Raises
+    ------
+    SolveError
+        The equations cannot be solved in double precision.
+    """
+    if has_soft_bond(scene):
+        stacked = add_stacks(scene, plain)
+        try:
+            return stacked, solve_on_mesh(stacked.section, stacked, scene, MESH_LEVELS[0])
+        except SolveError:
+            pass  # eq. PL.14 has a bound that does without
+    return plain, solve_on_mesh(plain.section, plain, scene, MESH_LEVELS[0])
+
+
+def select_base_states(sample: MeshSample) -> MeshSample:
+    """Return a sample at one modulus without its film states."""
+    states = sample.states
+    base = replace(
+        states,
+        v=states.v[:, :2],
+        edge=states.edge[..., :2],
+        shift=states.shift[:, :2],
+        products=states.products[:2],
+        rounding=states.rounding[:2],
+    )
+    return replace(sample, products=sample.products[:, :2], product_derivatives=sample.product_derivatives[:, :2], states=base)
 
 
 def _bound_details(scene: Scene, plain: Sections, coarse: MeshSample) -> tuple[Change, ...]:
