@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from solver import evaluate
-from solver.planning.charge_changes import has_soft_bond
+from solver.planning.charge_changes import compute_loaded_charges, has_soft_bond
+from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_limits import build_load_rule
 from tests.support.film_scenes import build_scene
 
@@ -26,3 +28,20 @@ def test_charges_change_less_than_the_bound(name: str) -> None:
     assert pressed.charge_ratio is not None
     assert linear.charge_ratio is not None
     assert abs(pressed.charge_ratio / linear.charge_ratio - 1) > stiff.bound_ratio_change(force)
+
+
+def test_charges_of_a_light_load_are_those_of_finite_strain() -> None:
+    """Film states on the coarsest mesh give the change of charges per indentation that ``contact`` finds in equilibrium."""
+    scene = build_scene("probe/base-tape-1/plain-6").replace({"reading.observable": "charge"})
+    coarse = CoarseModel.from_scene(scene, details=False)
+    rule, states = coarse.build_rule(scene), coarse.sample.states
+    indentation = 0.05 / rule.strain
+    charges = compute_loaded_charges(states, indentation) / (indentation * states.products[2:].sum(axis=1))
+    loaded = scene.replace({"load.force": rule.stiffness * indentation})
+    pressed, linear = (  # charges per indentation
+        np.array([result.charge_inner, result.charge_outer], dtype=float) * (result.stiffness or np.nan)
+        for result in (evaluate(loaded, evaluator=name, accuracy=1e-3) for name in ("contact", "axisymmetric"))
+    )
+    change = pressed / linear - 1
+    assert np.abs(change).max() > 5e-3
+    np.testing.assert_allclose(charges - 1, change, rtol=0.1, atol=5e-4)
