@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
-from itertools import pairwise, product
+from itertools import accumulate, pairwise, product
 
 import numpy as np
 
@@ -26,9 +26,9 @@ def list_cells(layout: MeshTopology) -> Iterator[Cell]:
     yield from _list_tissue_cells(layout)
     inner, outer = range(column["inner"] + 1), range(column["hole"], column["tube"] + 1)
     blocks = ((Body.INNER, inner, layout.inner), (Body.OUTER, outer, layout.outer))
-    for (block, radii, levels), rows, stack in zip(blocks, layout.blocks, layout.kind.stacks, strict=True):
-        ends = [0, *(rows + k * layout.layer for k in range(len(stack) + 1))]
-        for body, (first, last) in zip((block, *stack), pairwise(ends), strict=True):
+    for k, (block, radii, levels) in enumerate(blocks):
+        ends = accumulate((0, layout.blocks[k], *layout.layer_rows[k]))
+        for body, (first, last) in zip((block, *layout.kind.stacks[k]), pairwise(ends), strict=True):
             yield from _list_grid_cells(body, radii, levels[first : last + 1])
     if layout.kind.base is not None:
         yield from _list_base_cells(layout)
@@ -229,12 +229,11 @@ def _cut_at_wall(cell: Cell, layout: MeshTopology, side: int) -> Floats:
     Cells are much wider than high: a layer of one row is cut into strips across its thickness. With more rows the strip at the
     wall, about as wide as high, is cut further, towards the corner where the layer meets the next.
     """
-    layers = layout.fineness.layers
-    if layout.layer == 1:
+    layers, (_, _, vertices, _) = layout.fineness.layers, cell
+    low, high = vertices[0][1] in layout.layer_ends, vertices[3][1] in layout.layer_ends
+    if low and high:
         return _cut_strips(side, layers)
     pieces = _cut_strips(side, 1)
-    _, _, vertices, _ = cell
-    low, high = vertices[0][1] in layout.layer_ends, vertices[3][1] in layout.layer_ends
     if not (low or high):
         return pieces
     # the strip at the wall is the first on the left and the last on the right side; corners are counted as in UNIT_SQUARE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 from math import isclose
 
 import numpy as np
@@ -24,7 +25,7 @@ from geometry.meridian.breaks import (
 )
 from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_box_lines, spread_apart
 from geometry.meridian.grading import grade_nodes
-from geometry.meridian.section import Body, Section
+from geometry.meridian.section import FILMS, Body, Section
 from geometry.meridian.sphere_box import SphereBox
 from geometry.meridian.upper_levels import place_base_levels, place_bridge, place_stack_levels
 
@@ -180,7 +181,7 @@ class MeshTopology:
         self.column = dict(zip(names, np.cumsum([0, *self.columns]).tolist(), strict=True))
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
-        self.layer = n(2) if fineness.layers >= MIN_CORNER_LAYERS else 1
+        self.layer_rows = tuple(map(self._count_layer_rows, kind.stacks))
         top = self._number_levels(self.row["surface"] + 1)
         self.merged = self._find_merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
@@ -189,8 +190,8 @@ class MeshTopology:
     @property
     def layer_ends(self) -> set[int]:
         """Numbers of the levels where a block, a film or a bond ends, above the tissue."""
-        rows = zip((self.inner, self.outer), self.blocks, self.kind.stacks, strict=True)
-        return {levels[first + k * self.layer] for levels, first, stack in rows for k in range(len(stack) + 1)}
+        rows = zip((self.inner, self.outer), self.blocks, self.layer_rows, strict=True)
+        return {levels[row] for levels, first, counts in rows for row in accumulate((first, *counts))}
 
     @property
     def electrodes(self) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -203,6 +204,13 @@ class MeshTopology:
         """Numbers of the radii at which the inner block's face begins and ends, and the tube's."""
         inner, hole, tube = (self.column.get(f"{name} edge", self.column[name]) for name in ("inner", "hole", "tube"))
         return (self.column["axis"], inner), (hole, tube)
+
+    def _count_layer_rows(self, stack: tuple[Body, ...]) -> tuple[int, ...]:
+        """Return the number of rows in each layer of a stack, see ``MIN_CORNER_LAYERS``."""
+        layers = self.fineness.layers
+        rows = self.fineness.count(2) if layers >= MIN_CORNER_LAYERS else 1
+        # a film that floats on a bond has hardly any singularity of its own: at first one row suffices
+        return tuple(1 if body in FILMS and body != stack[-1] and layers == MIN_CORNER_LAYERS else rows for body in stack)
 
     def _find_merged(self) -> dict[int, list[tuple[int, ...]]]:
         """Return ``merged``: the groups of columns that become one, each by its four lines, by the row's upper level."""
@@ -241,7 +249,7 @@ class MeshTopology:
     def _number_levels(self, first: int) -> int:
         """Assign numbers to levels above the surface, from ``first``, and radii beyond the tissue's; return the next level."""
         n, kind = self.fineness.count, self.kind
-        middle, top = (first + sum(self.blocks[:k]) + sum(map(len, kind.stacks[:k])) * self.layer for k in (1, 2))
+        middle, top = (first + sum(self.blocks[:k]) + sum(map(sum, self.layer_rows[:k])) for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))
         self.outer = (first - 1, *range(middle, top))
         # rows of the boss and of the step, rows of the flange's thickness, columns from the tube to the flange's edge
@@ -323,9 +331,9 @@ def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
     s, sphere, box = section, SphereBox.from_section(section), layout.kind.box
     levels = [join_intervals(find_tissue_breaks(s, sphere), layout.rows)]
-    for height, cells, stack in zip((s.inner_height, s.outer_height), layout.blocks, layout.kind.stacks, strict=True):
-        levels.append(join_intervals(find_block_breaks(s, height), (cells,))[..., 1:])
-        levels += place_stack_levels(s, height, stack, layout.layer)
+    for k, height in enumerate((s.inner_height, s.outer_height)):
+        levels.append(join_intervals(find_block_breaks(s, height), (layout.blocks[k],))[..., 1:])
+        levels += place_stack_levels(s, height, layout.kind.stacks[k], layout.layer_rows[k])
     radii = [join_intervals(find_radial_breaks(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
         levels += place_base_levels(s, layout.kind.base, layout.step, layout.thick)

@@ -22,12 +22,12 @@ def place_bridge(s: Section, sign: int | None, half: int) -> Numeric:
     return join_intervals(breaks, (half, half))[..., 1:-1]
 
 
-def place_stack_levels(s: Section, height: Numeric, stack: tuple[Body, ...], rows: int) -> list[Numeric]:
-    """Return the levels of the layers of a stack on a block whose top is at ``height``, with ``rows`` of cells in each layer."""
+def place_stack_levels(s: Section, height: Numeric, stack: tuple[Body, ...], rows: tuple[int, ...]) -> list[Numeric]:
+    """Return the levels of the layers of a stack on a block whose top is at ``height``; ``rows`` of cells for each layer."""
     levels, top = [], height
-    for body in stack:
+    for body, count in zip(stack, rows, strict=True):
         thickness = getattr(s, body.name.lower())
-        levels.append(grade_nodes(top, top + thickness, rows, s.corner_size, s.corner_size)[..., 1:])
+        levels.append(grade_nodes(top, top + thickness, count, s.corner_size, s.corner_size)[..., 1:])
         top = top + thickness
     return levels
 
