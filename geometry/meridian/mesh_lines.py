@@ -29,7 +29,7 @@ from geometry.meridian.section import FILMS, Body, Section
 from geometry.meridian.sphere_box import SphereBox
 from geometry.meridian.upper_levels import place_base_levels, place_bridge, place_stack_levels
 
-MIN_CORNER_LAYERS = 3  # layers at corners from which on films and bonds have two rows, each cut towards one corner
+MIN_CORNER_LAYERS = 3  # corner layers from which on films and bonds have two rows, each cut towards one corner
 MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
 
 
