@@ -294,9 +294,9 @@ def press(
         raise InputError("force" if indentation is None else "indentation", max_load, "the largest load, above 0")
     if not isinstance(points, int | np.integer) or points < 1:
         raise InputError("points", points, "a whole number from 1: of loads, evenly spaced above 0")
-    if indentation is not None and scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
+    if indentation is not None and indentation >= scene.tissue.bottom:
         raise InputError(
-            "indentation", format_mm(indentation), f"less than the tissue's depth of {format_mm(scene.tissue.depth)}"
+            "indentation", format_mm(indentation), f"less than the tissue's depth of {format_mm(scene.tissue.bottom)}"
         )
     loads = max_load * np.arange(1, points + 1) / points
     with use_limits(limits):

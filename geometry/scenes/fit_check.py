@@ -199,17 +199,17 @@ def _check_layers(scene: SceneTables) -> None:
     """Raise ``InputError`` if a layer reaches the tissue's bottom."""
     tissue = scene.tissue
     for index, (upper, lower) in enumerate(pairwise((0.0, *tissue.interfaces))):
-        if tissue.shape != "half-space" and is_at_least(lower, tissue.depth):
-            reason = f"the tissue's own material has to be below the layers, and it is {format_mm(tissue.depth)} deep"
-            allowed = f"less than {format_maximum_mm(tissue.depth - upper)}: {reason}"
+        if is_at_least(lower, tissue.bottom):
+            reason = f"the tissue's own material has to be below the layers, and it is {format_mm(tissue.bottom)} deep"
+            allowed = f"less than {format_maximum_mm(tissue.bottom - upper)}: {reason}"
             raise InputError(f"tissue.layer[{index}].thickness", format_mm(tissue.layer[index].thickness), allowed)
 
 
 def _check_load(scene: SceneTables) -> None:
     """Raise ``InputError`` if the indentation is as large as the tissue is deep."""
     deep, tissue = scene.load.indentation, scene.tissue
-    if deep is not None and tissue.shape != "half-space" and is_at_least(deep, tissue.depth):
-        raise InputError("load.indentation", format_mm(deep), f"less than the tissue's depth of {format_mm(tissue.depth)}")
+    if deep is not None and is_at_least(deep, tissue.bottom):
+        raise InputError("load.indentation", format_mm(deep), f"less than the tissue's depth of {format_mm(tissue.bottom)}")
 
 
 def _check_probe_on_tissue(size: str, half_size: float, reach: float, *, key: str, position: float, offset: float) -> None:
@@ -238,16 +238,16 @@ def _check_inside(scene: SceneTables, index: int, body: Inclusion) -> None:
         raise InputError(
             f"{name}.depth", format_mm(body.depth), f"above {format_minimum_mm(half[2])} (it leaves the tissue's surface)"
         )
-    if tissue.shape != "half-space" and is_at_least(body.depth + half[2], tissue.depth):
+    if is_at_least(body.depth + half[2], tissue.bottom):
         allowed_depth = (
-            f"a centre less than {format_maximum_mm(tissue.depth - half[2])} deep"
-            if tissue.depth > 2 * half[2]
+            f"a centre less than {format_maximum_mm(tissue.bottom - half[2])} deep"
+            if tissue.bottom > 2 * half[2]
             else "a smaller body"
         )
         raise InputError(
             f"{name}.depth",
             format_mm(body.depth),
-            f"{allowed_depth} (it leaves the tissue's bottom at {format_mm(tissue.depth)})",
+            f"{allowed_depth} (it leaves the tissue's bottom at {format_mm(tissue.bottom)})",
         )
     if tissue.shape == "cylinder" and is_at_least(compute_lateral_reach(body), tissue.radius):
         key = "x" if abs(body.x) >= abs(body.y) else "y"

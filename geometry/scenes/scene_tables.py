@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
@@ -75,6 +76,11 @@ class _Layered(Material):
         """Depths of the layers' lower faces, m, from the surface downwards."""
         return tuple(accumulate(layer.thickness for layer in self.layer))
 
+    @property
+    def bottom(self) -> float:
+        """Depth of the tissue's bottom, m; infinite in a half-space."""
+        return float(getattr(self, "depth", math.inf))
+
     def find_material(self, depth: float) -> Material:
         """Return the layer at a depth, m, or the tissue itself below its layers; an interface belongs to what is below it."""
         return (*self.layer, self)[bisect_right(self.interfaces, depth)]
@@ -95,6 +101,11 @@ class CylinderTissue(_Layered):
     radius: Length
     depth: Length
 
+    @property
+    def side_radius(self) -> float:
+        """Radius of the cylinder of equal cross-section, m."""
+        return self.radius
+
 
 class BlockTissue(_Layered):
     """A rectangular piece of tissue, bonded to the table.
@@ -113,6 +124,11 @@ class BlockTissue(_Layered):
     length: Length
     breadth: Length
     depth: Length
+
+    @property
+    def side_radius(self) -> float:
+        """Radius of the cylinder of equal cross-section, m."""
+        return math.sqrt(self.length * self.breadth / math.pi)
 
 
 class HalfSpaceTissue(_Layered):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from geometry.scenes.bonds import BOND_SIDES
 from geometry.scenes.film import Bond, Film, OuterFilm
 from geometry.scenes.probe import LAW_CONSTANTS, Material
@@ -138,10 +136,8 @@ def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
     derivatives |= _differentiate_film_lengths(probe.film)
     derivatives["tissue.radius"], derivatives["tissue.depth"] = {"tissue_radius": 1.0}, {"tissue_depth": 1.0}
     if tissue.shape == "block":
-        radius = math.sqrt(tissue.length * tissue.breadth / math.pi)
-        derivatives |= {
-            f"tissue.{side}": {"tissue_radius": radius / (2 * getattr(tissue, side))} for side in ("length", "breadth")
-        }
+        for side in ("length", "breadth"):
+            derivatives[f"tissue.{side}"] = {"tissue_radius": tissue.side_radius / (2 * getattr(tissue, side))}
     derivatives |= {f"tissue.layer[{index}].thickness": {f"layer_{index}": 1.0} for index in range(len(tissue.layer))}
     derivatives["inclusion.diameter"], derivatives["inclusion.depth"] = {"sphere_radius": 0.5}, {"sphere_depth": 1.0}
     return {key: change for key, change in derivatives.items() if key in present}

@@ -183,7 +183,7 @@ class TargetModel:
             max_diameter = float(self.compute_max_diameter(np.array([body.depth]))[0])
             return max_diameter / 100, max_diameter
         no_bottom_depth = SEARCH_DEPTH_RADII * max(self.scene.probe.tube_radius, body.depth)
-        depths = np.linspace(0.0, no_bottom_depth if tissue.shape == "half-space" else tissue.depth, 20_001)
+        depths = np.linspace(0.0, tissue.bottom if np.isfinite(tissue.bottom) else no_bottom_depth, 20_001)
         fits = np.append(self.compute_max_diameter(depths) >= (body.diameter or 0.0), False)  # False ends the last run
         if not fits.any():
             allowed = "a target with free tissue above and below, for another depth"

@@ -3,7 +3,7 @@
 A tumour is a point of the unit cube, one coordinate for each quantity of the population that varies: x and y are uniform over
 their ranges, ln diameter and ln modulus over theirs (lists: every value equally probable), and ln depth from the depth that
 leaves the least cover above this diameter, or the range's lower end where that is deeper, to the range's upper end. Tumours are
-independent, inside the tissue, and at least ``MIN_DISTANCE_M`` apart.
+independent, inside the tissue, and apart from each other.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from geometry.common.errors import InputError, Words
 from geometry.common.percent import format_percent
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.tissue_sides import compute_side_distance
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import Range
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation
 from solver.inclusions.tumours import Strata
+from solver.reading_tables.reading_table import are_apart
 
 TUMOUR_QUANTITIES = ("x", "y", "depth", "diameter", "youngs_modulus")  # columns of an array of tumours
-MIN_DISTANCE_M = 0.5e-3  # between the surfaces of two tumours: closer ones count as one
 FRACTION_SAMPLES = 2**14  # of the prior, from which the allowed fraction is computed: its error is below 0.01
 MIN_ALLOWED_FRACTION = 0.01  # of the sets drawn, fewer of which would not show where tumours may lie
 
@@ -135,19 +136,8 @@ class TumourPrior:
         fits = depth - self._find_shallowest(diameter) > -1e-9
         for face in tissue.interfaces:
             fits &= np.abs(depth - face) - radius >= MIN_COVER_PER_DIAMETER * diameter
-        if tissue.shape != "half-space":
-            side = (
-                tissue.radius - np.hypot(x, y)
-                if tissue.shape == "cylinder"
-                else np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - np.abs(y))
-            )
-            fits &= radius < np.minimum(side, tissue.depth - depth)
-        allowed = fits.all(axis=1)
-        for first in range(tumours.shape[1]):
-            for second in range(first):
-                distance = np.linalg.norm(tumours[:, first, :3] - tumours[:, second, :3], axis=-1)
-                allowed &= distance >= radius[:, first] + radius[:, second] + MIN_DISTANCE_M
-        return np.asarray(allowed)
+        fits &= radius < np.minimum(compute_side_distance(tissue, x, y), tissue.bottom - depth)
+        return np.asarray(fits.all(axis=1) & are_apart(tumours))
 
     def draw(self, count: int, number: int, seed: int) -> Floats:
         """Return a Sobol sample of the cube for sets of ``number`` tumours, shape (count, number, d); count is a power of two."""

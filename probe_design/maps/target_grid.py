@@ -14,6 +14,7 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.quantities import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
+from geometry.scenes.tissue_sides import compute_side_distance
 from solver.inclusions.tumours import Tumours
 
 MIN_COVER_FRACTION = 0.025  # of the diameter: thinnest tissue between a sphere and a face for which the evaluator is accurate
@@ -100,18 +101,12 @@ def compute_free_radii(scene: Scene, depth: Floats) -> Floats:
     between layers do not count.
     """
     body, tissue = find_target(scene), scene.tissue
-    radius = np.asarray(depth, dtype=float)
-    if tissue.shape == "cylinder":
-        radius = np.minimum(radius, tissue.radius - np.hypot(body.x, body.y))
-    elif tissue.shape == "block":
-        radius = np.minimum(radius, min(tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y)))
-    if tissue.shape != "half-space":
-        radius = np.minimum(radius, tissue.depth - depth)
+    radius = np.minimum(np.minimum(depth, tissue.bottom - depth), compute_side_distance(tissue, body.x, body.y))
     for index, neighbour in enumerate(scene.inclusion):
         if index != scene.target:
             distance = np.sqrt((neighbour.x - body.x) ** 2 + (neighbour.y - body.y) ** 2 + (neighbour.depth - depth) ** 2)
             radius = np.minimum(radius, distance - (neighbour.diameter or 0.0) / 2)
-    return radius
+    return np.asarray(radius)
 
 
 def find_target(scene: Scene) -> Inclusion:
@@ -141,7 +136,7 @@ def choose_sizes(
         An upper end is not above the lower one, or there is no target.
     """
     body, reach = find_target(scene), scene.probe.tube_radius
-    max_length = LENGTH_QUANTITY.high if scene.tissue.shape == "half-space" else scene.tissue.depth
+    max_length = min(LENGTH_QUANTITY.high, scene.tissue.bottom)
     max_depth = min(max_length, max(DEPTH_RANGE_RADII * reach, SCENE_SIZE_FACTOR * body.depth))
     max_diameter = min(max_length, max(DIAMETER_RANGE_RADII * reach, SCENE_SIZE_FACTOR * (body.diameter or 0.0)))
     depths = _space_sizes("depth", depth_from, depth_to, max_depth, points)

@@ -17,6 +17,7 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
+from geometry.scenes.tissue_sides import compute_side_distance
 from probe_design.populations.entries import Range
 from probe_design.populations.tables import PopulationRanges, Protocol
 
@@ -225,15 +226,11 @@ class ScenePopulation:
         """
         tissue, (depth, diameter, _, x, y) = scene.tissue, bodies.T
         radius, cover = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
-        shallow, across, outside = depth - radius < cover, np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+        shallow, across = depth - radius < cover, np.zeros(len(x), dtype=bool)
         for face in tissue.interfaces:
             across |= np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter
-        if tissue.shape == "cylinder":
-            side_distance = tissue.radius - np.hypot(x, y)
-        elif tissue.shape == "block":
-            side_distance = np.minimum(tissue.length / 2 - np.abs(x), tissue.breadth / 2 - np.abs(y))
-        if tissue.shape != "half-space":
-            outside = radius >= SIDE_CLEARANCE_FACTOR * np.minimum(tissue.depth - depth, side_distance)
+        side_distance = compute_side_distance(tissue, x, y)
+        outside = radius >= SIDE_CLEARANCE_FACTOR * np.minimum(tissue.bottom - depth, side_distance)
         needed = "a depth less half the diameter of a tenth of the diameter and of least_cover"
         return {
             f"are not under the least cover: {needed}": shallow,

@@ -70,8 +70,7 @@ def _choose_window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
     low, high = min(scan.position) - 1.15 * reach, max(scan.position) + 1.15 * reach
     bodies = [body for body in scene.inclusion if low - _get_radius(body) < getattr(body, scan.along) < high + _get_radius(body)]
     depth = max([2 * reach, *(1.15 * (body.depth + _get_radius(body)) for body in bodies)])
-    if scene.tissue.shape != "half-space":
-        depth = min(depth, 1.03 * scene.tissue.depth)
+    depth = min(depth, 1.03 * scene.tissue.bottom)
     min_width = (
         depth * (FIGURE_WIDTH_IN - LEFT_MARGIN_IN - RIGHT_MARGIN_IN) / MAX_SECTION_HEIGHT_IN
     )  # a wider window where the section would become too tall
@@ -136,7 +135,7 @@ def _plot_second_curve(axes: Axes, scan: Scan) -> None:
 def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
     """Draw the section of the tissue along the line, with inclusions and probe."""
     left, right = _find_sides(scan, scene, 10 * depth + 1e3)
-    floor = min(depth, math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth * MM_PER_M)
+    floor = min(depth, scene.tissue.bottom * MM_PER_M)
     axes.add_patch(Rectangle((left, -floor), right - left, floor, facecolor=TISSUE_COLOUR, edgecolor="none"))
     axes.plot([left, left, right, right], [-floor, 0, 0, -floor], color="0.35", linewidth=1.0)
     if floor < depth:

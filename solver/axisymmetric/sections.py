@@ -66,7 +66,7 @@ def build_sections(scene: Scene) -> Sections:
         # distance from a point ``offset`` off the centre of a circle to the circle
         outline = np.sqrt(radius**2 - (offset * np.sin(angle)) ** 2) - offset * np.cos(angle)
     elif tissue.shape == "block":
-        radius, depth = math.sqrt(tissue.length * tissue.breadth / math.pi), tissue.depth
+        radius, depth = tissue.side_radius, tissue.depth
         sides = ((np.cos(angle), tissue.length / 2, placement.x), (np.sin(angle), tissue.breadth / 2, placement.y))
         # distance to the first side met; 1e-9 avoids division by 0 parallel to a side
         outline = np.min([(half - np.sign(cosine) * centre) / (np.abs(cosine) + 1e-9) for cosine, half, centre in sides], axis=0)

@@ -31,7 +31,7 @@ from solver.closed_form.contact import (
 )
 from solver.closed_form.contact import Tissue as TissueArray
 from solver.closed_form.film_membrane import FILM_PARAMETERS, FilmArray
-from solver.closed_form.lateral_boundary import compute_side_radius, count_side_nodes
+from solver.closed_form.lateral_boundary import count_side_nodes
 from solver.closed_form.layered_works import count_layer_nodes
 from solver.closed_form.sphere_moments import SphereArray
 from solver.closed_form.tractions import BlockPair, ElasticBlocks
@@ -228,7 +228,7 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
     for block in (probe.inner, probe.outer):
         values += [block.youngs_modulus, block.poisson_ratio]
     # a half-space has neither depth nor sides: its numbers are not used
-    depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, compute_side_radius(tissue))
+    depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, tissue.side_radius)
     values += [depth, side, tissue.youngs_modulus, tissue.poisson_ratio]
     offsets = [_compute_offset(scene, body) for body in scene.inclusion]
     for body, offset in zip(scene.inclusion, offsets, strict=True):
@@ -274,16 +274,15 @@ def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
     They resolve waves that decay over the shortest path, from a sphere's points (up to 0.4 diameters from its centre) to the
     surface or to another face and back, and that oscillate across the probe. ``faces`` are the depths of layers' interfaces, m.
     """
-    faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
+    faces = [*faces, scene.tissue.bottom]
     # maximum wave numbers, 1/m; a path to a face and back counts twice, hence the half below
     reach = [INTEGRAL_REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:
         size = body.diameter or 0.0
         reach += [INTEGRAL_REACH / 2 / max(abs(body.depth - face) - 0.4 * size, MIN_FACE_GAP_DIAMETERS * size) for face in faces]
-    if scene.tissue.shape != "half-space":
-        reach.append(FLOOR_REACH / scene.tissue.depth)
+    reach.append(FLOOR_REACH / scene.tissue.bottom)
     across = scene.probe.tube_radius + max((_compute_offset(scene, body) for body in scene.inclusion), default=0.0)
-    needed = MIN_WAVE_NODES + NODES_PER_WAVE * max(reach, default=0.0) * across
+    needed = MIN_WAVE_NODES + NODES_PER_WAVE * max(reach) * across
     return min(MAX_WAVE_NODES, 2 * math.ceil(needed / 2))
 
 

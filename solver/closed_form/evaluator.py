@@ -26,7 +26,6 @@ from geometry.scenes.scene_tables import Inclusion
 from solver.closed_form.charge_errors import state_charge_errors
 from solver.closed_form.designs import Shape, build_parameters, iterate_solutions
 from solver.closed_form.error_quantile import StatedErrors, state_errors
-from solver.closed_form.lateral_boundary import compute_side_radius
 from solver.layers.scene_layers import compute_squeeze, list_material_layers
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
@@ -88,7 +87,7 @@ class ClosedForm(FilmEvaluator):
         if scene.tissue.shape != "half-space":
             if scene.tissue.depth < MIN_DEPTH_OUTER_RADII * scene.probe.tube_radius:
                 return f"axisymmetric for tissue thinner than {MIN_DEPTH_OUTER_RADII:g} outer radii"
-            if compute_side_radius(scene.tissue) < MIN_SIDE_OUTER_RADII * scene.probe.tube_radius:
+            if scene.tissue.side_radius < MIN_SIDE_OUTER_RADII * scene.probe.tube_radius:
                 return f"axisymmetric or solid for tissue whose sides are within {MIN_SIDE_OUTER_RADII:g} outer radii"
         if scene.tissue.layer and compute_squeeze(scene) > MAX_SQUEEZE:
             return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"

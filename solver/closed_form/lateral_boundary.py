@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from geometry.scenes.scene_tables import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
 from solver.closed_form.block_compliance import build_ritz_system, evaluate_radial_functions
 from solver.closed_form.block_functions import (
@@ -41,11 +40,6 @@ WAVE_REACH = 5.0  # wave numbers times blur
 NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
 NEAR_SIDE_RADII = 4.0  # in outer radii: sides farther away matter only in slender tissue
 MAX_SLENDERNESS = 0.2  # depth x outer radius / radius^2 up to which it is not slender
-
-
-def compute_side_radius(tissue: CylinderTissue | BlockTissue) -> float:
-    """Return the radius of the cylinder of equal cross-section, m."""
-    return tissue.radius if tissue.shape == "cylinder" else math.sqrt(tissue.length * tissue.breadth / math.pi)
 
 
 def count_side_nodes(outer: float, depth: float, radius: float) -> int:

@@ -64,13 +64,12 @@ def check_ellipsoids(scene: Scene) -> None:
     if all(body.diameter is not None for body in scene.inclusion):
         return
     spheres = Tumours.from_scene(scene)
-    depth = np.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
     radius, places = spheres.diameter[0] / 2, np.stack([spheres.x, spheres.y, spheres.depth])[:, 0]
     gaps = np.linalg.norm(places[:, :, None] - places[:, None], axis=0) - radius[:, None] - radius
     np.fill_diagonal(gaps, np.inf)
     outside = (
         np.any(spheres.cover <= 0)
-        or np.any(spheres.depth[0] + radius >= depth)
+        or np.any(spheres.depth[0] + radius >= scene.tissue.bottom)
         or np.any(Strata.from_tissue(scene.tissue).compute_gap(spheres) <= 0)
     )
     if outside or np.any(gaps <= 0):

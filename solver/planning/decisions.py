@@ -110,8 +110,8 @@ def decide_layers(coarse: CoarseModel, accuracy: float) -> Iterator[Decision]:
 def warn_of_missing_skin(scene: Scene, coarse: CoarseModel) -> Iterator[Note]:
     """Warn how much a skin would change the result on soft tissue without layers."""
     tissue = scene.tissue
-    deep = tissue.shape == "half-space" or tissue.depth > 2 * BREAST_SKIN.thickness
-    if tissue.layer or tissue.youngs_modulus >= SOFT_TISSUE_MODULUS_PA or not deep:
+    shallow = tissue.bottom <= 2 * BREAST_SKIN.thickness
+    if tissue.layer or tissue.youngs_modulus >= SOFT_TISSUE_MODULUS_PA or shallow:
         return
     effect = _compute_effect(coarse, CoarseModel.from_scene(replace_layers(coarse.scene, (BREAST_SKIN,)), details=False))
     skin = f"{1e3 * BREAST_SKIN.thickness:g} mm and {1e-3 * BREAST_SKIN.youngs_modulus:g} kPa"

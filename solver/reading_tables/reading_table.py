@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -19,11 +20,21 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.tissue_sides import compute_side_distance
 from solver.reading_tables.layer_table import LayerTable
 from solver.reading_tables.tumour_ranges import ROUNDING_RELATIVE, TumourRanges
 
 CHUNK = 512  # candidates at once, whose arrays fit the processor's cache
 MIN_DISTANCE_M = 0.5e-3  # between the surfaces of two tumours: closer ones exchange fields that a sum of effects leaves out
+
+
+def are_apart(tumours: Floats) -> Bools:
+    """Return in which candidates, shape (n, m, 5), all tumours are ``MIN_DISTANCE_M`` or more apart, shape (n,)."""
+    apart, radius = np.ones(len(tumours), dtype=bool), tumours[..., 3] / 2
+    for first, second in combinations(range(tumours.shape[1]), 2):
+        distance = np.linalg.norm(tumours[:, first, :3] - tumours[:, second, :3], axis=1)
+        apart &= distance >= radius[:, first] + radius[:, second] + MIN_DISTANCE_M
+    return apart
 
 
 @dataclass(frozen=True)
@@ -104,19 +115,9 @@ class ReadingTable:
         Shape (n,). Tumours closer than ``MIN_DISTANCE_M`` count as touching.
         """
         tumours = np.asarray(tumours, dtype=float)
-        x, y, diameter = tumours[..., 0], tumours[..., 1], tumours[..., 3]
-        allowed = np.all(np.isfinite(tumours), axis=(1, 2)) & np.all(self._find_covered(tumours), axis=1)
-        tissue, radius = self.scene.tissue, diameter / 2
-        if tissue.shape == "cylinder":
-            allowed &= np.all(np.hypot(x, y) + radius < tissue.radius, axis=1)
-        elif tissue.shape == "block":
-            inside = (np.abs(x) + radius < tissue.length / 2) & (np.abs(y) + radius < tissue.breadth / 2)
-            allowed &= np.all(inside, axis=1)
-        for i in range(tumours.shape[1]):
-            for j in range(i):
-                distance = np.linalg.norm(tumours[:, i, :3] - tumours[:, j, :3], axis=1)
-                allowed &= distance - radius[:, i] - radius[:, j] >= MIN_DISTANCE_M
-        return np.asarray(allowed)
+        x, y, radius = tumours[..., 0], tumours[..., 1], tumours[..., 3] / 2
+        fits = self._find_covered(tumours) & (radius < compute_side_distance(self.scene.tissue, x, y))
+        return np.asarray(np.all(np.isfinite(tumours), axis=(1, 2)) & np.all(fits, axis=1) & are_apart(tumours))
 
     def _find_covered(self, tumours: Floats) -> Bools:
         """Return whether each tumour of shape (..., 5) lies within the ranges, a layer and under its cover, shape (...)."""

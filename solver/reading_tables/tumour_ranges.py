@@ -181,7 +181,7 @@ def build_cubes(ranges: TumourRanges, tissue: Tissue) -> tuple[TumourCube, ...]:
     Refusal
         No tumour lies wholly within a layer and under its cover, or the deepest and largest reaches the tissue's bottom.
     """
-    strata, bottom = Strata.from_tissue(tissue), np.inf if tissue.shape == "half-space" else tissue.depth
+    strata, bottom = Strata.from_tissue(tissue), tissue.bottom
     (shallowest, deepest), (smallest, largest) = ranges.depth, ranges.diameter
     lowest = bottom - CENTRE_PER_DIAMETER * largest
     if deepest > lowest:

@@ -236,9 +236,9 @@ def compute_indentation(scene: Scene, stiffness: float) -> float:
         return scene.load.indentation
     force = scene.load.force or 0.0
     indentation = force / stiffness  # of the peak
-    if scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
-        reason = f"it drives the probe {1e3 * indentation:.3g} mm into tissue {format_mm(scene.tissue.depth)} deep"
-        raise Refusal("load.force", Words(f"{force:g} N"), f"below {stiffness * scene.tissue.depth:.3g} N ({reason})")
+    if indentation >= scene.tissue.bottom:
+        reason = f"it drives the probe {1e3 * indentation:.3g} mm into tissue {format_mm(scene.tissue.bottom)} deep"
+        raise Refusal("load.force", Words(f"{force:g} N"), f"below {stiffness * scene.tissue.bottom:.3g} N ({reason})")
     return float(scene.load.find_indentation(stiffness))
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from geometry.scenes.probe import Base
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import CylinderTissue, Inclusion, Load, Placement
+from geometry.scenes.tissue_sides import compute_side_distance
 from geometry.tetra.layout import is_mirror_symmetric
 
 MIN_SPAN_RADII = 8.0  # outer radii: minimum radius and depth of the modelled tissue
@@ -59,12 +60,7 @@ def remove_asymmetry(scene: Scene) -> Scene:
 
 def compute_free_radius(scene: Scene) -> float:
     """Return the radius of the largest cylinder about the probe's axis inside the tissue, m; infinite for a half-space."""
-    tissue, placement = scene.tissue, scene.placement
-    if tissue.shape == "half-space":
-        return math.inf
-    if tissue.shape == "cylinder":
-        return tissue.radius - math.hypot(placement.x, placement.y)
-    return min(tissue.length / 2 - abs(placement.x), tissue.breadth / 2 - abs(placement.y))
+    return float(compute_side_distance(scene.tissue, scene.placement.x, scene.placement.y))
 
 
 def compute_reach(scene: Scene, span: float = MIN_SPAN_RADII) -> float:
@@ -92,7 +88,7 @@ def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
     wall
         Radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
     """
-    full_depth = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
+    full_depth = scene.tissue.bottom
     if is_coaxial(scene) or (
         math.isfinite(span) and compute_free_radius(scene) >= min(span, compute_reach(scene, ROUND_SPAN_RADII))
     ):
@@ -103,8 +99,7 @@ def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
         half = is_mirror_symmetric(meshed_scene)
         return Domain(meshed_scene, _build_reference(meshed_scene, tissue), None, half, cut, turn)
     assert wall is not None
-    assert scene.tissue.shape != "half-space"
-    tissue = _build_cylinder(scene, wall, scene.tissue.depth)
+    tissue = _build_cylinder(scene, wall, full_depth)
     meshed_scene = _mirror_scene(scene)
     return Domain(meshed_scene, _build_reference(meshed_scene, tissue), wall, is_mirror_symmetric(meshed_scene), False)
 
@@ -116,7 +111,7 @@ def _build_cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue
     (``MIN_LAYER_DEPTH_SHARE``).
     """
     tissue = scene.tissue
-    cut = tissue.shape == "half-space" or depth < tissue.depth
+    cut = depth < tissue.bottom
     layer_count = bisect_left(tissue.interfaces, MIN_LAYER_DEPTH_SHARE * depth if cut else depth)
     material = (*tissue.layer, tissue)[layer_count]  # below the layers that are left
     return CylinderTissue(
