@@ -45,7 +45,7 @@ class OptimizeRequest(LimitedRequest):
 
     \b
     Limits for a SCENE, each extended to the initial design if that lies outside:
-      outer radius   --outer-radius, and 0.95 of the tissue's radius or half its breadth
+      outer radius   --outer-radius, and 0.95 of the tissue's radius or half-width
       inner radius   0.5 mm or more, and 0.55 groove widths
       wall           0.5 mm or more, of the outer block
       A2/A1          0.05 to 20

@@ -9,6 +9,7 @@ import numpy as np
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.tissue_sides import compute_side_distance
 from probe_design.design_search.variables import VALUES_BETWEEN_BOUNDS, list_lengths
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
@@ -135,10 +136,5 @@ def _list_pitches(variable: DesignVariable, protocol: Protocol, lines: int) -> t
 
 def _is_on_tissue(protocol: Protocol, scene: Scene, outer_radius: float) -> bool:
     """Return whether the whole probe stands on the tissue at every place."""
-    tissue, places = scene.tissue, np.abs(protocol.list_places(scene.placement.y))
-    if tissue.shape == "half-space":
-        return True
-    if tissue.shape == "cylinder":
-        return bool(np.linalg.norm(places, axis=1).max() + outer_radius < tissue.radius)
-    sides = np.array([tissue.length, tissue.breadth]) / 2
-    return bool(np.all(places + outer_radius < sides))
+    places = protocol.list_places(scene.placement.y)
+    return bool(np.all(outer_radius < compute_side_distance(scene.tissue, *places.T)))

@@ -22,6 +22,7 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.catalogue import CatalogueMaterial, find_material, set_number
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.tissue_sides import compute_side_distance
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import BLOCK_NAMES
 from probe_design.design_search.combination import Combination
@@ -278,9 +279,7 @@ def _find_max_radius(design: Design) -> float:
     """Return the limit of the outer radius, m: the file's or ``DEFAULT_RADIUS_FACTOR`` times the start's, within the tissue."""
     tissue, limit = design.scene.tissue, design.limits.outer_radius
     radius = DEFAULT_RADIUS_FACTOR * design.scene.probe.tube_radius if limit is None else limit
-    if tissue.shape == "half-space":
-        return radius
-    return min(radius, MAX_TISSUE_FRACTION * (tissue.radius if tissue.shape == "cylinder" else tissue.breadth / 2))
+    return min(radius, MAX_TISSUE_FRACTION * float(compute_side_distance(tissue, 0.0, 0.0)))
 
 
 def _build_radius_error(limit: Words, min_radius: float) -> InputError:

@@ -11,6 +11,7 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_tables import BlockTissue
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.variables import read_vector
@@ -80,6 +81,14 @@ def test_the_example_of_a_shelf_offers_nine_pairs() -> None:
         product(("ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"), repeat=2)
     )
     assert search_space.outer_radius == 8e-3
+
+
+@pytest.mark.parametrize(("length", "breadth"), [(0.012, 0.1), (0.1, 0.012)])
+def test_a_probe_is_narrower_than_the_shorter_side_of_its_tissue(length: float, breadth: float) -> None:
+    scene = read_typical_scenes()["on-axis"]
+    block = {"shape": "block", "length": length, "breadth": breadth, "depth": 0.05, "youngs_modulus": 3e3, "poisson_ratio": 0.45}
+    tables = {"scene": scene.model_copy(update={"tissue": BlockTissue.model_validate(block)}), "limits": {"outer_radius": 20e-3}}
+    assert build_search_space(design(**tables)).outer_radius == pytest.approx(0.95 * 6e-3, rel=1e-12)
 
 
 def test_what_a_workshop_gets_keeps_grids_and_limits() -> None:
