@@ -66,7 +66,7 @@ def do_overlap(first: Inclusion, second: Inclusion) -> bool:
         """Return the function of s above, with (1-s) Q1 + s Q2 = A A^T and A = [sqrt(1-s) a1, sqrt(s) a2], 3 x 6."""
         p, q = math.sqrt(1 - s), math.sqrt(s)
         rows = [[p * e for e in r1] + [q * e for e in r2] for r1, r2 in zip(a1, a2, strict=True)]
-        return s * (1 - s) * _min_norm_squared(rows, v)
+        return s * (1 - s) * _compute_min_norm_squared(rows, v)
 
     return _maximise(measure_separation, 0.0, 1.0) <= _TOUCHING_FACTOR
 
@@ -286,7 +286,7 @@ def _build_rotation_matrix(rz: float, ry: float, rx: float) -> Matrix:
     ]
 
 
-def _min_norm_squared(rows: Matrix, v: list[float]) -> float:
+def _compute_min_norm_squared(rows: Matrix, v: list[float]) -> float:
     """Return v^T (A A^T)^-1 v, the squared norm of the shortest w with A w = v, for A of full rank with the three ``rows``.
 
     By the triangle R of A^T = Q R: so the small semi-axes of a needle stay exact, while in A A^T their squares would be lost in

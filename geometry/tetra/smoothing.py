@@ -49,7 +49,8 @@ def smooth(
         is_moving[tetrahedra[is_moving[tetrahedra].any(axis=1)]] = True  # and the corners of all that touch them
         patch = tetrahedra[is_moving[tetrahedra].any(axis=1)]
         trial = snap(surfaces, _minimise(result, patch, np.flatnonzero(is_moving), surfaces, member), member)
-        if _mean_worst_quality(compute_mean_ratios(trial, patch)) <= _mean_worst_quality(compute_mean_ratios(result, patch)):
+        before, after = (_average_worst_quality(compute_mean_ratios(nodes, patch)) for nodes in (result, trial))
+        if after <= before:
             break
         result = trial
     return result
@@ -71,7 +72,7 @@ def undo_inversions(points: Points, original: Points, tetrahedra: Indices, min_r
     return result
 
 
-def _mean_worst_quality(quality: Points) -> float:
+def _average_worst_quality(quality: Points) -> float:
     """Return the mean of the twenty worst qualities; a round of smoothing is accepted if it raises this."""
     return float(np.sort(quality)[:20].mean())
 

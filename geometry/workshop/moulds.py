@@ -78,7 +78,7 @@ def build_lower(mould: MouldSizes) -> cadquery.Solid:
         [
             *(_list_lines(corners)),
             *_build_cavity_profile(mould, 0.0),
-            *_pin_profile(mould),
+            *_build_pin_profile(mould),
             ((0.0, _find_axis_height(mould)), (0.0, -FLOOR_THICKNESS_MM)),
         ]
     )
@@ -140,7 +140,7 @@ def _build_cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, 
     return sides
 
 
-def _pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
+def _build_pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
     """Return the profile of the pin that forms the tube's hole."""
     inner, _ = mould.compute_radii(mould.edge)
     if not inner:

@@ -271,7 +271,7 @@ class PopulationObjective(SearchObjective):
         # sqrt(2): the ratio has the gains of two channels
         gains = np.array([math.sqrt(2) * noise.gain, noise.stiffness_gain])[:channels]
         common = np.broadcast_to(by_channel * gains, (*variance.shape, channels))
-        tissue = self._difference("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))
+        tissue = self._differentiate("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))
         return np.concatenate([common, self.priors["tissue"] * tissue[..., None]], axis=3)
 
     def _compute_derivatives(self, probes: Array, films: Films) -> Array:
@@ -280,10 +280,10 @@ class PopulationObjective(SearchObjective):
         inner, outer = np.moveaxis((films.by_log / totals)[..., -2:], 3, 0)
         stiffness = films.by_log[..., :2].sum(axis=3) / totals[..., :2].sum(axis=3)
         derivatives = [self._stack_channels(inner - outer, stiffness)]
-        derivatives += [self._difference(name, probes, self._compute_signature) for name in self._parameters]
+        derivatives += [self._differentiate(name, probes, self._compute_signature) for name in self._parameters]
         return np.stack(derivatives, axis=3)
 
-    def _difference(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
+    def _differentiate(self, name: str, probes: Array, evaluate: Callable[[Films], Array]) -> Array:
         """Return the derivative of ``evaluate``, readings, by the logarithm of a parameter in ``moved``, a central difference."""
         lower, upper = (evaluate(self._compute_films(tumours, probes)) for tumours in self.moved[name])
         return (upper - lower) / (2 * LOG_DIFFERENCE_STEP)

@@ -12,6 +12,7 @@ the signals' change, f, counts as another common error of theirs.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from probe_design.locating.common_errors import CommonErrors
-from probe_design.locating.scan_loads import ScanLoads
+from probe_design.locating.scan_loads import ScanLoads, TumourFree
 from probe_design.populations.film_totals import stack_totals
 from probe_design.populations.population import TUMOUR_PARAMETERS, ScenePopulation
 from solver.inclusions.tumours import Tumours
@@ -69,15 +70,11 @@ class TissueEffects:
             raise InputError("population", Words("no tumour fits all tissues"), allowed)
         constant, scale, remainder = np.zeros((len(names), count, 2)), np.zeros((len(names), count, 2)), np.zeros((count, 2))
         for index, node in enumerate(loads.nodes):
-            sampler, load, nu = LinearEffects if node.is_linear else LoadedEffects, node.scene.load, population.poisson_ratio
-
-            def read(scene: Scene) -> tuple[Floats, Floats]:
-                return _read(sampler(scene.model_copy(update={"load": load})), bodies, nu)  # noqa: B023
-
-            middle = read(population.middle)[1]
+            predict = partial(_predict_readings, node, bodies, population.poisson_ratio)
+            middle = predict(population.middle)[1]
             size = (middle**2).sum(axis=0)
             for number, pair in enumerate(pairs):
-                (low_blank, low), (high_blank, high) = map(read, pair)
+                (low_blank, low), (high_blank, high) = map(predict, pair)
                 constant[number, index], change = (high_blank - low_blank) / 2, (high - low) / 2
                 scale[number, index] = (change * middle).sum(axis=0) / size
                 remainder[index] += ((change - scale[number, index] * middle) ** 2).sum(axis=0) / size
@@ -101,8 +98,12 @@ def _draw_bodies(population: ScenePopulation, scenes: list[Scene]) -> Floats:
     return np.asarray(bodies[~np.any(misfits, axis=0)][:SAMPLES])
 
 
-def _read(sampler: LinearEffects | LoadedEffects, bodies: Floats, poisson_ratio: float) -> tuple[Floats, Floats]:
-    """Return ln ratio and ln stiffness without tumours, (2,), and what tumours change at several distances, (n, 2)."""
+def _predict_readings(node: TumourFree, bodies: Floats, poisson_ratio: float, tissue: Scene) -> tuple[Floats, Floats]:
+    """Return ln ratio and ln stiffness without tumours, (2,), and what tumours change at several distances, (n, 2).
+
+    They are those of another ``tissue`` under the load of ``node``.
+    """
+    sampler = (LinearEffects if node.is_linear else LoadedEffects)(tissue.model_copy(update={"load": node.scene.load}))
     totals = np.abs(stack_totals(sampler.scene, sampler.films))
     offsets = np.array(OFFSETS_OUTER_RADII) * sampler.scene.probe.tube_radius
     depth, diameter, modulus = bodies[:, :3].T

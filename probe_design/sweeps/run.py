@@ -143,7 +143,7 @@ def sweep(
         if store.repair_note:
             log_notice(store.repair_note)
         total, left_out = _begin(store, checked_sweep, job)
-        if forgotten := store.forget_limited(checked_sweep.limits):
+        if forgotten := store.delete_limited_rows(checked_sweep.limits):
             log(f"forgets {forgotten} rows that smaller limits stopped, or kept from a finer result")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")

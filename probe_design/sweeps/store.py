@@ -93,7 +93,7 @@ class Store:
             query = "DELETE FROM results WHERE status = ? AND key IN (SELECT key FROM designs)"
             return connection.execute(query, (status,)).rowcount
 
-    def forget_limited(self, limits: Limits) -> int:
+    def delete_limited_rows(self, limits: Limits) -> int:
         """Delete rows of this sweep that a now larger limit stopped, see ``rows.LIMIT_UNITS``; return how many."""
         with self._open_transaction() as connection:
             query = "DELETE FROM results WHERE (time_limit < ? OR memory_limit < ?) AND key IN (SELECT key FROM designs)"

@@ -96,7 +96,7 @@ class Readings:
         return replace(self, **stored, derivatives=derivatives, charges=self.charges and self.charges.select(sets))
 
     def get_observable(self, scene: Scene) -> Readings:
-        """Return what a scene's readings are the ratio of: the charges, or where it reads stresses the forces themselves.
+        """Return the charges where the scene's ratio is that of charges, otherwise these readings of forces.
 
         Raises
         ------

@@ -89,8 +89,9 @@ class TumourDraws:
 def build_layers(tissue: Floats, bounded: bool) -> list[TissueLayer]:
     """Build the layers of n tissues given as an array (layers + 1, 3, n), see ``TumourDraws.tissue``."""
     *upper, (depth, modulus, poisson) = tissue
-    thicknesses = sum((layer[0] for layer in upper), start=0 * depth)
-    return [TissueLayer(*layer) for layer in upper] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]
+    upper_thickness = sum((layer[0] for layer in upper), start=0 * depth)
+    lowest_thickness = depth - upper_thickness if bounded else None
+    return [*(TissueLayer(*layer) for layer in upper), TissueLayer(lowest_thickness, modulus, poisson)]
 
 
 @dataclass(frozen=True)
