@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, ProbeError
@@ -132,17 +132,12 @@ class Track:
 
     def interpolate(self, x: Floats) -> tuple[Floats, Floats]:
         """Return predictions and their derivatives with respect to x at s points, both of shape (s, k)."""
-        cell = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)
-        step = (self.x[cell + 1] - self.x[cell])[:, None]
-        fraction = (x - self.x[cell])[:, None] / step
-        low, high = self.predicted.value[cell], self.predicted.value[cell + 1]
-        left, right = self.derivative[cell] * step, self.derivative[cell + 1] * step
-        # with t = fraction, from 0 to 1 between two nodes, the polynomial is low + left t + bend t^2 + twist t^3
-        bend, twist = 3 * (high - low) - 2 * left - right, 2 * (low - high) + left + right
-        return (
-            low + fraction * (left + fraction * (bend + fraction * twist)),
-            (left + fraction * (2 * bend + fraction * 3 * twist)) / step,
-        )
+        return self._spline(x), self._spline(x, 1)
+
+    @cached_property
+    def _spline(self) -> CubicHermiteSpline:
+        """The predictions between the nodes."""
+        return CubicHermiteSpline(self.x, self.predicted.value, self.derivative)
 
     @cached_property
     def runs(self) -> list[Floats]:

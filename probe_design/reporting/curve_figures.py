@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from geometry.common.arrays import Floats, Ints
 from geometry.scenes.units import PA_PER_KPA
 from solver.results.result import Curve, LoadCurve
 
@@ -21,17 +24,8 @@ def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus:
     top, bottom = figure.subplots(2, 1, sharex=True)
     modulus = np.array(curve.youngs_modulus) / PA_PER_KPA
     order = np.argsort(modulus)
-    read = curve.reading
-    ratio, error, sensitivity = (  # NaN where a value is None
-        np.array(values, dtype=float)[order] for values in (read.ratio, read.error, read.log_sensitivity)
-    )
-    top.plot(modulus[order], ratio, color="tab:blue", marker="." if len(modulus) < 25 else None)
-    band = np.abs(ratio) * np.minimum(error, 1.0)
-    top.fill_between(modulus[order], ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
-    top.set_ylabel(f"ratio of inner to outer film {curve.observable}")
-    bottom.plot(modulus[order], sensitivity, color="tab:orange", marker="." if len(modulus) < 25 else None)
+    _plot_reading((top, bottom), curve, modulus, order, "." if len(modulus) < 25 else "")
     bottom.axhline(0.0, color="0.7", linewidth=0.8)
-    bottom.set_ylabel("log-sensitivity  d ln ratio / d ln E")
     bottom.set_xlabel("Young's modulus of the inclusion, kPa")
     for axes in (top, bottom):
         axes.set_xscale("log")
@@ -48,15 +42,9 @@ def draw_load_curve(curve: LoadCurve) -> Figure:
     """Draw ratio, log-sensitivity and gap width over force, and mark where linear theory ends and where the gap closes."""
     figure = Figure(figsize=(8.0, 9.0), dpi=150, facecolor="white", layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
-    read, force = curve.reading, np.array(curve.force)
-    ratio, error, sensitivity = (np.array(values, dtype=float) for values in (read.ratio, read.error, read.log_sensitivity))
-    band = ratio * np.minimum(error, 1.0)
-    marker = "." if len(force) < 40 else None
-    panels[0].plot(force, ratio, color="tab:blue", marker=marker)
-    panels[0].fill_between(force, ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
-    panels[0].set_ylabel(f"ratio of inner to outer film {curve.observable}")
-    panels[1].plot(force, sensitivity, color="tab:orange", marker=marker)
-    panels[1].set_ylabel("log-sensitivity  d ln ratio / d ln E")
+    force = np.array(curve.force)
+    marker = "." if len(force) < 40 else ""
+    _plot_reading(panels[:2], curve, force, np.arange(len(force)), marker)
     panels[2].plot(force, 1e6 * np.array(curve.closest_walls), color="tab:green", marker=marker)
     panels[2].set_ylabel("closest walls of the gap, \u00b5m")
     panels[2].set_ylim(bottom=0.0)
@@ -77,3 +65,17 @@ def draw_load_curve(curve: LoadCurve) -> Figure:
     depth.set_xlabel("indentation, mm")
     panels[0].set_title(f"{curve.evaluator}: {len(force)} loads in {curve.seconds:.2g} s", fontsize=10)
     return figure
+
+
+def _plot_reading(panels: Sequence[Axes], curve: Curve | LoadCurve, x: Floats, order: Ints, marker: str) -> None:
+    """Plot ratio, with its error band, and log-sensitivity over x in this order; gaps where a value is None."""
+    read = curve.reading
+    ratio, error, sensitivity = (
+        np.array(values, dtype=float)[order] for values in (read.ratio, read.error, read.log_sensitivity)
+    )
+    band = np.abs(ratio) * np.minimum(error, 1.0)
+    panels[0].plot(x[order], ratio, color="tab:blue", marker=marker)
+    panels[0].fill_between(x[order], ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
+    panels[0].set_ylabel(f"ratio of inner to outer film {curve.observable}")
+    panels[1].plot(x[order], sensitivity, color="tab:orange", marker=marker)
+    panels[1].set_ylabel("log-sensitivity  d ln ratio / d ln E")

@@ -335,9 +335,7 @@ class ContactModel:
         assert factor is not None
         changes = -factor.solve(np.ascontiguousarray(scatter @ driven))
         whole = driven + self._apply_tangent(equations, gather @ changes)
-        unbalanced = np.linalg.norm(scatter @ whole, axis=0)
-        if not np.all(unbalanced <= MAX_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
-            raise SolveError("the equations of the tangent cannot be solved")
+        self._check_balance(driven, whole)
         return changes, np.asarray(self.outputs.T @ whole)
 
     def predict_outputs(self, equations: Linearised) -> Floats:
@@ -365,10 +363,14 @@ class ContactModel:
         driven = self._apply_tangent(equations, self.outputs)
         adjoints = self.outputs - self.numbering.gather @ factor.solve(np.ascontiguousarray(scatter @ driven))
         whole = self._apply_tangent(equations, adjoints)
-        unbalanced = np.linalg.norm(scatter @ whole, axis=0)
+        self._check_balance(driven, whole)
+        return np.asarray(adjoints.T.reshape(-1, *self.lift.shape[:2]))
+
+    def _check_balance(self, driven: Floats, whole: Floats) -> None:
+        """Refuse solutions that leave too much of the forces ``driven``: ``whole`` adds those of the solution."""
+        unbalanced = np.linalg.norm(self.numbering.scatter @ whole, axis=0)
         if not np.all(unbalanced <= MAX_RESIDUAL * np.linalg.norm(np.abs(driven) + np.abs(whole), axis=0)):
             raise SolveError("the equations of the tangent cannot be solved")
-        return np.asarray(adjoints.T.reshape(-1, *self.lift.shape[:2]))
 
     def _apply_tangent(self, equations: Linearised, displacements: Floats) -> Floats:
         """Return the tangent times ``displacements``, changes of the elements' values; shape (n (8 p), k) both."""

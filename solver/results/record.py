@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, fields, replace
-from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import MissingLibrary
+from geometry.common.errors import import_extra
 from geometry.common.json_types import JsonObject
 from geometry.common.percent import format_percent
 
@@ -112,10 +111,7 @@ class Record:
         MissingLibrary
             Pandas is not installed; for arrays, xarray is needed, too.
         """
-        try:
-            pandas = import_module("pandas")
-        except ImportError:
-            raise MissingLibrary("pandas is not installed: pip install '.[sweep]'") from None
+        pandas = import_extra("pandas")
         if self.DIMENSIONS:
             frame: pd.DataFrame = self.to_dataset().to_dataframe()
             return frame
@@ -133,10 +129,7 @@ class Record:
         MissingLibrary
             Xarray is not installed.
         """
-        try:
-            xarray = import_module("xarray")
-        except ImportError:
-            raise MissingLibrary("xarray is not installed: pip install '.[sweep]'") from None
+        xarray = import_extra("xarray")
         arrays: JsonObject = {name: (self.DIMENSIONS, values) for name, values in self.collect_arrays().items()}
         labels = {name: (name, np.array(getattr(self, name))) for name in self.DIMENSIONS}
         labels |= {name: arrays.pop(name) for name in self.LABELS}
