@@ -20,9 +20,9 @@ from geometry import Scene
 from geometry.common.arrays import Floats
 from probe_design.data.noise import find_charge_per_force
 from probe_design.estimation.measurements import Reading
-from probe_design.locating.forward_model import build_models
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.prior import ForwardModel, TumourPrior
+from probe_design.locating.run import build_models
 from probe_design.locating.scan_data import ScanConditions, ScanData
 from probe_design.populations.design_file import Design, design_from_dict
 from probe_design.populations.population import ScenePopulation

@@ -11,13 +11,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
 from queue import Empty, SimpleQueue
+from time import monotonic
 from typing import Any, Generic
 
 from geometry.common.errors import InputError, import_extra
 from geometry.common.resources import Limits
 from geometry.processes.dask_task import evaluate_batch
 from geometry.processes.executor import ExecutorError, Item, Job, Outcome, Row
-from geometry.processes.silence import SilenceMonitor
 
 MAX_SCHEDULER_ABSENCE_S = 600.0  # seconds to wait for a lost scheduler to return
 CONNECTION_TIMEOUT_S = 5.0  # seconds for a connection, and for each request before there is a client
@@ -30,6 +30,26 @@ MAX_DASK_FAULTS = 4  # errors of Dask with one batch, other than the death of a 
 SLOW_BATCH_FACTOR, MIN_SLOW_BATCH_S = 5.0, 5.0  # times the usual duration, and seconds: slower batches are duplicated
 _DASK_ERRORS = (OSError, RuntimeError, ValueError, TimeoutError)  # raised by a client whose scheduler is gone or hangs
 _NOISY_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that report lost connections
+SILENCE_INTERVAL_S = 60.0  # seconds without a response between reports of it
+
+
+class SilenceMonitor:
+    """Report once a minute that something has not responded for some time."""
+
+    def __init__(self, log: Callable[[str], None]) -> None:
+        self._log = log
+        self.reset()
+
+    def reset(self) -> None:
+        """Restart the clock after a response."""
+        self._start_time, self._report_count = monotonic(), 0
+
+    def report(self, text: str, remedy: str, min_silence: float = 0.0) -> None:
+        """Log ``text`` with the silent time and a remedy, once a minute and not before ``min_silence`` seconds."""
+        seconds = monotonic() - self._start_time
+        if seconds >= max((self._report_count + 1) * SILENCE_INTERVAL_S, min_silence):
+            self._report_count = int(seconds // SILENCE_INTERVAL_S)
+            self._log(f"{text} for {seconds:.0f} s; {remedy}, or wait")
 
 
 @dataclass

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
 
-from geometry.scenes.scene_tables import BlockTissue, CylinderTissue
+from geometry.scenes.scene_tables import BlockTissue, CylinderTissue, Inclusion, SceneTables
 from geometry.scenes.units import MM_PER_M, format_modulus
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from geometry.scenes.scene_tables import Inclusion, SceneTables
 
 INNER_COLOUR, OUTER_COLOUR, BASE_COLOUR, TUMOUR_COLOUR = "#2a6f97", "#61a5c2", "#495057", "#9d0208"
 TISSUE_COLOURS = ("#f6d5c3", "#eebfa5", "#fae3d7", "#e5a98a")  # of the tissue below its layers, then of the layers in turn

@@ -18,9 +18,9 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import MIN_NOISE
 from probe_design.estimation.measurements import Reading
-from probe_design.locating.forward_model import build_models
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.prior import TumourPrior
+from probe_design.locating.run import build_models
 from probe_design.locating.samples import CONVERGED_SIZE
 from probe_design.locating.sampling import draw_posterior
 from probe_design.locating.scan_data import ScanConditions, ScanData

@@ -22,7 +22,7 @@ from probe_design.explorer.bench_settings import BenchSettings
 from probe_design.explorer.edges import find_edge_changes
 from probe_design.explorer.formats import EVALUATOR, FOLDER, LABELS, UNITS, Reading, convert_decimal_comma, format_number
 from probe_design.explorer.formulas import Formulas
-from probe_design.explorer.gap_mark import GAP_KEY, mark_gap, search_gap
+from probe_design.explorer.limits import GAP_KEY, mark_gap, search_gap
 from probe_design.explorer.long_work import LongWork
 from probe_design.explorer.section_svg import draw_section
 from probe_design.explorer.session import KEPT_NAMES, Session

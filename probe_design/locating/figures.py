@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import PercentFormatter
@@ -20,9 +21,6 @@ from probe_design.locating.posterior import (
     find_places,
     list_values,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PLAN_POINTS, SECTION_POINTS = 97, 97  # of the maps, along each axis
 DRAWN_SETS = 400  # equally probable sets of tumours behind a map, throughout all: neighbours lie at one place

@@ -13,12 +13,12 @@ from geometry.common.arrays import Bools, Floats
 from geometry.common.calls import check_call
 from geometry.common.errors import InputError, Words
 from probe_design.estimation.measurements import Reading, build_scan_reading, is_on_tissue
-from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.next_position import MAX_PARTICLES, CandidateLoad, NextPosition, build_candidates, choose_position
 from probe_design.locating.prior import ForwardModel, TumourPrior
+from probe_design.locating.run import build_models
 from probe_design.locating.samples import Sample
 from probe_design.locating.scan_data import MIN_READINGS, ScanConditions, ScanData
 from probe_design.locating.scan_loads import SAME_FORCE_RELATIVE

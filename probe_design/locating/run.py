@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from geometry.scenes.probe import format_mm
+from geometry.scenes.scene import Scene
 from probe_design.estimation.measurements import Reading, read_readings
-from probe_design.locating.forward_model import build_models
 from probe_design.locating.inference import infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.prior import ForwardModel, TumourPrior
 from probe_design.locating.scan_data import ScanConditions, ScanData, check_readings
 from probe_design.populations.design_file import Design
+from solver.reading_tables.build import read_or_build_table
+from solver.reading_tables.tumour_ranges import TumourRanges
 
 
 def read_scan(path: Path, design: Design, conditions: ScanConditions) -> tuple[Reading, ...]:
@@ -69,3 +71,16 @@ def list_assumed_places(design: Design, prior: TumourPrior) -> Iterator[str]:
                 f"where they may lie beside it, state a range as [population] {name}; a line of readings does not tell its two "
                 "sides apart"
             )
+
+
+def build_models(prior: TumourPrior, scenes: Sequence[Scene]) -> tuple[ForwardModel, ...]:
+    """Return the table of each scene, a load on the tissue, over the tumours of a prior, from the cache where built before.
+
+    Raises
+    ------
+    Refusal
+        The evaluator cannot model the scene or its load, or the population does not fit the tissue.
+    """
+    depth, diameter, modulus = ((min(part.values), max(part.values)) for part in prior.ranges[2:])
+    ranges = TumourRanges(depth, diameter, modulus, prior.poisson_ratio, prior.least_cover)
+    return tuple(read_or_build_table(scene, ranges) for scene in scenes)

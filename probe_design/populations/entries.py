@@ -6,17 +6,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
-from pydantic import ValidationInfo
+from pydantic import GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from geometry.common.arrays import Floats
 from geometry.scenes.units import Quantity
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
 
 MAX_VALUES = 1000
 MAX_CHOICES = 1000

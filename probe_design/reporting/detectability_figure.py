@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm, SymLogNorm
 from matplotlib.figure import Figure
@@ -17,9 +18,6 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.units import MM_PER_M
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import find_target
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the threshold
 

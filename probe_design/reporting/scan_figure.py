@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
@@ -13,9 +13,6 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
 from geometry.scenes.units import MM_PER_M
 from probe_design.maps.scan import Scan
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 FIGURE_WIDTH_IN, LEFT_MARGIN_IN, RIGHT_MARGIN_IN = 9.0, 0.95, 0.25  # of the figure and its margins, inches
 CURVE_HEIGHT_IN, GAP_HEIGHT_IN, TOP_MARGIN_IN, BOTTOM_MARGIN_IN = 2.2, 0.22, 0.2, 0.6  # heights, inches

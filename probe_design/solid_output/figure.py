@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -25,10 +25,6 @@ from probe_design.solid_output.stress_panel import deform_section, draw_mesh_lin
 from solver.solid.base_states import SolidStates, compute_fields
 from solver.solid.problem import Problem
 from solver.solid.regions import Region
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 FIGURE_SIZE_INCHES, FIGURE_DPI = (12.5, 9.6), 140  # inches, and dots per inch
 TISSUE_COLOUR, OUTER_TISSUE_COLOUR = (0.973, 0.875, 0.804), (0.985, 0.945, 0.915)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import PercentFormatter
@@ -16,10 +17,6 @@ from geometry.scenes.units import MM_PER_M
 from probe_design.locating.locator import Locator
 from probe_design.locating.next_position import NextPosition
 from probe_design.locating.posterior import compute_plan
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
 
 PLAN_POINTS, PLAN_SETS = 81, 300  # of a map along each axis; sets of tumours behind it
 MAX_PANELS, PANEL_COLUMNS = 12, 4  # of the sequence

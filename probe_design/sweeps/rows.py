@@ -11,7 +11,7 @@ from functools import cache, lru_cache
 from itertools import groupby
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from geometry.common.errors import InputError, Words
 from geometry.common.json_types import JsonMapping, JsonObject
@@ -20,14 +20,11 @@ from geometry.provenance.block import DISTRIBUTION, compute_file_digest, find_ve
 from geometry.scenes.keys import Key, Value, find_key, replace_values
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, build_scene
-from solver import evaluate, evaluators
+from solver import Result, evaluate, evaluators
 from solver.batch import evaluate_together
 from solver.linalg.memory import give_back
 from solver.results.evaluator import OutOfReach
 from solver.results.warnings import select_notes
-
-if TYPE_CHECKING:
-    from solver import Result
 
 # columns of numbers with their SI units; a column of results is an attribute of ``solver.Result``
 RESULT_UNITS = {

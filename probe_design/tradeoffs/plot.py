@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,10 +17,6 @@ from geometry.common.percent import format_percent
 from probe_design.reporting.picture_files import save_figure
 from probe_design.tradeoffs.rows import Row, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.study import Tradeoff
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 EVALUATOR_COLOURS = {
     "closed-form": "tab:green", "equivalent-inclusion": "tab:orange", "axisymmetric": "tab:blue", "solid": "tab:purple",

@@ -9,8 +9,7 @@ import pytest
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from probe_design import evaluate
-from probe_design.explorer.gap_mark import GAP_KEY, search_gap
-from probe_design.explorer.limits import list_limits
+from probe_design.explorer.limits import GAP_KEY, list_limits, search_gap
 from probe_design.explorer.variables import list_variables
 from tests.support.paths import ROOT
 

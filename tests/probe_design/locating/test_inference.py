@@ -14,7 +14,7 @@ from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from probe_design.estimation.measurements import Reading
-from probe_design.locating import forward_model, inference
+from probe_design.locating import inference, run
 from probe_design.locating.common_errors import CommonErrors
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
@@ -365,8 +365,8 @@ def test_tumours_that_fit_below_a_skin_are_those_of_the_table() -> None:
     prior = replace(TumourPrior.from_design(design(), PLACES), scene=layered)
     ranges: list[TumourRanges] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(forward_model, "read_or_build_table", lambda scene, given: ranges.append(given))
-        forward_model.build_models(prior, (layered,))
+        patch.setattr(run, "read_or_build_table", lambda scene, given: ranges.append(given))
+        run.build_models(prior, (layered,))
     (cube,) = build_cubes(ranges[0], layered.tissue)
     tumours = prior.transform(prior.draw(1024, 1, 0))
     depth, diameter = tumours[prior.find_allowed(tumours)][:, 0, 2:4].T

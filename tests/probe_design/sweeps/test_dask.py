@@ -21,7 +21,7 @@ import pytest
 
 from geometry import InputError
 from geometry.common.resources import Limits
-from geometry.processes import dask_executor, silence
+from geometry.processes import dask_executor
 from geometry.processes import dask_task as sweep_remote
 from geometry.processes.child import Child
 from geometry.processes.dask_executor import DaskExecutor
@@ -109,7 +109,7 @@ def test_what_stops_is_told_of_and_may_go_on(
     which: int, stop: signal.Signals, message: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes on as soon as that is said, or another one is started."""
-    monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(dask_executor, "SILENCE_INTERVAL_S", 2.0)
     monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
@@ -138,7 +138,7 @@ def test_what_stops_is_told_of_and_may_go_on(
 
 @pytest.mark.slow
 def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(dask_executor, "SILENCE_INTERVAL_S", 2.0)
     monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 1.0)
     monkeypatch.setattr(dask_executor, "MAX_SCHEDULER_ABSENCE_S", 6.0)
     monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 0.02)
@@ -365,7 +365,7 @@ def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pyt
     messages: list[str] = []
     now = [0.0]
     monkeypatch.setattr(dask_executor.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(silence, "monotonic", lambda: now[0])
+    monkeypatch.setattr(dask_executor, "monotonic", lambda: now[0])
     monkeypatch.setattr(DaskExecutor, "_connect_client", lambda crew: Still(10))
     crew = DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), messages.append)
     for now[0] in range(20, 240, 20):
