@@ -130,10 +130,11 @@ def compute_touch(
     if not np.any(active):
         return Touch(gap, pressure, np.zeros(size), None, Grip(place, zeros, zeros.astype(int)), zeros, max_violation)
     footpoints, weight = feet.select_points(active), pair.weights[active]
-    force, opening, normal, shear = pressure[active], footpoints.gap_derivative, zeros.copy(), zeros.copy()
+    opening, bending = footpoints.differentiate_gap()  # first and second derivatives of the gap
+    force, normal, shear = pressure[active], zeros.copy(), zeros.copy()
     sliding, sliding_reversed = zeros.astype(int), False
     forces, penalty_stiffness = -force[:, None] * opening, (penalty * rising[active])[:, None]
-    stiffness = multiply_outer(penalty_stiffness * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
+    stiffness = multiply_outer(penalty_stiffness * opening, opening) - force[:, None, None] * bending
     normal[active] = footpoints.stretch * force
     if grip is not None:
         slip = np.nan_to_num((place - grip.place)[active])  # a point that the master did not reach before has no slip yet

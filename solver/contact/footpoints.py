@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
 from solver.contact.boundary_lines import LinePoints, find_points
+from solver.contact.kinks import Kinks
 from solver.contact.pairs import Pair
 
 
@@ -28,6 +29,8 @@ class PointGaps:
         Points of the master line opposite those slave points that it reaches, in their order.
     inside
         Mask of the slave points that the master reaches, shape (points,).
+    kinks
+        Nodes of the master next to those points.
     """
 
     pair: Pair
@@ -36,6 +39,7 @@ class PointGaps:
     place: Floats
     master_points: LinePoints
     inside: Bools
+    kinks: Kinks
 
     @classmethod
     def from_displacements(cls, pair: Pair, displacements: Floats) -> PointGaps:
@@ -60,8 +64,9 @@ class PointGaps:
             np.einsum("jp,jp->j", master_points.value, ms[master_points.edge])
             + pair.master_edge.compute_removed_height(place[inside])[0]
         )
-        gap[inside] = pair.sign * (height - s[inside])
-        return cls(pair, displacements, gap, place, master_points, inside)
+        kinks = Kinks.from_points(pair, (mt, ms), master_points.edge, t[inside])
+        gap[inside] = pair.sign * (height + kinks.heights - s[inside])
+        return cls(pair, displacements, gap, place, master_points, inside, kinks)
 
     def select_points(self, active: Bools) -> Footpoints:
         """Return the active points as footpoints; ``active`` is a mask, (points,), of points that the master reaches."""
@@ -79,7 +84,9 @@ class PointGaps:
         curl = (np.einsum("jp,jp->j", bend, ms[master_edges] - k[:, None] * mt[master_edges]) + length**2 * curve) / run
         on_slave = pair.gauss[1]
         edge, point = (np.asarray(x) for x in np.divmod(np.flatnonzero(active), len(on_slave)))
-        return Footpoints(pair, edge, master_edges, on_slave[point], value, derivative, k, run, curl)
+        return Footpoints(
+            pair, edge, master_edges, on_slave[point], value, derivative, k, run, curl, self.kinks.select_points(selection)
+        )
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,9 @@ class Footpoints:
     derivative
         Derivatives of the master's edge functions with respect to x, shape (j, p + 1).
     k, run, curl
-        Derivatives ds/dt, dt/dx and dk/dx of the fixed master line, shape (j,) each.
+        Derivatives ds/dt, dt/dx and dk/dx of the fixed master line, its kinks left sharp, shape (j,) each.
+    kinks
+        Nodes of the master next to the points.
     """
 
     pair: Pair
@@ -107,6 +116,7 @@ class Footpoints:
     k: Floats
     run: Floats
     curl: Floats
+    kinks: Kinks
 
     @property
     def stretch(self) -> Floats:
@@ -148,10 +158,19 @@ class Footpoints:
         moved = direction[:, :, None] * self.derivative[:, None]
         return _join(np.zeros_like(moved), moved)
 
-    @property
-    def gap_derivative(self) -> Floats:
-        """Derivative of the gap g with respect to both lines' values, (j, 4 (p + 1))."""
-        return -self.pair.sign * self.compute_relative_motion(self.opening_direction)
+    def differentiate_gap(self) -> tuple[Floats, Floats]:
+        """Return the first and second derivatives of the gap g, (j, m) and (j, m, m).
+
+        They are taken with respect to the m = 4 (p + 1) values of both lines, the slave's before the master's. Where a point is
+        near a kink of the master, those of the edge beyond it follow for all points: m = 6 (p + 1).
+        """
+        first, second = -self.compute_relative_motion(self.opening_direction), self._compute_sharp_hessian()
+        if self.kinks.any_near:
+            m, (whole, whole_second) = first.shape[1], self.kinks.differentiate(self.on_slave)
+            whole[:, :m] += first
+            whole_second[:, :m, :m] += second
+            first, second = whole, whole_second
+        return self.pair.sign * first, self.pair.sign * second
 
     @property
     def place_derivative(self) -> Floats:
@@ -167,11 +186,11 @@ class Footpoints:
             self.compute_tangent_change(self.opening_direction) / self.run[:, None] + self.curl[:, None] * self.place_derivative
         )
 
-    def compute_gap_hessian(self) -> Floats:
-        """Return the second derivative of the gap with respect to both lines' values, (j, 4 (p + 1), 4 (p + 1))."""
+    def _compute_sharp_hessian(self) -> Floats:
+        """Return the second derivative of s of the master minus s of the slave, kinks left sharp, (j, 4 (p + 1), 4 (p + 1))."""
         place_change, turn = self.place_derivative, self.compute_tangent_change(self.opening_direction)
         bend = (self.run * self.curl)[:, None, None] * multiply_outer(place_change, place_change)
-        return np.asarray(self.pair.sign * (multiply_outer(place_change, turn) + multiply_outer(turn, place_change) + bend))
+        return np.asarray(multiply_outer(place_change, turn) + multiply_outer(turn, place_change) + bend)
 
     def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
         """Assemble the points' forces and stiffness into those on all elements' values.
@@ -179,7 +198,7 @@ class Footpoints:
         Parameters
         ----------
         forces, stiffness
-            On the values of both lines at each point, shapes (j, 4 (p + 1)) and (j, 4 (p + 1), 4 (p + 1)).
+            On the values of ``differentiate_gap`` at each point, shapes (j, m) and (j, m, m).
         width, size
             Number of values of one element, 8 p, and of all elements.
 
@@ -195,15 +214,17 @@ class Footpoints:
         return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
 
     def _find_indices(self, width: int) -> tuple[Ints, Floats]:
-        """Return the indices of both lines' values among all elements' values, and their signs, shape (j, 4 (p + 1)) each.
+        """Return the indices of the values of ``differentiate_gap`` among all elements' values, and their signs, (j, m) each.
 
         An element has ``width`` values; a sign is -1 where a function runs against its line.
         """
-        parts = ((self.pair.slave, self.slave_edges), (self.pair.master, self.master_edges))
+        parts = [(self.pair.slave, self.slave_edges), (self.pair.master, self.master_edges)]
+        if self.kinks.any_near:
+            parts.append((self.pair.master, self.kinks.neighbours))
         places = [line.element[k, None, None] * width + line.values[k] for line, k in parts]
         signs = [np.broadcast_to(line.signs[k][:, None], place.shape) for (line, k), place in zip(parts, places, strict=True)]
         index = np.concatenate([place.reshape(len(place), -1) for place in places], axis=1)
-        return index, _join(*signs)
+        return index, np.concatenate([sign.reshape(len(sign), -1) for sign in signs], axis=1)
 
 
 def multiply_outer(a: Floats, b: Floats) -> Floats:

@@ -122,9 +122,8 @@ class LoadedScene:
     def add_contact_points(self) -> LoadedScene | None:
         """Return the scene at rest with twice the contact points; None if it has them, or has faces that slide or open.
 
-        With few points a wall kinks between two elements where the tissue folds onto its corner, and no step over the kink
-        converges. More points take longer. On faces that slide, which touch everywhere, they would be more constraints than the
-        elements can follow.
+        With few points the pressure of each is so high that tissue may fold over between them. More points take longer. On
+        faces that slide, which touch everywhere, they would be more constraints than the elements can follow.
         """
         if self.dense or self.scene.contact.interface != "bonded":
             return None

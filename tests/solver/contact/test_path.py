@@ -13,6 +13,7 @@ from geometry import Scene
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.contact.contact_forces import compute_touch
+from solver.contact.footpoints import PointGaps
 from solver.contact.model import ContactModel
 from solver.contact.states import StoppedError, compute_hermite_weights
 from tests.support.load_paths import COARSE, FINE, FOLDER, pressed, ratio, scene_of, work
@@ -115,6 +116,28 @@ def test_contact_s_forces_and_tangent_are_derivatives() -> None:
             <= 1e-9 * np.abs(touch_now.forces).sum()
         )
     assert checked >= 2
+
+
+def test_kinks_of_a_wall_are_rounded_and_their_derivatives_exact() -> None:
+    """Points pass the nodes of a rough wall, where forces would jump over a sharp kink."""
+    path = pressed(scene_of("example"), COARSE)
+    model, rng, checked = path.model, np.random.default_rng(5), 0
+    for pair in model.pairs:
+        pressing = np.full(pair.points, 1e3 * pair.penalty * path.radius)  # whatever the gap
+        rough = 0.02 * float(pair.master.lengths.min()) * rng.standard_normal(model.lift.shape[:2])
+        rough = (model.numbering.gather @ (model.numbering.scatter @ rough.ravel() / 4)).reshape(
+            rough.shape
+        )  # lines hang together
+        slide, direction = np.zeros_like(rough), 1e-11 * rng.standard_normal(rough.shape)
+        slide[pair.slave.element[:, None], pair.slave.values[:, 0, :2]] = pair.axes[0, 0]
+        slide[pair.slave.element[:, None], pair.slave.values[:, 1, :2]] = pair.axes[0, 1]
+        for distance in np.linspace(0, float(pair.master.lengths[0]), 5):
+            moved = rough + distance * slide
+            now, ahead, behind = (compute_touch(pair, moved + k * direction, pressing, blur=1e-6) for k in (0, 1, -1))
+            checked += PointGaps.from_displacements(pair, moved).kinks.any_near
+            expected = 2 * (now.stiffness @ direction.ravel())
+            np.testing.assert_allclose(ahead.forces - behind.forces, expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
+    assert checked >= 4
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.45, 0.4999])
