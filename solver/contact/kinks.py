@@ -69,8 +69,8 @@ class Kinks:
         neighbours, nodes = edges - sides, np.where(sides > 0, edges, edges + 1)
         places = np.append(0.0, np.cumsum(line.lengths))
         is_corner = np.abs(places[nodes] - pair.master_edge.place) <= 1e-9 * places[-1]
-        # friction acts along the line as it is
-        rounded = (neighbours >= 0) & (neighbours < len(mt)) & ~is_corner & (pair.friction == 0)
+        # faces that slide or open touch everywhere at rest: their lines stay as they are
+        rounded = (neighbours >= 0) & (neighbours < len(mt)) & ~is_corner & (not pair.loose)
         neighbours = np.where(rounded, neighbours, edges)
         widths = KINK_WIDTH_RELATIVE * np.minimum(line.lengths[edges], line.lengths[neighbours])
         depths = np.where(rounded, np.maximum(widths - np.minimum(below, above), 0.0), 0.0)
