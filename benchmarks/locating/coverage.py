@@ -47,6 +47,7 @@ SETTINGS = {
 MAIN = ("narrow", "wide", "hand-held", "under a skin")  # whose P(no tumour) are counted together
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.85, 1.0)  # of P(no tumour)
 FALSE_ALARM, TEMPLATES = 0.05, 512
+RESAMPLED = 2000  # times, for the standard deviation of a difference of detected scans
 
 
 class DesignDetector:
@@ -116,6 +117,22 @@ def detect(statistic: Floats, is_free: Bools) -> Bools:
     return np.asarray(statistic[~is_free] > np.quantile(statistic[is_free], 1 - FALSE_ALARM))
 
 
+def compare_detectors(first: Floats, second: Floats, is_free: Bools) -> tuple[float, float]:
+    """Return how many more scans the first statistic detects than the second, and the standard deviation over resampled scans."""
+    rng, differences = np.random.default_rng(0), []
+    with_tumour, without = np.flatnonzero(~is_free), np.flatnonzero(is_free)
+    for _ in range(RESAMPLED):
+        chosen = np.concatenate([rng.choice(with_tumour, len(with_tumour)), rng.choice(without, len(without))])
+        rates = [detect(statistic[chosen], is_free[chosen]).mean() for statistic in (first, second)]
+        differences.append(rates[0] - rates[1])
+    return float(detect(first, is_free).mean() - detect(second, is_free).mean()), float(np.std(differences))
+
+
+def compute_area(statistic: Floats, is_free: Bools) -> float:
+    """Return the area under the receiver operating characteristic: how often a scan with a tumour is above one without."""
+    return float((statistic[~is_free][:, None] > statistic[is_free]).mean())
+
+
 def build_bins(rows: list[Row]) -> MeasuredTable:
     """Return P(no tumour) as stated and as it came."""
     table = MeasuredTable(f"P(no tumour) of {len(rows)} scans", ("stated", "scans", "true", "two standard deviations"))
@@ -134,19 +151,22 @@ def build_tables(outcomes: dict[str, list[Row]]) -> list[MeasuredTable]:
     coverage = MeasuredTable("90 % intervals that hold the truth", ("setting", "scans", *QUANTITIES, "region"))
     detection = MeasuredTable(
         "Detected at 5 % false alarms, place of the detected, scans that nothing explains, maps that say nothing",
-        ("setting", "locate", "optimize", "median, mm", "90 %, mm", "scan, s", "unexplained", "warned"),
+        ("setting", "locate", "optimize", "difference", "areas", "median, mm", "90 %, mm", "scan, s", "unexplained", "warned"),
     )
     for name, rows in outcomes.items():
         held = np.array([row["held"] for row in rows if not row["is_free"]])
         coverage.add(name, len(held), *(f"{value:.3f}" for value in held.mean(axis=0)))
         free = np.array([row["is_free"] for row in rows])
         evidence = -np.log(np.maximum([row["none"] for row in rows], 1e-300))
-        is_detected, by_design = detect(evidence, free), detect(np.array([row["statistic"] for row in rows]), free)
+        statistic = np.array([row["statistic"] for row in rows])
+        is_detected, by_design = detect(evidence, free), detect(statistic, free)
+        difference, spread = compare_detectors(evidence, statistic, free)
+        areas = f"{compute_area(evidence, free):.3f}, {compute_area(statistic, free):.3f}"
         errors = 1e3 * np.array([row["error"] for row in rows if not row["is_free"]])[is_detected]
         unexplained, warned = sum(row["p_value"] < 1e-3 for row in rows), sum(row["is_warned"] for row in rows)
         place = (f"{np.median(errors):.2f}", f"{np.quantile(errors, 0.9):.1f}") if len(errors) else (None, None)
         seconds = float(np.median([row["seconds"] for row in rows]))
-        rates = f"{is_detected.mean():.3f}", f"{by_design.mean():.3f}"
+        rates = f"{is_detected.mean():.3f}", f"{by_design.mean():.3f}", f"{difference:+.3f} ± {spread:.3f}", areas
         detection.add(name, *rates, *place, seconds, f"{unexplained} of {len(rows)}", warned)
     main_rows = [row for name in MAIN if name in outcomes for row in outcomes[name]]
     return [coverage, detection, *([build_bins(main_rows)] if main_rows else [])]

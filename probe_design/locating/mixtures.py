@@ -86,6 +86,8 @@ class StudentMixture:
             crossed = means[:, :, None] * moved[:, None]
             totals = (pulls @ products).reshape(count, dimensions, dimensions) - crossed - crossed.transpose(0, 2, 1)
             totals += pulls.sum(axis=1)[:, None, None] * means[:, :, None] * means[:, None]  # of squared deviations
+            # towards the mean of all: thin and curved posteriors are thin everywhere
+            narrow = totals.sum(axis=0) / shares.sum() + MIN_VARIANCE * np.eye(dimensions)
             covariances = (totals + pseudo * narrow) / (shares + pseudo)[:, None, None]
             mixture = cls(shares / shares.sum(), means, np.linalg.cholesky(covariances))
         return cls(mixture.shares, mixture.means + middle, mixture.factors * math.sqrt(SPREAD_FACTOR))

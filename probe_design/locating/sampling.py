@@ -2,7 +2,7 @@
 
 All sampling is in z = logit u of the cube's coordinates u. Importance sampling has weights L(z) p(z) / q(z), whose mean is the
 evidence without bias for any proposal q that is nowhere 0, eq. LO.3. One tumour starts from a Sobol sample of the prior, whose
-tempered weights a mixture fits, round after round; several tumours see ``several``.
+tempered weights a mixture fits, then round after round those of all the last rounds; several tumours see ``several``.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from scipy.special import expit, logit
 from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.mixtures import StudentMixture
+from probe_design.locating.rounds import Rounds, weigh
 from probe_design.locating.samples import Sample, compute_effective_size, log_sum_exp, soften_weights
-from probe_design.locating.several import Pool, draw_several, weigh
+from probe_design.locating.several import Pool, draw_several
 
 START_SIZE = 2**13  # of the Sobol sample of the prior for one tumour
 ROUND_SIZE, LAST_SIZE = 2048, 4096  # samples of a round, and of the last one
-COMPONENTS = 10  # of the mixture
-MAX_ROUNDS = 8  # of adaptation: one tumour needs 1 to 4
+COMPONENTS, LATE_COMPONENTS, LATE_ROUND = 10, 20, 4  # of the mixture, from a round on: many rounds tell of a curved posterior
+MAX_ROUNDS = 20  # of adaptation: one tumour needs 1 to 4 with 25 readings of 1 %, 10 with 400 of 0.3 %
 GOOD_SIZE_RELATIVE = 0.2  # effective sample size of a round, of its samples, after which the last one follows
 GOOD_SIZE = 1000.0  # effective sample size at which a round is good enough
 
@@ -76,14 +77,17 @@ def _draw_single(likelihood: Likelihood, seed: int, start: Floats | None) -> Sam
 
     size = compute_effective_size(log_weights)
     if np.any(np.isfinite(log_weights)) and dimensions and size < GOOD_SIZE:
-        z = logit(points[:, 0])
+        mixture = StudentMixture.fit(logit(points[:, 0]), soften_weights(log_weights), COMPONENTS, rng)
+        rounds = Rounds()
         for round_number in range(MAX_ROUNDS):
-            mixture = StudentMixture.fit(z, soften_weights(log_weights), COMPONENTS, rng)
             is_last = round_number == MAX_ROUNDS - 1 or (round_number > 0 and size >= GOOD_SIZE_RELATIVE * ROUND_SIZE)
-            z, log_weights = weigh(evaluate, mixture, LAST_SIZE if is_last else ROUND_SIZE, rng)
-            size = compute_effective_size(log_weights)
+            drawn = weigh(evaluate, mixture, LAST_SIZE if is_last else ROUND_SIZE, rng)
+            points, log_weights, size = expit(drawn.z)[:, None], drawn.log_weights, drawn.size
             if is_last and size >= GOOD_SIZE / 2:  # otherwise a region that the mixture missed has large weights: fit it, too
                 break
-        points = expit(z)[:, None]
+            rounds = rounds.add(drawn)
+            z, joined = rounds.join()
+            count = COMPONENTS if round_number < LATE_ROUND else LATE_COMPONENTS
+            mixture = StudentMixture.fit(z, soften_weights(joined), count, rng)
     total = float(log_sum_exp(log_weights))
     return Sample(points, log_weights - total, total - math.log(len(log_weights)) - log_fraction, size)

@@ -18,6 +18,7 @@ from scipy.special import expit, logit
 from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.mixtures import CombinedProposal, ExtendedProposal, SetProposal, StudentMixture
+from probe_design.locating.rounds import weigh
 from probe_design.locating.samples import (
     Evaluate,
     Labels,
@@ -224,18 +225,18 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         z = _temper(evaluate, z, number, power, rng)
         z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
         mixture = SetProposal.fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, number, rng)
-        z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), pilot, rng)
+        drawn = weigh(evaluate, CombinedProposal((mixture, *extended)), pilot, rng)
         for _ in range(MAX_ROUNDS):
-            softened = soften_weights(log_weights)
-            z = Labels.from_particles(z, softened, number).order(z)
+            softened = soften_weights(drawn.log_weights)
+            z = Labels.from_particles(drawn.z, softened, number).order(drawn.z)
             mixture = SetProposal.fit(z, softened, LAST_COMPONENTS, number, rng)
-            needed = math.ceil(ENOUGH_SIZE / max(compute_effective_size(log_weights) / len(log_weights), 1e-3))
+            needed = math.ceil(ENOUGH_SIZE / max(drawn.size / len(drawn.z), 1e-3))
             count = 2 * math.ceil(min(max(needed, counts[0]), counts[1]) / 2)  # even, as the proposal has two parts at most
-            z, log_weights = weigh(evaluate, CombinedProposal((mixture, *extended)), count, rng)
-            if compute_effective_size(log_weights) > GOOD_SIZE:
+            drawn = weigh(evaluate, CombinedProposal((mixture, *extended)), count, rng)
+            if drawn.size > GOOD_SIZE:
                 break
-        parts.append((z, log_weights))
-        evidences.append(float(log_sum_exp(log_weights)) - math.log(len(log_weights)))
+        parts.append((drawn.z, drawn.log_weights))
+        evidences.append(float(log_sum_exp(drawn.log_weights)) - math.log(len(drawn.z)))
     z, log_weights = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     total = float(log_sum_exp(log_weights))
     log_evidence = total - math.log(len(z)) - math.log(likelihood.prior.compute_allowed_fraction(number))
@@ -245,14 +246,6 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
     )  # fmt: skip
     pool = replace(pool, proposal=mixture)
     return order_labels(sample), pool.add_part(np.concatenate(signals)[::16], np.random.default_rng((seed, number)))
-
-
-def weigh(
-    evaluate: Evaluate, proposal: CombinedProposal | StudentMixture, count: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Return draws of a proposal, shape (count, D), and the logarithms of their weights."""
-    z = proposal.draw(count, rng)
-    return z, evaluate(z) + compute_log_prior(z) - proposal.compute_log_density(z)
 
 
 def _temper(evaluate: Evaluate, z: Floats, number: int, power: float, rng: np.random.Generator) -> Floats:
