@@ -6,7 +6,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
+from geometry.common.percent import format_percent
 
 _NAME_PATTERN = re.compile(
     r"(?P<name>.*?)(?:\s+with\s+(?:(?P<share>[\d.]+)\s*%\s*thinner|thinner\s+(?P<turned>[\d.]+)\s*%)|\s+(?P<ratio>[\d.]+)\s*:\s*1)?"
@@ -45,8 +46,9 @@ class Thinned:
             The fraction is outside the range of those that were measured.
         """
         if not self.thinner[0] <= share <= self.thinner[-1]:
-            allowed = f"a share of thinner from {self.thinner[0]:g} to {self.thinner[-1]:g}, as measured: nothing is extrapolated"
-            raise InputError("thinner", share, allowed)
+            low, high = (format_percent(end, 6) for end in (self.thinner[0], self.thinner[-1]))
+            allowed = f"a share of thinner from {low} to {high}, as measured: nothing is extrapolated"
+            raise InputError("thinner", Words(format_percent(share, 6)), allowed)
         if share == self.thinner[0]:
             return 0.0, 0.0
         import numpy as np

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Interface, Material, Probe
 from geometry.scenes.quantities import Frozen, Length, Position, Thickness, build_quiet_field
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import PERCENTAGE, Quantity
 
 if TYPE_CHECKING:
     from geometry.common.arrays import Numeric
@@ -307,7 +307,9 @@ class Reading(Frozen):
     """
 
     observable: Observable | None = None
-    accuracy: Annotated[float, Field(gt=0, lt=1, description="a number above 0 and below 1, such as 0.01")] | None = None
+    accuracy: (
+        Annotated[float, PERCENTAGE, Field(gt=0, lt=1, description="a number above 0 and below 1, such as 0.01 or 1 %")] | None
+    ) = None
 
 
 MAX_INCLUSIONS = 1000

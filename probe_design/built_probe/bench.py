@@ -191,7 +191,9 @@ class Reference(Frozen):
     outer_radius: Radius | None = None
     contact: ReferenceContact | None = None
     known_force: KnownForce | None = None
-    known_force_tolerance: Annotated[float, Field(ge=1e-6, le=1.0, description="a number from 1e-6 to 1, such as 0.01")] = 0.01
+    known_force_tolerance: Annotated[
+        float, PERCENTAGE, Field(ge=1e-6, le=1.0, description="a number from 1e-6 to 1, such as 0.01 or 1 %")
+    ] = 0.01
 
     @model_validator(mode="after")
     def _check_modulus(self) -> Self:

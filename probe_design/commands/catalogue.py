@@ -73,8 +73,8 @@ class MaterialShowRequest(Request):
 
     name: Name
     thinner: Annotated[
-        Annotated[float, Number("a share of thinner, such as 0.3", math.isfinite)] | None,
-        Option("Fraction of thinner of an Ecoflex, such as 0.3."),
+        Annotated[float, Number("a share of thinner, such as 0.2 or 20 %", math.isfinite, percent=True)] | None,
+        Option("Fraction of thinner of an Ecoflex, such as 20 %."),
     ] = None
     ratio: Annotated[
         Annotated[float, Number("parts of base to one of agent, such as 20", math.isfinite)] | None,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from geometry.cad.export import Writer
     from probe_design.workshop.package import ExportSummary
 
-Shrinkage = Annotated[float, Number("a number such as 0.001, of every length", math.isfinite)]
+Shrinkage = Annotated[float, Number("a number such as 0.001 or 0.1 %, of every length", math.isfinite, percent=True)]
 Draft = Annotated[float, Quantity("angle", "rad", "deg", 0.0, math.radians(10))]
 
 

@@ -12,6 +12,7 @@ import pytest
 import probe_design
 from geometry.common.errors import InputError
 from geometry.common.percent import format_minimum_percent, format_percent
+from tests.support.program import refused
 
 SCENE = str(Path(__file__).parents[2] / "examples" / "scene.toml")
 SPHERE = [[[0.0, 0.0, 1e-2, 8e-3, 3e4]]]
@@ -92,3 +93,11 @@ def test_fractions_are_written_in_percent(fraction: float, digits: int, text: st
 def test_a_lower_limit_in_percent_is_rounded_up() -> None:
     """In decimals: 100 * 0.07 is 7.000000000000001 in floats, and 7.1 rounded up."""
     assert (format_minimum_percent(0.07, 2), format_minimum_percent(0.01001, 2)) == ("7 %", "1.1 %")
+
+
+def test_fractions_may_be_given_in_percent() -> None:
+    by_text, by_number = (_read().replace({"reading.accuracy": value}) for value in ("2 %", 0.02))
+    assert by_text == by_number
+    by_text, by_number = (refused("material", "show", "ecoflex-00-30", "--thinner", value) for value in ("30 %", "0.3"))
+    assert by_text == by_number
+    assert "thinner = 30 %: allowed: a share of thinner from 0 % to 25 %, as measured" in by_text
