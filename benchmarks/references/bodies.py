@@ -132,7 +132,10 @@ def shape(scene: Scene) -> Any:
         low, high = face.bounding_box
         level = high[2] - low[2] < FLAT_TOLERANCE
         bottom = level and high[2] < FLAT_TOLERANCE - deep
-        tests = {"mirror": high[1] < FLAT_TOLERANCE, "bottom": bottom, "end": level and low[2] > FLAT_TOLERANCE, "free": True}
+        tests = {"mirror": high[1] < FLAT_TOLERANCE, "bottom": bottom, "end": level and low[2] > FLAT_TOLERANCE}
+        tests["top"] = level and abs(high[2]) < FLAT_TOLERANCE and high[0] > 1.001 * r3  # the tissue's, beside the probe
+        tests["side"] = low[2] > -FLAT_TOLERANCE and not level and high[0] > r3 - FLAT_TOLERANCE  # the outer block's
+        tests["free"] = True
         face.name = next(name for name, is_match in tests.items() if is_match)
     for edge in glued.edges:
         low, high = edge.bounding_box

@@ -6,7 +6,7 @@ The half y > 0 of the bodies (``bodies``), bonded faces, base pressed straight d
 
 In nearly incompressible tissue the volume's part is p J - U*(p), U* the Legendre transform of K/4 (J^2 - 1 - 2 ln J), with a
 discontinuous pressure p two orders below the displacements, which is condensed by element. Lengths are in inner radii, moduli in
-the tissue's. No contact: where surfaces would touch is returned with each state.
+the tissue's. A penalty holds the tissue's top, which folds at the rim, off the outer block's wall; the gap's walls do not touch.
 """
 
 from __future__ import annotations
@@ -25,8 +25,11 @@ from geometry import Scene
 
 MIN_STEP = 0.02  # of the indentation, outer radii: below it Newton's method has failed
 MAX_ITERATIONS = 40  # more mean that a smaller step of the indentation is cheaper
-STEP_TOLERANCE = 2e-6  # of the displacements, relative
+STEP_TOLERANCE = 2e-5  # of the displacements, relative; contact is sought anew in each step
 SLOW_CONVERGENCE = 0.6  # of one step over the last: from here on a new tangent is cheaper than more steps
+PENALTY = 3000.0  # of contact, tissue moduli per inner radius: 1 um of penetration at 0.65 outer radii of the example
+PENALTY_BLUR = 1e-3  # inner radii: distance over which the penalty's kink is rounded
+CONTACT_REACH = 0.1  # inner radii: within which the opposite surface is sought
 NEARLY_INCOMPRESSIBLE = 0.485  # Poisson's ratio from which on the pressure is an unknown; the blocks have 0.48
 
 
@@ -63,6 +66,7 @@ class LoadedProbe:
         pressure = ngs.L2(self.mesh, order=self.order - 2, definedon=self.tissue)
         self.space = ngs.FESpace([held, pressure] if self.soft else [held])
         self.form, self.target_form = self._build_forms()
+        self.contact = self._build_contact()
         self.state, self.lifts = ngs.GridFunction(self.space), [self._lift(inside) for inside in (True, False)]
         self.inverse: Any = None
 
@@ -111,6 +115,26 @@ class LoadedProbe:
         whole, part = (build_form({k: v for k, v in each.items() if k in present}) for each in (bodies, target))
         return whole, part
 
+    def _build_contact(self) -> ngs.ContactBoundary:
+        """Return the contact of the tissue's top with the outer block's wall.
+
+        They meet at a right angle, where rounding would be penetration: points count as the top turns towards the wall.
+        """
+        contact, moved = ngs.ContactBoundary(self.mesh.Boundaries("top"), self.mesh.Boundaries("side")), self.space.TrialFunction()[0]
+        place, normal, blur = ngs.CF((ngs.x, ngs.y, ngs.z)), contact.normal, PENALTY_BLUR
+        penetration = (place + moved - place.Other() - moved.Other()) * normal
+        beyond = penetration**2 / 2 + blur**2 / 6
+        rounded = ngs.IfPos(penetration - blur, beyond, ngs.IfPos(penetration + blur, (penetration + blur) ** 3 / (12 * blur), 0))
+        share = (-(ngs.x * normal[0] + ngs.y * normal[1]) / (ngs.x**2 + ngs.y**2) ** 0.5 - 0.3) / 0.4
+        turned = ngs.IfPos(share, ngs.IfPos(1 - share, share**2 * (3 - 2 * share), 1), 0)
+        contact.AddEnergy(PENALTY * rounded * turned)
+        return contact
+
+    def _apply(self, residual: Any) -> None:
+        """Compute the residual forces of the state, with contact where it is now."""
+        self.contact.Update(self.state.components[0], self.form, 2 * self.order + 2, CONTACT_REACH)
+        self.form.Apply(self.state.vec, residual)
+
     def _lift(self, inner: bool) -> Any:
         """Return the unit displacement of one block's film end."""
         displacement = ngs.GridFunction(self.space)
@@ -130,7 +154,7 @@ class LoadedProbe:
         """
         vec, residual, step, last_size = self.state.vec, self.state.vec.CreateVector(), self.state.vec.CreateVector(), math.inf
         for iteration in range(MAX_ITERATIONS):
-            self.form.Apply(vec, residual)
+            self._apply(residual)
             step.data = self._solve(residual)
             size = ngs.Norm(step) / ngs.Norm(vec)
             if not size < (0.3 if iteration < 2 else max(0.1, 2 * last_size)):
@@ -161,7 +185,7 @@ class LoadedProbe:
         """Return forces and derivatives of the state at an indentation in inner radii."""
         vec, residual, total = self.state.vec, self.state.vec.CreateVector(), self.state.vec.CreateVector()
         force = 2 * self.unit * self.radius**2  # of the half's forces in the units of the mesh: N
-        self.form.Apply(vec, residual)
+        self._apply(residual)
         forces, by_indentation, by_ln_modulus = self._react(residual) * force, np.zeros(2), np.zeros(2)
         if self.present.Get():
             self._factorise()
