@@ -120,7 +120,8 @@ class LoadedProbe:
 
         They meet at a right angle, where rounding would be penetration: points count as the top turns towards the wall.
         """
-        contact, moved = ngs.ContactBoundary(self.mesh.Boundaries("top"), self.mesh.Boundaries("side")), self.space.TrialFunction()[0]
+        contact = ngs.ContactBoundary(self.mesh.Boundaries("top"), self.mesh.Boundaries("side"))
+        moved = self.space.TrialFunction()[0]
         place, normal, blur = ngs.CF((ngs.x, ngs.y, ngs.z)), contact.normal, PENALTY_BLUR
         penetration = (place + moved - place.Other() - moved.Other()) * normal
         beyond = penetration**2 / 2 + blur**2 / 6

@@ -31,10 +31,12 @@ class CornerCheck:
     ----------
     build
         Function that builds the path.
+    ends
+        Where no further step converges, m: it is not tried again. With 0 in it nothing is pressed.
     """
 
     build: Callable[[], Path]
-    _ends: list[float] = field(default_factory=list, repr=False)  # where no further step converges, m: it is not tried again
+    ends: list[float] = field(default_factory=list, repr=False)
 
     @cached_property
     def path(self) -> Path:
@@ -43,18 +45,18 @@ class CornerCheck:
 
     def press(self, indentation: float) -> float:
         """Press to an indentation, m, and return the one that was reached: no step may converge beyond it, or none at all."""
+        if self.ends and indentation > self.ends[0]:
+            return self.ends[0]
         try:
             path = self.path
         except SolveError:
             return 0.0
-        if self._ends and indentation > self._ends[0]:
-            return self._ends[0]
         try:
             path.press_to_indentation(indentation)
         except SolveError:
             reached = min(indentation, path.last.indentation)
             if reached < indentation:
-                self._ends.append(reached)
+                self.ends.append(reached)
             return reached
         return indentation
 

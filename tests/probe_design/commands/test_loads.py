@@ -72,8 +72,8 @@ def test_level_contact_answers_it(command: str, heavy: Path) -> None:
     )
     output = json.loads(run(command, off_axis, *COMMAND_LINES[command], "--json").stdout)
     assert output["evaluator"] == "contact"
-    off_axis.write_text(off_axis.read_text().replace('"70 mN"', '"0.3 N"'))
-    assert "allowed: up to 0.2" in refused(command, off_axis, *COMMAND_LINES[command])
+    off_axis.write_text(off_axis.read_text().replace('"70 mN"', '"0.4 N"'))
+    assert "allowed: up to 0.3" in refused(command, off_axis, *COMMAND_LINES[command])
 
 
 @pytest.mark.parametrize("command", ["evaluate", "curve", "scan", "estimate", "read"])
@@ -93,9 +93,9 @@ def test_linear_answers_it_and_counts_the_effect(command: str, heavy: Path) -> N
 def test_a_sweep_says_which_designs_are_pressed_too_hard(tmp_path: Path) -> None:
     off_axis = tmp_path / "beside.toml"
     off_axis.write_text(SCENE.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
-    for name, line, force, counts in (("auto", "", "0.3 N", (1, 1)), ("linear", "linear = true\n", "70 mN", (2, 0))):
+    for name, line, force, counts in (("auto", "", "0.4 N", (1, 1)), ("linear", "linear = true\n", "70 mN", (2, 0))):
         text = f'scene = "{off_axis}"\n{line}[variables."load.force"]\nvalues = ["10 mN", "{force}"]\n'
         (tmp_path / f"{name}.toml").write_text(text)
         output = json.loads(run("sweep", tmp_path / f"{name}.toml", "-o", tmp_path / name, "--json").stdout)
         assert (output["ok"], output["refused"]) == counts
-    assert "allowed: up to 0.2" in (tmp_path / "auto" / "results.csv").read_text()
+    assert "allowed: up to 0.3" in (tmp_path / "auto" / "results.csv").read_text()
