@@ -56,7 +56,7 @@ class TestAuto:
         assert result.error_estimate <= 0.1
 
     def test_refuses_an_indentation_in_millimetres(self) -> None:
-        with pytest.raises(Refusal, match=r"load.indentation = 4 mm: allowed: up to 2\.\d+ mm"):
+        with pytest.raises(Refusal, match=r"load.indentation = 4 mm: allowed: up to 3\.\d+ mm"):
             evaluate(with_load(BESIDE, indentation=4e-3), accuracy=0.05)
 
     def test_counts_the_effect_at_loads_that_are_allowed(self) -> None:
