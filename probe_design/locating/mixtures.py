@@ -18,11 +18,12 @@ import numpy as np
 from scipy.special import gammaln
 
 from geometry.common.arrays import Floats
+from probe_design.locating.rounds import Proposal
 from probe_design.locating.samples import MAX_LOGIT, choose_systematically, compute_log_prior, log_sum_exp
 
 FREEDOM = 6  # nu: tails heavier than those of a posterior, and near those of the logistic prior in logits
 PRIOR_SHARE = 0.05  # a: bounds every weight by twenty times that of the prior
-FITTED_PARTICLES = 1024  # to which a mixture is fitted, chosen among more
+FITTED_PARTICLES = 1024  # to which a mixture of up to 20 components is fitted, chosen among more
 FIT_STEPS = 10  # of expectation maximisation: more change the effective sample size by less than its scatter
 SPREAD_FACTOR = 1.15  # of the fitted covariances, so that the proposal is wider than the particles
 ROWS_AT_ONCE = 1024  # particles whose distances from all components fit the processor's cache
@@ -48,7 +49,9 @@ class StudentMixture:
     factors: Floats
 
     @classmethod
-    def fit(cls, z: Floats, weights: Floats, count: int, rng: np.random.Generator) -> StudentMixture:
+    def fit(
+        cls, z: Floats, weights: Floats, count: int, rng: np.random.Generator, *, particles: int = FITTED_PARTICLES
+    ) -> StudentMixture:
         """Fit to particles in logits, shape (n, D).
 
         Parameters
@@ -59,11 +62,13 @@ class StudentMixture:
             Number of components.
         rng
             Random numbers.
+        particles
+            To which the mixture is fitted, chosen among more.
         """
         dimensions, size = z.shape[1], 1 / float(weights @ weights)
-        if len(z) > FITTED_PARTICLES:
-            z = z[choose_systematically(weights, FITTED_PARTICLES, rng)]
-            weights = np.full(FITTED_PARTICLES, 1 / FITTED_PARTICLES)
+        if len(z) > particles:
+            z = z[choose_systematically(weights, particles, rng)]
+            weights = np.full(particles, 1 / particles)
         z = np.clip(z, -MAX_LOGIT, MAX_LOGIT)
         middle = weights @ z
         z = z - middle  # so that differences of products below keep their digits
@@ -184,10 +189,14 @@ class SetProposal:
     single: tuple[StudentMixture, ...]
 
     @classmethod
-    def fit(cls, z: Floats, weights: Floats, count: int, number: int, rng: np.random.Generator) -> SetProposal:
+    def fit(
+        cls, z: Floats, weights: Floats, count: int, rng: np.random.Generator, *, number: int, particles: int = FITTED_PARTICLES
+    ) -> SetProposal:
         """Fit to particles in logits, shape (n, D), whose tumours are in order, see ``StudentMixture.fit``."""
-        joint = StudentMixture.fit(z, weights, count, rng)
-        return cls(joint, tuple(StudentMixture.fit(part, weights, count, rng) for part in np.split(z, number, axis=1)))
+        joint, *single = (
+            StudentMixture.fit(part, weights, count, rng, particles=particles) for part in (z, *np.split(z, number, axis=1))
+        )
+        return cls(joint, tuple(single))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Return logits, shape (count, D)."""
@@ -223,7 +232,7 @@ class ExtendedProposal:
         For the tumour that is added.
     """
 
-    fewer: SetProposal
+    fewer: Proposal
     single: StudentMixture
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
@@ -252,7 +261,7 @@ class CombinedProposal:
         The proposals.
     """
 
-    parts: tuple[SetProposal | ExtendedProposal, ...]
+    parts: tuple[Proposal, ...]
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Return logits, shape (count, D); count is a multiple of the number of parts."""

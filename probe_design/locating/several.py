@@ -3,7 +3,8 @@
 A pool holds single tumours: of the prior, and about what explains the readings, or what fewer tumours leave of them. With signals
 that add, which is nearly so, the likelihood of every pair of the pool is a scalar product; triples follow from pairs. Chosen sets
 start tempered sequential Monte Carlo with the likelihood itself. Mixtures fit its particles, eq. LO.3, and from these importance
-sampling computes the evidence without bias.
+sampling computes the evidence without bias. Where it has few effective samples, or its repeats differ, long Markov chains move on
+from its samples, and a mixture of more components fits them: it is the shape of the posterior that few weighted samples lack.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from scipy.special import expit, logit
 
 from geometry.common.arrays import Floats
 from probe_design.locating.likelihood import Likelihood
-from probe_design.locating.mixtures import CombinedProposal, ExtendedProposal, SetProposal, StudentMixture
-from probe_design.locating.rounds import weigh
+from probe_design.locating.mixtures import FITTED_PARTICLES, CombinedProposal, ExtendedProposal, SetProposal, StudentMixture
+from probe_design.locating.rounds import Proposal, Round, weigh
 from probe_design.locating.samples import (
     Evaluate,
     Labels,
@@ -48,6 +49,9 @@ TEMPERING_SIZE_RELATIVE = 0.4  # effective sample size that a step of the temper
 PILOT_SIZE, FIRST_SIZE, LAST_SIZE = 1024, 2048, 4096  # samples of each repeat: to fit a mixture to; the last at least, at most
 ENOUGH_SIZE = 400.0  # effective sample size of a repeat's last samples, for which fewer may do: ln evidence is then known to 0.05
 GOOD_SIZE, MAX_ROUNDS = 250.0, 5  # effective size of a repeat's last samples, up to which its mixture is fitted anew
+GOOD_DIFFERENCE = 0.15  # of ln evidence between repeats, above which Markov chains run in each, as where a size is not good
+CHAINS, CHAIN_MOVES, FIRST_KEPT, CHAIN_STRIDE = 1500, 150, 60, 30  # their number, moves, the first move kept, moves between kept
+CHAIN_COMPONENTS, CHAIN_FITTED, CHAIN_SIZE, MAX_CHAIN_RUNS = 40, 6000, 8192, 2  # of mixtures fitted to them, and their samples
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ class Pool:
     sobol_signals: Floats
     values: Floats
     parts: tuple[StudentMixture, ...]
-    proposal: SetProposal | None = None
+    proposal: Proposal | None = None
 
     @classmethod
     def from_sample(cls, likelihood: Likelihood, sample: Sample, seed: int) -> Pool:
@@ -208,44 +212,103 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
     pool
         Single tumours, that of one tumour less.
     """
-    dimensions = len(likelihood.prior.free)
-
-    def evaluate(z: Floats) -> Floats:
-        """Return ln likelihood at logits, shape (n, m * d)."""
-        return likelihood.evaluate(expit(z).reshape(-1, number, dimensions))
-
-    # a second tumour moves the first too much for that
-    extended = () if pool.proposal is None else (ExtendedProposal(pool.proposal, pool.parts[-1]),)
-    pilot, *counts = (size * (1 + len(extended)) for size in (PILOT_SIZE, FIRST_SIZE, LAST_SIZE))
-    parts, evidences, signals = [], [], []
-    for repeat in range(REPEATS):
-        rng = np.random.default_rng((seed, number, repeat))
+    target = _Target(likelihood, number, pool)
+    rngs = [np.random.default_rng((seed, number, repeat)) for repeat in range(REPEATS)]
+    repeats, signals = [], []
+    for rng in rngs:
         z, totals, power = pool.draw_sets(number, rng)
         signals.append(totals)
-        z = _temper(evaluate, z, number, power, rng)
-        z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), number).order(z)
-        mixture = SetProposal.fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, number, rng)
-        drawn = weigh(evaluate, CombinedProposal((mixture, *extended)), pilot, rng)
-        for _ in range(MAX_ROUNDS):
-            softened = soften_weights(drawn.log_weights)
-            z = Labels.from_particles(drawn.z, softened, number).order(drawn.z)
-            mixture = SetProposal.fit(z, softened, LAST_COMPONENTS, number, rng)
-            needed = math.ceil(ENOUGH_SIZE / max(drawn.size / len(drawn.z), 1e-3))
-            count = 2 * math.ceil(min(max(needed, counts[0]), counts[1]) / 2)  # even, as the proposal has two parts at most
-            drawn = weigh(evaluate, CombinedProposal((mixture, *extended)), count, rng)
-            if drawn.size > GOOD_SIZE:
-                break
-        parts.append((drawn.z, drawn.log_weights))
-        evidences.append(float(log_sum_exp(drawn.log_weights)) - math.log(len(drawn.z)))
-    z, log_weights = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        repeats.append(target.run_rounds(_temper(target.evaluate, z, number, power, rng), rng))
+    for _ in range(MAX_CHAIN_RUNS):
+        agree = compute_difference(repeats) <= GOOD_DIFFERENCE
+        repeats = [
+            part if agree and part.size > GOOD_SIZE else target.run_chains(part, rng)
+            for part, rng in zip(repeats, rngs, strict=True)
+        ]
+    z, log_weights = np.concatenate([part.z for part in repeats]), np.concatenate([part.log_weights for part in repeats])
     total = float(log_sum_exp(log_weights))
     log_evidence = total - math.log(len(z)) - math.log(likelihood.prior.compute_allowed_fraction(number))
     sample = Sample(
-        expit(z).reshape(-1, number, dimensions), log_weights - total, log_evidence, compute_effective_size(log_weights),
-        max(evidences) - min(evidences),
+        target.build_points(z), log_weights - total, log_evidence, compute_effective_size(log_weights),
+        compute_difference(repeats),
     )  # fmt: skip
-    pool = replace(pool, proposal=mixture)
+    pool = replace(pool, proposal=repeats[-1].proposal)
     return order_labels(sample), pool.add_part(np.concatenate(signals)[::16], np.random.default_rng((seed, number)))
+
+
+@dataclass(frozen=True)
+class _Target:
+    """The posterior of several tumours.
+
+    Attributes
+    ----------
+    likelihood
+        Of the readings.
+    number
+        Of tumours.
+    pool
+        Single tumours, that of one tumour less.
+    """
+
+    likelihood: Likelihood
+    number: int
+    pool: Pool
+
+    def build_points(self, z: Floats) -> Floats:
+        """Return points of the cube at logits (n, m * d), shape (n, m, d)."""
+        return np.asarray(expit(z).reshape(-1, self.number, len(self.likelihood.prior.free)))
+
+    def evaluate(self, z: Floats) -> Floats:
+        """Return ln likelihood at logits, shape (n, m * d)."""
+        return self.likelihood.evaluate(self.build_points(z))
+
+    @property
+    def _extended(self) -> tuple[ExtendedProposal, ...]:
+        """What tumours of the pool add to sets of one less; not of a single one, which a second moves too much for that."""
+        return () if self.pool.proposal is None else (ExtendedProposal(self.pool.proposal, self.pool.parts[-1]),)
+
+    def _fit(
+        self, z: Floats, weights: Floats, count: int, rng: np.random.Generator, *, particles: int = FITTED_PARTICLES
+    ) -> CombinedProposal:
+        """Return a proposal fitted to weighted particles, see ``SetProposal.fit``."""
+        z = Labels.from_particles(z, weights, self.number).order(z)
+        return CombinedProposal(
+            (SetProposal.fit(z, weights, count, rng, particles=particles, number=self.number), *self._extended)
+        )
+
+    def run_rounds(self, z: Floats, rng: np.random.Generator) -> Round:
+        """Return draws of a proposal that was fitted to particles, then to draws of its own until these are good."""
+        pilot, first, last = (size * (1 + len(self._extended)) for size in (PILOT_SIZE, FIRST_SIZE, LAST_SIZE))
+        drawn = weigh(self.evaluate, self._fit(z, np.full(len(z), 1 / len(z)), FIRST_COMPONENTS, rng), pilot, rng)
+        for _ in range(MAX_ROUNDS):
+            proposal = self._fit(drawn.z, soften_weights(drawn.log_weights), LAST_COMPONENTS, rng)
+            needed = math.ceil(ENOUGH_SIZE / max(drawn.size / len(drawn.z), 1e-3))
+            count = 2 * math.ceil(min(max(needed, first), last) / 2)  # even, as the proposal has two parts at most
+            drawn = weigh(self.evaluate, proposal, count, rng)
+            if drawn.size > GOOD_SIZE:
+                break
+        return drawn
+
+    def run_chains(self, start: Round, rng: np.random.Generator) -> Round:
+        """Return draws of a proposal that was fitted to Markov chains, which start at the softened weights of a round."""
+        z = start.z[choose_systematically(soften_weights(start.log_weights), CHAINS, rng)]
+        log_likelihood, kept = self.evaluate(z), []
+        for move in range(CHAIN_MOVES):
+            if move % CHAIN_STRIDE == 0:
+                z = Labels.from_particles(z, np.full(len(z), 1 / len(z)), self.number).order(z)
+                if move >= FIRST_KEPT:
+                    kept.append(z)
+            blocks = self.number if move % 2 else 1
+            z, log_likelihood = _move(self.evaluate, z, log_likelihood, power=1.0, blocks=blocks, rng=rng)
+        z = np.concatenate([*kept, z])
+        proposal = self._fit(z, np.full(len(z), 1 / len(z)), CHAIN_COMPONENTS, rng, particles=CHAIN_FITTED)
+        return weigh(self.evaluate, proposal, CHAIN_SIZE * (1 + len(self._extended)), rng)
+
+
+def compute_difference(repeats: list[Round]) -> float:
+    """Return the difference between the largest and the smallest ln evidence of independent rounds."""
+    evidences = [float(log_sum_exp(part.log_weights)) - math.log(len(part.z)) for part in repeats]
+    return max(evidences) - min(evidences)
 
 
 def _temper(evaluate: Evaluate, z: Floats, number: int, power: float, rng: np.random.Generator) -> Floats:

@@ -187,7 +187,7 @@ def test_density_of_proposals_is_that_of_student_mixtures() -> None:
     """Against scipy's multivariate t; sets of two tumours count in both orders."""
     rng = np.random.default_rng(1)
     z = rng.standard_normal((400, 4))
-    proposal = SetProposal.fit(z, np.full(400, 1 / 400), 2, 2, rng)
+    proposal = SetProposal.fit(z, np.full(400, 1 / 400), 2, rng, number=2)
 
     def density(mixture: StudentMixture, points: Floats) -> Floats:
         parts = zip(mixture.shares, mixture.means, mixture.factors, strict=True)
