@@ -49,7 +49,7 @@ TEMPERING_SIZE_RELATIVE = 0.4  # effective sample size that a step of the temper
 PILOT_SIZE, FIRST_SIZE, LAST_SIZE = 1024, 2048, 4096  # samples of each repeat: to fit a mixture to; the last at least, at most
 ENOUGH_SIZE = 400.0  # effective sample size of a repeat's last samples, for which fewer may do: ln evidence is then known to 0.05
 GOOD_SIZE, MAX_ROUNDS = 250.0, 5  # effective size of a repeat's last samples, up to which its mixture is fitted anew
-GOOD_DIFFERENCE = 0.15  # of ln evidence between repeats, above which Markov chains run in each, as where a size is not good
+MIN_SIZE, MAX_DIFFERENCE = 200.0, 0.12  # of a repeat, and of ln evidence between repeats, beyond which Markov chains run
 CHAINS, CHAIN_MOVES, FIRST_KEPT, CHAIN_STRIDE = 1500, 150, 60, 30  # their number, moves, the first move kept, moves between kept
 CHAIN_COMPONENTS, CHAIN_FITTED, CHAIN_SIZE, MAX_CHAIN_RUNS = 40, 6000, 8192, 2  # of mixtures fitted to them, and their samples
 
@@ -220,9 +220,9 @@ def draw_several(likelihood: Likelihood, number: int, seed: int, pool: Pool) -> 
         signals.append(totals)
         repeats.append(target.run_rounds(_temper(target.evaluate, z, number, power, rng), rng))
     for _ in range(MAX_CHAIN_RUNS):
-        agree = compute_difference(repeats) <= GOOD_DIFFERENCE
+        agree = compute_difference(repeats) <= MAX_DIFFERENCE
         repeats = [
-            part if agree and part.size > GOOD_SIZE else target.run_chains(part, rng)
+            part if agree and part.size > MIN_SIZE else target.run_chains(part, rng)
             for part, rng in zip(repeats, rngs, strict=True)
         ]
     z, log_weights = np.concatenate([part.z for part in repeats]), np.concatenate([part.log_weights for part in repeats])
@@ -285,8 +285,8 @@ class _Target:
             needed = math.ceil(ENOUGH_SIZE / max(drawn.size / len(drawn.z), 1e-3))
             count = 2 * math.ceil(min(max(needed, first), last) / 2)  # even, as the proposal has two parts at most
             drawn = weigh(self.evaluate, proposal, count, rng)
-            if drawn.size > GOOD_SIZE:
-                break
+            if drawn.size > GOOD_SIZE:  # draws chosen for that missed what is rare: ln evidence was up to 0.2 too low
+                return weigh(self.evaluate, proposal, count, rng)
         return drawn
 
     def run_chains(self, start: Round, rng: np.random.Generator) -> Round:

@@ -14,7 +14,7 @@ from tests.probe_design.locating.test_inference import APART, CLEAR, likelihood,
 
 def test_evidence_by_markov_chains_is_the_mean_likelihood_of_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against plain Monte Carlo over the prior, in a scan weak enough for it."""
-    for name, value in {"GOOD_SIZE": math.inf, "MAX_ROUNDS": 1, "MAX_CHAIN_RUNS": 1, "CHAINS": 500, "CHAIN_SIZE": 2048}.items():
+    for name, value in {"MIN_SIZE": math.inf, "MAX_ROUNDS": 1, "MAX_CHAIN_RUNS": 1, "CHAINS": 500, "CHAIN_SIZE": 2048}.items():
         monkeypatch.setattr(several, name, value)
     subject = likelihood(scan(CLEAR + np.array([0, 0, 6e-3, -2e-3, 0]), seed=3))
     sample = draw_posteriors(subject, 2, 0)[-1]
@@ -38,5 +38,5 @@ def test_markov_chains_mend_the_evidence_of_three_tumours(monkeypatch: pytest.Mo
     mended = draw_posteriors(subject, 3, 0)[-1]
     monkeypatch.setattr(several, "MAX_CHAIN_RUNS", 0)
     rounds = draw_posteriors(subject, 3, 0)[-1]
-    assert rounds.repeat_difference > several.GOOD_DIFFERENCE > mended.repeat_difference
+    assert rounds.repeat_difference > several.MAX_DIFFERENCE > mended.repeat_difference
     assert mended.size > 3 * rounds.size
