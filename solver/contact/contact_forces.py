@@ -54,8 +54,8 @@ class Touch:
 
     Attributes
     ----------
-    gap
-        Gap at the slave's points, m, infinite where the master does not reach, shape (points,).
+    feet
+        Gaps at the slave's points.
     pressure
         Pressure of eq. CT.3, Pa, per undeformed area and along g, shape (points,).
     forces
@@ -72,7 +72,7 @@ class Touch:
         Whether a point reversed its sliding direction: it is held, and its shear is too large.
     """
 
-    gap: Floats
+    feet: PointGaps
     pressure: Floats
     forces: Floats
     stiffness: sp.csr_array | None
@@ -80,6 +80,11 @@ class Touch:
     normal: Floats
     max_violation: float = 0.0
     sliding_reversed: bool = False
+
+    @property
+    def gap(self) -> Floats:
+        """Gap at the slave's points, m, infinite where the master does not reach, shape (points,)."""
+        return self.feet.gap
 
     @property
     def min_gap(self) -> float:
@@ -120,7 +125,7 @@ def compute_touch(
     """
     size, penalty, feet = displacements.size, penalty_fraction * pair.penalty, PointGaps.from_displacements(pair, displacements)
     gap, inside = feet.gap, feet.inside
-    pressure, rising = _compute_pressure(multiplier - penalty * gap, penalty * blur, penalty * REST_CONTACT_GAP_M)
+    pressure, rising = compute_pressure(multiplier - penalty * gap, penalty * blur, penalty * REST_CONTACT_GAP_M)
     if pair.tied.size:  # tied points keep to the master: their pressure may be negative
         _check_edge(pair, feet)
         pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
@@ -128,7 +133,7 @@ def compute_touch(
     active, zeros = rising > 0, np.zeros(len(gap))  # active: points whose pressure depends on their gap
     place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
     if not np.any(active):
-        return Touch(gap, pressure, np.zeros(size), None, Grip(place, zeros, zeros.astype(int)), zeros, max_violation)
+        return Touch(feet, pressure, np.zeros(size), None, Grip(place, zeros, zeros.astype(int)), zeros, max_violation)
     footpoints, weight = feet.select_points(active), pair.weights[active]
     opening, bending = footpoints.differentiate_gap()  # first and second derivatives of the gap
     force, normal, shear = pressure[active], zeros.copy(), zeros.copy()
@@ -151,7 +156,7 @@ def compute_touch(
         )
         forces, stiffness = forces + friction_forces, stiffness + friction_stiffness
     pulls, matrix = footpoints.assemble(weight[:, None] * forces, weight[:, None, None] * stiffness, displacements.shape[1], size)
-    return Touch(gap, pressure, pulls, matrix, Grip(place, shear, sliding), normal, max_violation, sliding_reversed)
+    return Touch(feet, pressure, pulls, matrix, Grip(place, shear, sliding), normal, max_violation, sliding_reversed)
 
 
 def _check_edge(pair: Pair, feet: PointGaps) -> None:
@@ -202,7 +207,7 @@ def _compute_friction(
     return shear[:, None] * forward, multiply_outer(forward, shear_derivative) + shear[:, None, None] * direction_derivative
 
 
-def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tuple[Floats, Floats]:
+def compute_pressure(trial: Floats, blur: Floats | float, rest_threshold: float = 0.0) -> tuple[Floats, Floats]:
     """Return the pressure max(0, trial) of eq. CT.3, with its kink rounded, and its derivative with respect to ``trial``.
 
     Parameters
@@ -210,11 +215,11 @@ def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tupl
     trial
         l - e g of eq. CT.3, Pa, shape (points,).
     blur
-        The kink is rounded from -blur to blur, Pa; 0 leaves it sharp.
+        The kink is rounded from -blur to blur, Pa; 0 leaves it sharp. A number or shape (points,), none of them 0.
     rest_threshold
         Where the kink is sharp, the derivative is 1 above ``-rest_threshold``, Pa: lines closed at rest count as touching.
     """
-    if blur == 0:
+    if np.ndim(blur) == 0 and blur == 0:
         return np.maximum(trial, 0.0), np.where(trial > -rest_threshold, 1.0, 0.0)
     low, high = trial <= -blur, trial >= blur
     ramp = (np.clip(trial, -blur, blur) + blur) / (2 * blur)  # from 0 to 1 over the rounded kink: a parabola joins both lines

@@ -213,6 +213,12 @@ class Footpoints:
         values = (stiffness * multiply_outer(signs, signs)).ravel()
         return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
 
+    def assemble_gradients(self, width: int, size: int) -> sp.csr_array:
+        """Return the first derivatives of the gap with respect to all elements' values, (j, size); see ``assemble``."""
+        index, signs = self._find_indices(width)
+        starts = np.arange(0, index.size + 1, index.shape[1])
+        return sp.csr_array(((signs * self.differentiate_gap()[0]).ravel(), index.ravel(), starts), shape=(len(index), size))
+
     def _find_indices(self, width: int) -> tuple[Ints, Floats]:
         """Return the indices of the values of ``differentiate_gap`` among all elements' values, and their signs, (j, m) each.
 

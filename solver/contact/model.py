@@ -178,6 +178,14 @@ class ContactModel:
         """
         return np.asarray((self.numbering.gather @ v).reshape(self.lift.shape[:2]) + indentation * self.lift.sum(axis=-1))
 
+    def compute_blurs(self, state: State) -> list[float]:
+        """Return the gap over which each pair's kink is rounded, m."""
+        lengths = self.compute_contact_lengths(state.indentation)
+        return [
+            state.blur * length * (OPENING_BLUR_SHARE if pair.smooth else 1.0)
+            for pair, length in zip(self.pairs, lengths, strict=True)
+        ]
+
     def compute_touches(self, state: State) -> tuple[Touch, ...]:
         """Compute gaps, forces and tangent of all pairs in a state.
 
@@ -187,12 +195,7 @@ class ContactModel:
             A line folds over.
         """
         displacements = self.compute_displacements(state.v, state.indentation)
-        lengths = self.compute_contact_lengths(state.indentation)
-        blurs = [
-            state.blur * length * (OPENING_BLUR_SHARE if pair.smooth else 1.0)
-            for pair, length in zip(self.pairs, lengths, strict=True)
-        ]
-        rows = zip(self.pairs, state.multipliers, blurs, state.grips, strict=True)
+        rows = zip(self.pairs, state.multipliers, self.compute_blurs(state), state.grips, strict=True)
         return tuple(
             compute_touch(pair, displacements, m, state.penalty_fraction, blur, grip=grip) for pair, m, blur, grip in rows
         )

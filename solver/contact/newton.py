@@ -1,14 +1,13 @@
 """Find equilibrium at one indentation: Newton's method within rounds of multipliers (augmented Lagrangians).
 
-Far from equilibrium a stiff penalty makes Newton's method diverge. The first round is therefore soft, and its kink is rounded
-widely, so that points exert pressure before they touch. Its multipliers carry the contact pressure in the last round, where the
-penalty then has little effect.
+Its steps foresee which points touch at their end (``contact_steps``). Where faces may open they do not: far from equilibrium a
+stiff penalty makes Newton's method diverge there. The first rounds are then soft, and their kink is rounded widely: points exert
+pressure before they touch. Their multipliers carry the contact pressure in the last round, where the penalty has little effect.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,35 +15,22 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
+from solver.contact.contact_steps import correct_step
 from solver.contact.model import ContactModel, check_volume
 from solver.contact.states import Equilibrium, Linearised, State
 
 RESIDUAL_TOLERANCE = 1e-9  # residual over forces, in equilibrium
 ROUNDING_RESIDUAL = 1e-7  # likewise, where rounding errors prevent a further decrease
 LIGHT_ROUNDING_RESIDUAL = 1e-11  # likewise, divided by the indentation in outer radii
-GUESS_RESIDUAL_TOLERANCE = 1e-5  # likewise, of a round that only gives the next one's multipliers
 MAX_NEWTON_STEPS, MAX_HALVINGS = 14, 6
 MAX_OPENING_STEPS = 40  # where faces may open: the sets of touching and sliding points change between steps
-PENALTY_ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # fraction of the penalty, and rounding in contact lengths
-SHARP_ROUNDS = PENALTY_ROUNDS[1:]  # likewise, where multipliers are known from the loads before
-SLOW_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open, or those fail
-Rounds = tuple[tuple[float, float], ...]  # like these
+ROUNDS = ((1.0, 0.002),) * 8  # fraction of the penalty, and rounding in contact lengths
+OPENING_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *ROUNDS)  # likewise where faces may open
 MAX_PENETRATION_RELATIVE = 1e-3  # contact lengths: deeper penetration requires another round
 
 
-def solve(model: ContactModel, start: State, schedules: list[Rounds], *, known: bool = False) -> Equilibrium:
-    """Find equilibrium at the indentation of a state.
-
-    Parameters
-    ----------
-    model
-        Model of the section.
-    start
-        A state near equilibrium, at the wanted indentation.
-    schedules
-        Rounds to try, one schedule after the other. What fails goes to the end, as it would mostly fail at the next load again.
-    known
-        Whether its multipliers are extrapolated from earlier loads.
+def solve(model: ContactModel, start: State) -> Equilibrium:
+    """Find equilibrium at the indentation of a state nearby: each round has better multipliers than the one before.
 
     Raises
     ------
@@ -53,33 +39,13 @@ def solve(model: ContactModel, start: State, schedules: list[Rounds], *, known: 
     LimitReached
         The time limit is reached.
     """
-    if known:
-        with suppress(SolveError):
-            return _solve_rounds(model, start, SHARP_ROUNDS)
-    for _ in schedules[1:]:
-        with suppress(SolveError):
-            return _solve_rounds(model, start, schedules[0])
-        schedules.append(schedules.pop(0))
-    return _solve_rounds(model, start, schedules[0])
-
-
-def _solve_rounds(model: ContactModel, start: State, rounds: Rounds) -> Equilibrium:
-    """Find equilibrium by rounds of Newton's method, each with better multipliers than the one before.
-
-    ``rounds`` give the fraction of the penalty and the rounding, in contact lengths; see ``PENALTY_ROUNDS``.
-    """
     check_volume(model.elements, start.elements)
     state, equations, residuals = start, None, list[float]()
-    for penalty_fraction, blur in rounds:
-        tolerance = GUESS_RESIDUAL_TOLERANCE if penalty_fraction < 1 and not model.may_open else RESIDUAL_TOLERANCE
+    for penalty_fraction, blur in OPENING_ROUNDS if model.may_open else ROUNDS:
         state = replace(state, penalty_fraction=penalty_fraction, blur=blur)
         equations = model.linearise(state, equations)  # a new round changes contact alone, not the elements' part
-        state, equations, round_residuals = _iterate_newton(model, state, equations, tolerance)
+        state, equations, round_residuals = _iterate_newton(model, state, equations)
         residuals += round_residuals
-        # without contact no further round follows: finish this one to the full tolerance
-        if not equations.has_contact and equations.relative_residual > RESIDUAL_TOLERANCE:
-            state, equations, round_residuals = _iterate_newton(model, state, equations)
-            residuals += round_residuals
         if not equations.has_contact or (penalty_fraction == 1 and equations.deepest <= MAX_PENETRATION_RELATIVE):
             return Equilibrium(_store_grips(state, equations), equations, tuple(residuals))
         state = replace(state, multipliers=tuple(touch.pressure for touch in equations.touches))
@@ -100,19 +66,10 @@ def _store_sliding(state: State, equations: Linearised) -> State:
     )
 
 
-def _iterate_newton(
-    model: ContactModel, state: State, equations: Linearised, tolerance: float = RESIDUAL_TOLERANCE
-) -> tuple[State, Linearised, list[float]]:
+def _iterate_newton(model: ContactModel, state: State, equations: Linearised) -> tuple[State, Linearised, list[float]]:
     """Iterate Newton's method with fixed multipliers; return the state, its equations and the residual after each step.
 
-    Parameters
-    ----------
-    model, state
-        The model and the state to start from.
-    equations
-        The equations about that state.
-    tolerance
-        Relative residual at which the iteration ends.
+    ``equations`` are those about the state to start from.
     """
     residuals: list[float] = []
     rounding = (
@@ -120,7 +77,9 @@ def _iterate_newton(
         if state.indentation > 0
         else ROUNDING_RESIDUAL
     )
-    while equations.has_sliding_reversal or (equations.relative_residual > tolerance and not _has_stalled(residuals, rounding)):
+    while equations.has_sliding_reversal or (
+        equations.relative_residual > RESIDUAL_TOLERANCE and not _has_stalled(residuals, rounding)
+    ):
         check_time("pressing")
         if len(residuals) == (MAX_OPENING_STEPS if model.may_open else MAX_NEWTON_STEPS):
             raise SolveError("Newton's method does not converge")
@@ -129,6 +88,8 @@ def _iterate_newton(
         step = -equations.factor.solve(np.ascontiguousarray(equations.residual[:, None]))[:, 0]
         if not np.all(np.isfinite(step)):
             raise SolveError("the equations cannot be solved")
+        if not model.may_open:
+            step = correct_step(model, state, equations, step)
         state, equations = _take_step(model, state, equations, step)
         state = _store_sliding(state, equations)
         residuals.append(equations.relative_residual)

@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
-from solver.contact.newton import PENALTY_ROUNDS, SLOW_ROUNDS, Rounds, solve
+from solver.contact.newton import solve
 from solver.contact.states import (
     Equilibrium,
     Linearised,
@@ -65,11 +65,9 @@ class Path:
     length: float = 0.0
     _light_state: State = field(init=False)
     _scale: Floats = field(init=False)
-    _schedules: list[Rounds] = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the first points: at rest, and under a very light load."""
-        self._schedules = [*([] if self.model.may_open else [PENALTY_ROUNDS]), SLOW_ROUNDS]
         self.length, self._scale = FIRST_STEP_RELATIVE * self.unit, np.ones(self.model.outputs.shape[1])
         rest_state = self.model.build_rest_state()
         rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
@@ -88,7 +86,7 @@ class Path:
     def seed(self, state: State) -> PathPoint:
         """Solve from a loaded state of the same mesh with other moduli and continue the path there; see ``iterate_steps``."""
         try:
-            point = self._build_point(self._solve(state))
+            point = self._build_point(solve(self.model, state))
         except SolveError as fault:
             raise StoppedError(self.last, f"no further step converges: {fault}") from fault
         self.points.append(point)
@@ -211,16 +209,12 @@ class Path:
     def _solve_point(self, indentation: float) -> PathPoint:
         """Solve at an indentation from the extrapolated state or, where faces may open, also from the state before it."""
         try:
-            return self._build_point(self._solve(self._extrapolate(indentation), known=self._has_known_contact(indentation)))
+            return self._build_point(solve(self.model, self._extrapolate(indentation)))
         except SolveError:
             if not self.model.may_open:
                 raise
         # neighbours may differ in what touches and slides: one alone is sometimes the better start
-        return self._build_point(self._solve(self._follow_tangent(self._find_state_before(indentation), indentation)))
-
-    def _solve(self, start: State, *, known: bool = False) -> Equilibrium:
-        """Find equilibrium, see ``solver.contact.newton.solve``, first in the way that converged last on this path."""
-        return solve(self.model, start, self._schedules, known=known)
+        return self._build_point(solve(self.model, self._follow_tangent(self._find_state_before(indentation), indentation)))
 
     @property
     def _target(self) -> Floats | None:
@@ -239,13 +233,14 @@ class Path:
     def _extrapolate(self, indentation: float) -> State:
         """Extrapolate or interpolate the state at an indentation from the nearest points."""
         nearest = self._find_nearest(indentation)
-        states = [point.equilibrium.state for point in nearest]
+        states = [point.equilibrium.store_pressures() for point in nearest]
         if len(states) < 2:
             return self._scale_light_state(indentation) if len(self.points) == 1 else self._follow_tangent(states[0], indentation)
         places = [state.indentation for state in states]
-        if self.model.may_open or any(state.contact_mask.any() for state in states):
+        if self.model.may_open or any(point.equilibrium.equations.has_contact for point in nearest):
             # where lines touch, starts with rates lead to another equilibrium of a folding corner: use values alone
             guess = add_weighted(compute_lagrange_weights(places, indentation), states)
+            guess = replace(guess, multipliers=tuple(np.maximum(multiplier, 0.0) for multiplier in guess.multipliers))
         else:
             guess = add_weighted(
                 compute_hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])]
@@ -254,12 +249,6 @@ class Path:
         if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
             return self._follow_tangent(states[0], indentation)
         return replace(guess, indentation=indentation, grips=self._find_state_before(indentation).grips)
-
-    def _has_known_contact(self, indentation: float) -> bool:
-        """Return whether the same points touch in all nearest states, so that multipliers can be extrapolated."""
-        touching = [point.equilibrium.state.contact_mask for point in self._find_nearest(indentation)]
-        is_same = all(np.array_equal(touching[0], pattern) for pattern in touching[1:])
-        return not self.model.may_open and len(touching) > 2 and bool(touching[0].any()) and is_same
 
     def _find_state_before(self, indentation: float) -> State:
         """Return the last state below an indentation; friction depends on it."""
@@ -273,7 +262,7 @@ class Path:
         if not self.model.may_open:
             return Equilibrium(state, self.model.linearise(state), ())
         pressures = tuple(touch.pressure for touch in self.model.compute_touches(state))
-        return self._solve(replace(state, multipliers=pressures))
+        return solve(self.model, replace(state, multipliers=pressures))
 
     def _scale_light_state(self, indentation: float) -> State:
         """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""

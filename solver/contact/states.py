@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.common.arrays import Bools, Floats
+from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.contact_forces import Grip, Touch
 from solver.contact.elements import Balance, ElementValues, Elimination
@@ -44,11 +44,6 @@ class State:
     grips: tuple[Grip | None, ...]
     penalty_fraction: float = 1.0
     blur: float = 0.0
-
-    @property
-    def contact_mask(self) -> Bools:
-        """Mask of the points of all pairs that touch: their multipliers are positive."""
-        return np.concatenate([multiplier > 0 for multiplier in self.multipliers])
 
 
 @dataclass(frozen=True)
@@ -121,6 +116,10 @@ class Equilibrium:
     state: State
     equations: Linearised
     residuals: tuple[float, ...]
+
+    def store_pressures(self) -> State:
+        """Return the state with the contact pressures as its multipliers, as the start of further loads."""
+        return replace(self.state, multipliers=tuple(touch.pressure for touch in self.equations.touches))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from solver.contact import path
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.loaded_scene import LoadedForces, LoadedScene, press_with_enough_points, solve_neighbour
 from solver.contact.model import ContactModel
-from solver.contact.newton import Rounds, solve
+from solver.contact.newton import solve
 from solver.contact.states import Equilibrium, State, StoppedError
 from solver.evaluation import curve, evaluate, plan
 from tests.support.paths import REFERENCE
@@ -181,10 +181,10 @@ def test_a_load_that_no_step_reaches_is_refused_with_the_one_reached(monkeypatch
     """Where Newton's method fails depends on rounding deep down, so here it fails at a depth of our choice."""
     max_indentation = 0.3e-3
 
-    def stops(model: ContactModel, guess: State, schedules: list[Rounds], *, known: bool = False) -> Equilibrium:
+    def stops(model: ContactModel, guess: State) -> Equilibrium:
         if guess.indentation > max_indentation:
             raise SolveError("the elements fold")
-        return solve(model, guess, schedules, known=known)
+        return solve(model, guess)
 
     monkeypatch.setattr(path, "solve", stops)
     reached = ContactEvaluator().prepare_scene(EXAMPLE).press_to_indentation(max_indentation).point.force
@@ -202,10 +202,10 @@ def test_a_refused_load_names_what_both_meshes_reach(monkeypatch: pytest.MonkeyP
     scene = with_load(EXAMPLE.model_copy(update={"contact": Contact(interface="frictionless")}), force=0.1)
     coarse, fine = (len(path.model.mesh.body) for path in ContactEvaluator().prepare_scene(scene).paths)
 
-    def stops(model: ContactModel, guess: State, schedules: list[Rounds], *, known: bool = False) -> Equilibrium:
+    def stops(model: ContactModel, guess: State) -> Equilibrium:
         if guess.indentation > {coarse: 0.3e-3, fine: 0.2e-3}[len(model.mesh.body)]:
             raise SolveError("the elements fold")
-        return solve(model, guess, schedules, known=known)
+        return solve(model, guess)
 
     monkeypatch.setattr(path, "solve", stops)
     reached = ContactEvaluator().prepare_scene(scene).press_to_indentation(0.2e-3).point.force

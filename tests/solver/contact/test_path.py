@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from geometry import Scene
+from geometry.common.arrays import Floats
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
-from solver.contact.contact_forces import compute_touch
+from solver.contact.contact_forces import compute_pressure, compute_touch
+from solver.contact.contact_steps import correct_step
 from solver.contact.footpoints import PointGaps
 from solver.contact.model import ContactModel
 from solver.contact.states import StoppedError, compute_hermite_weights
@@ -138,6 +141,47 @@ def test_kinks_of_a_wall_are_rounded_and_their_derivatives_exact() -> None:
             expected = 2 * (now.stiffness @ direction.ravel())
             np.testing.assert_allclose(ahead.forces - behind.forces, expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
     assert checked >= 4
+
+
+def test_a_corrected_step_solves_with_the_pressures_at_its_end() -> None:
+    """Eq. CT.14 as virtual work, with gaps' derivatives by differences, where the tangent alone would lead through a wall."""
+    path = pressed(scene_of("equal-blocks-6kpa"), COARSE)
+    model, before = path.model, path.press_to_indentation(0.1 * path.radius).equilibrium
+    changes, _ = model.compute_responses(before.state, before.equations)
+    deeper = 0.15 * path.radius
+    state = model.shift(before.state, before.equations, deeper * changes[:, 0], before.state.indentation + deeper)
+    equations = model.factorise_tangent(model.linearise(state))
+    assert equations.factor is not None
+    step = -equations.factor.solve(equations.residual[:, None])[:, 0]
+    corrected = correct_step(model, state, equations, step)
+    assert np.linalg.norm(corrected - step) > 0.02 * np.linalg.norm(step)
+    gaps = np.concatenate([touch.gap for touch in equations.touches])
+    reached = gaps < path.radius
+
+    def differentiate_gaps(direction: Floats) -> Floats:
+        """Return the derivative of the gaps along a direction of the unknowns."""
+        small = 1e-9 / np.abs(direction).max()
+        moved = [model.compute_touches(replace(state, v=state.v + sign * small * direction)) for sign in (1, -1)]
+        ahead, behind = (np.concatenate([touch.gap for touch in touches])[reached] for touches in moved)
+        return np.asarray((ahead - behind) / (2 * small))
+
+    penalties, blurs, weights, multipliers = (
+        np.concatenate(parts)[reached]
+        for parts in (
+            [np.full(pair.points, pair.penalty) for pair in model.pairs],
+            [np.full(pair.points, pair.penalty * x) for pair, x in zip(model.pairs, model.compute_blurs(state), strict=True)],
+            [pair.weights for pair in model.pairs],
+            state.multipliers,
+        )
+    )
+    opening, trial = differentiate_gaps(corrected), multipliers - penalties * gaps[reached]
+    (now, rising), (then, _) = (compute_pressure(x, blurs) for x in (trial, trial - penalties * opening))
+    assert np.any((now > 0) != (then > 0))
+    surplus = weights * (then - now + penalties * rising * opening)
+    forces = model.assembly.assemble_tangent(equations.stiffness, equations.contact_stiffness) @ corrected + equations.residual
+    for direction in np.random.default_rng(7).standard_normal((5, len(step))):
+        works = surplus * differentiate_gaps(direction)
+        assert forces @ direction == pytest.approx(works.sum(), abs=1e-4 * np.abs(works).sum())
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.45, 0.4999])

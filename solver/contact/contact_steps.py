@@ -1,0 +1,136 @@
+r"""Correct Newton steps for points that begin or cease to touch within the step.
+
+A step of Newton's method takes those points to touch at its end that touch at its start. Where they change, their stiff penalty
+throws the next step far off. The linearised equations are therefore solved with the pressures at the end of the step: with the
+tangent K, the step s, and the derivatives G of the gaps g with respect to the unknowns,
+
+    K s = -residual + G' W q,   q = p(g + G s) - p(g) - p'(g) G s                                      (CT.14)
+
+with the pressure p of eq. CT.3 and the points' areas W. q is zero where the pressure stays linear; the few other points form a
+small dense system, solved by Newton's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.common.arrays import Bools, Floats
+from solver.contact.contact_forces import compute_pressure
+from solver.contact.model import ContactModel
+from solver.contact.states import Linearised, State
+
+REACH_FACTOR = 10.0  # times the largest change of an unknown: a gap changes less in one step
+NEGLIGIBLE_RELATIVE = 1e-6  # of the largest pressure: a smaller q is left out
+MAX_PASSES = 4  # each takes in the points that the correction of those before presses or frees
+MAX_STEPS, MAX_HALVINGS, TOLERANCE_RELATIVE = 40, 8, 1e-9  # of Newton's method for q; tolerance relative to its first error
+
+
+@dataclass(frozen=True)
+class NearPoints:
+    """Points of all pairs that may begin or cease to touch, and their pressures as their gaps change.
+
+    Attributes
+    ----------
+    trial, penalties, blurs
+        l - e g of eq. CT.3, Pa, its penalty e, Pa/m, and rounding, Pa, shape (points,) each.
+    """
+
+    trial: Floats
+    penalties: Floats
+    blurs: Floats
+
+    def select(self, points: Bools) -> NearPoints:
+        """Return the points of a mask."""
+        return NearPoints(self.trial[points], self.penalties[points], self.blurs[points])
+
+    @property
+    def pressure(self) -> Floats:
+        """Pressures before their gaps change, Pa, shape (points,)."""
+        return compute_pressure(self.trial, self.blurs)[0]
+
+    def compute_surplus(self, opening: Floats) -> tuple[Floats, Floats]:
+        """Return q of eq. CT.14, Pa, where gaps change by ``opening``, m, shape (points,), and its derivative."""
+        now, rising_now = compute_pressure(self.trial, self.blurs)
+        then, rising = compute_pressure(self.trial - self.penalties * opening, self.blurs)
+        return then - now + self.penalties * rising_now * opening, self.penalties * (rising_now - rising)
+
+
+def correct_step(model: ContactModel, state: State, equations: Linearised, step: Floats) -> Floats:
+    """Return a Newton step, shape (unknowns,), corrected by eq. CT.14; as it is where the correction is not found.
+
+    The equations have their factor; no face slides or opens.
+    """
+    assert equations.factor is not None
+    near = _find_near(model, state, equations, REACH_FACTOR * float(np.abs(step).max()))
+    if near is None:
+        return step
+    points, weights, gradients = near
+    opening = gradients @ step
+    surplus = np.abs(points.compute_surplus(opening)[0])
+    pressure = points.pressure
+    negligible = NEGLIGIBLE_RELATIVE * max(float(pressure.max()), float(surplus.max()))
+    if not np.any(surplus > negligible):
+        return step
+    chosen = (surplus > negligible) | (pressure > 0)
+    for _ in range(MAX_PASSES):
+        moves = equations.factor.solve(np.ascontiguousarray(gradients[chosen].T.toarray() * weights[chosen]))
+        compliance = gradients @ moves
+        found = _solve_surplus(points.select(chosen), opening[chosen], compliance[chosen])
+        if found is None:
+            return step
+        missed = (np.abs(points.compute_surplus(opening + compliance @ found)[0]) > negligible) & ~chosen
+        if not np.any(missed):
+            return np.asarray(step + moves @ found)
+        chosen |= missed
+    return step
+
+
+def _find_near(model: ContactModel, state: State, equations: Linearised, reach: float) -> tuple[NearPoints, Floats, Any] | None:
+    """Return the points that touch or may do so if gaps change by up to ``reach``, m; None if none can cross its kink.
+
+    After the points come W of eq. CT.14, m^2, and G, sparse, shape (points, unknowns).
+    """
+    rows, gradients, crossing, (n, width, _) = list[tuple[Floats, ...]](), [], False, model.lift.shape
+    for pair, touch, multiplier, blur in zip(
+        model.pairs, equations.touches, state.multipliers, model.compute_blurs(state), strict=True
+    ):
+        penalty = state.penalty_fraction * pair.penalty
+        trial, bound = multiplier - penalty * touch.gap, penalty * (reach + blur)
+        close = trial > -bound
+        count = int(close.sum())
+        if not count:
+            continue
+        crossing |= bool(np.any(trial[close] < bound))
+        ones = np.ones(count)
+        rows.append((trial[close], penalty * ones, penalty * blur * ones, pair.weights[close]))
+        gradients.append(touch.feet.select_points(close).assemble_gradients(width, n * width))
+    if not crossing:
+        return None
+    trials, penalties, blurs, weights = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    return NearPoints(trials, penalties, blurs), weights, sp.vstack(gradients, format="csr") @ model.numbering.gather
+
+
+def _solve_surplus(points: NearPoints, opening: Floats, compliance: Floats) -> Floats | None:
+    """Solve eq. CT.14 for q of k points, whose gaps change by ``opening`` + ``compliance`` q; None where nothing is found.
+
+    The shapes of the two are (k,) and (k, k).
+    """
+    q = np.zeros(len(opening))
+    surplus, slope = points.compute_surplus(opening)
+    error = surplus - q
+    tolerance = TOLERANCE_RELATIVE * float(np.abs(error).max())
+    for _ in range(MAX_STEPS):
+        if np.abs(error).max() <= tolerance:
+            return q
+        change = np.linalg.solve(np.eye(len(q)) - slope[:, None] * compliance, error)
+        for fraction in 0.5 ** np.arange(MAX_HALVINGS):
+            trial = q + fraction * change
+            surplus, slope = points.compute_surplus(opening + compliance @ trial)
+            if np.linalg.norm(surplus - trial) < np.linalg.norm(error):
+                break
+        q, error = trial, surplus - trial
+    return None
