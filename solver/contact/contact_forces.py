@@ -67,7 +67,7 @@ class Touch:
     normal
         Pressure normal to the master, Pa, per undeformed area, shape (points,).
     max_violation
-        Maximum penetration of the lines, or separation where they are tied, m.
+        Maximum penetration of the lines, or separation where they are tied or press, m.
     sliding_reversed
         Whether a point reversed its sliding direction: it is held, and its shear is too large.
     """
@@ -129,7 +129,10 @@ def compute_touch(
     if pair.tied.size:  # tied points keep to the master: their pressure may be negative
         _check_edge(pair, feet)
         pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
-    max_violation = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))
+    violation = np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap
+    if not pair.loose:  # a multiplier that is too large presses at a distance
+        violation = np.maximum(violation, np.minimum(gap, pressure / penalty))
+    max_violation = float(np.max(violation, initial=0.0))
     active, zeros = rising > 0, np.zeros(len(gap))  # active: points whose pressure depends on their gap
     place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
     if not np.any(active):

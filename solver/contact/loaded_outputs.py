@@ -198,13 +198,16 @@ class LoadedOutputs:
         return max(abs(self.compute_sensitivity(path, point)) for point in path.points if point.indentation <= until)
 
     def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
-        """Interpolate outputs, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m."""
+        """Interpolate outputs, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m.
+
+        Beyond the path's end, by less than its last step, the tangent there is followed: points at a force may lie so close to each
+        other that a cubic through them would only amplify what their contact differs by.
+        """
         from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
         indentations = np.array([point.indentation for point in path.points])
         outputs = [self.select(point) for point in path.points]
         values = CubicHermiteSpline(indentations, [x.values for x in outputs], [x.tangent for x in outputs])
-        sensitivity = PchipInterpolator(
-            indentations, [self.compute_sensitivity(path, point) for point in path.points], extrapolate=True
-        )
-        return values(places).T, sensitivity(places)
+        sensitivity = PchipInterpolator(indentations, [self.compute_sensitivity(path, point) for point in path.points])
+        inside = np.minimum(places, indentations[-1])
+        return values(inside).T + (places - inside) * outputs[-1].tangent[:, None], sensitivity(inside)

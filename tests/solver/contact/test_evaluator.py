@@ -260,15 +260,16 @@ def test_a_curve_keeps_what_meshes_differ_by_on_the_way() -> None:
 
 
 @pytest.mark.slow
-def test_tissue_that_folds_onto_a_corner_is_pressed_with_more_contact_points() -> None:
-    """Few points make the tube's wall kink at 0.292 N on the second mesh; the first, which gets further, tells what is right."""
-    scene = with_load(EXAMPLE, force=0.3)
-    result, loaded = press_with_enough_points(ContactEvaluator().prepare_scene(scene), LoadedScene.press_to_scene_load)
-    assert loaded.dense
-    films = result.films
-    assert films.ratio_error < 0.012  # 0.0102, of which fine corners add most
-    coarse = ContactEvaluator().prepare_scene(scene).paths[0].press_to_force(0.3)
-    assert films.totals[0] / films.totals[1] == pytest.approx(coarse.films[0] / coarse.films[1], rel=films.ratio_error)
+def test_tissue_that_folds_onto_a_corner_is_pressed_with_few_contact_points_or_twice_as_many() -> None:
+    """Either answer is within the other's bound."""
+    few = ContactEvaluator().prepare_scene(with_load(EXAMPLE, force=0.3))
+    many = few.add_contact_points()
+    assert many is not None
+    bounds = [loaded.press_to_scene_load().films for loaded in (few, many)]
+    errors = [films.ratio_error for films in bounds]
+    assert max(errors) < 0.012  # 0.0102 and 0.0110, of which fine corners add most
+    ratios = [films.totals[0] / films.totals[1] for films in bounds]
+    assert ratios[0] == pytest.approx(ratios[1], rel=min(errors))
 
 
 def test_another_modulus_is_pressed_with_more_contact_points_too(monkeypatch: pytest.MonkeyPatch) -> None:
