@@ -200,8 +200,8 @@ class LoadedOutputs:
     def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
         """Interpolate outputs, shape (2, k), and log-sensitivities, (k,), of a path at k indentations ``places``, m.
 
-        Beyond the path's end, by less than its last step, the tangent there is followed: points at a force may lie so close to each
-        other that a cubic through them would only amplify what their contact differs by.
+        Beyond the path's end the tangent there is followed: points at a force may lie so close to each other that a cubic through
+        them would only amplify what their contact differs by.
         """
         from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 

@@ -182,8 +182,7 @@ class ContactModel:
         """Return the gap over which each pair's kink is rounded, m."""
         lengths = self.compute_contact_lengths(state.indentation)
         return [
-            state.blur * length * (OPENING_BLUR_SHARE if pair.smooth else 1.0)
-            for pair, length in zip(self.pairs, lengths, strict=True)
+            state.blur * x * (OPENING_BLUR_SHARE if pair.smooth else 1.0) for pair, x in zip(self.pairs, lengths, strict=True)
         ]
 
     def compute_touches(self, state: State) -> tuple[Touch, ...]:
