@@ -28,10 +28,8 @@ from solver.linalg.workspace import keep_result
 from solver.materials.hyperelastic import Hyperelastic
 from solver.materials.strain_energies import StableRange
 
-OPENING_LENGTH_RELATIVE, OPENING_BLUR_SHARE = (
-    0.02,
-    0.1,
-)  # where faces may open: contact length per indentation; fraction of the usual rounding
+# where faces may open: contact length per indentation; fraction of the usual rounding
+OPENING_LENGTH_RELATIVE, OPENING_BLUR_SHARE = 0.02, 0.1
 MAX_RESIDUAL = 1e-6  # of the tangent's solutions, relative to the forces that drive them
 BASE_HEIGHT_MARGIN, BASE_RADIUS_FACTOR = 0.05, 1.02  # of the outer block's height and radius: nearer tissue reaches the base
 _mesh = keep_result(build_topology)
