@@ -65,10 +65,10 @@ def correct_step(model: ContactModel, state: State, equations: Linearised, step:
     The equations have their factor; no face slides or opens.
     """
     assert equations.factor is not None
-    near = _find_near(model, state, equations, REACH_FACTOR * float(np.abs(step).max()))
-    if near is None:
+    neighbours = _find_near(model, state, equations, REACH_FACTOR * float(np.abs(step).max()))
+    if neighbours is None:
         return step
-    points, weights, gradients = near
+    points, weights, gradients = neighbours
     opening = gradients @ step
     surplus = np.abs(points.compute_surplus(opening)[0])
     pressure = points.pressure
@@ -79,12 +79,12 @@ def correct_step(model: ContactModel, state: State, equations: Linearised, step:
     for _ in range(MAX_PASSES):
         moves = equations.factor.solve(np.ascontiguousarray(gradients[chosen].T.toarray() * weights[chosen]))
         compliance = gradients @ moves
-        found = _solve_surplus(points.select(chosen), opening[chosen], compliance[chosen])
-        if found is None:
+        solution = _solve_surplus(points.select(chosen), opening[chosen], compliance[chosen])
+        if solution is None:
             return step
-        missed = (np.abs(points.compute_surplus(opening + compliance @ found)[0]) > negligible) & ~chosen
+        missed = (np.abs(points.compute_surplus(opening + compliance @ solution)[0]) > negligible) & ~chosen
         if not np.any(missed):
-            return np.asarray(step + moves @ found)
+            return np.asarray(step + moves @ solution)
         chosen |= missed
     return step
 
