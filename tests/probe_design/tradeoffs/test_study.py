@@ -280,11 +280,11 @@ def test_the_page_s_table_is_one_of_the_command_s(made_tradeoff: Tradeoff) -> No
     assert lines[:2] == [f"| {' | '.join(SUMMARY_HEADINGS)} |", "|---" * len(SUMMARY_HEADINGS) + "|"]
     shown = [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in lines[2:]]
     settings = [
-        (row_stated.evaluator, "-" if row_stated.accuracy is None else f"{row_stated.accuracy:g}")
+        (row_stated.evaluator, "-" if row_stated.accuracy is None else f"{100 * row_stated.accuracy:g} %")
         for row_stated in TIMED_SETTINGS
     ]
     assert [row_stated for row_stated in settings if row_stated not in {line[:2] for line in shown}] == []
-    figure = re.compile(r"<?\d\.\de-?\+?\d\d\*?(?: \(95 %\))?|\d[\d.e+-]*|reference|-")
+    figure = re.compile(r"<?\d[\d.]* %\*?(?: \(95 %\))?|\d[\d.e+-]*|reference|-")
     for line in (*shown, *build_summary_cells(made_tradeoff)):
         assert len(line) == len(SUMMARY_HEADINGS)
         assert re.fullmatch(r"\d+/\d+", line[2])
