@@ -73,13 +73,14 @@ def test_an_accuracy_is_kept_or_refused(scene: Scene, name: str, reached: float,
 )
 def test_the_accuracy_that_a_refusal_names_is_reached(path: str, accuracy: float) -> None:
     scene = read_scene(REFERENCE / path).model_copy(update={"load": Load(force=0.0)})  # whose load refuses nothing
-    with pytest.raises(Refusal, match=rf"^accuracy = {accuracy!r}: allowed: ") as fault:
+    with pytest.raises(Refusal, match=rf"^accuracy = {100 * accuracy:g} %: allowed: ") as fault:
         evaluate(scene, accuracy=accuracy)
-    named = re.match("([0-9.e-]+) or more", fault.value.allowed)
+    named = re.match("([0-9.e-]+) % or more", fault.value.allowed)
     assert named is not None
-    estimate = evaluate(scene, accuracy=float(named[1])).error_estimate
+    allowed = float(named[1]) / 100
+    estimate = evaluate(scene, accuracy=allowed).error_estimate
     assert estimate is not None
-    assert estimate <= float(named[1])
+    assert estimate <= allowed
 
 
 def test_no_text_calls_an_evaluator_planned_that_is_built() -> None:
