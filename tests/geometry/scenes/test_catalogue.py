@@ -86,9 +86,9 @@ def test_a_recipe_may_stand_in_the_name(words: str, recipe: dict[str, float]) ->
 @pytest.mark.parametrize(
     ("words", "recipe", "allowed"),
     [
-        ("ecoflex-00-30", {"thinner": 0.3}, "from 0 to 0.25"),
-        ("ecoflex-00-10", {"thinner": -0.1}, "from 0 to 1"),
-        ("ecoflex-00-10", {"thinner": math.nan}, "from 0 to 1"),
+        ("ecoflex-00-30", {"thinner": 0.3}, "from 0 % to 25 %"),
+        ("ecoflex-00-10", {"thinner": -0.1}, "from 0 % to 100 %"),
+        ("ecoflex-00-10", {"thinner": math.nan}, "from 0 % to 100 %"),
         ("sylgard-184", {"ratio": 50.0}, "from 5 to 33"),
         ("sylgard-184", {"thinner": 0.1}, "none for sylgard-184"),
         ("dragon-skin-30", {"ratio": 10.0}, "none for dragon-skin-30"),
