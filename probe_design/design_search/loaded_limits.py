@@ -12,7 +12,7 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.populations.tables import DesignLimits
 from solver.contact.evaluator import ContactEvaluator
-from solver.contact.tumours_anywhere import SHALLOW_X
+from solver.contact.tumours_anywhere import SEARCHED_X
 from solver.planning.strains import compute_tissue_strain
 
 SEARCH_CLOSURE_SHARE = 0.25  # of the linear closure force: contact closes gaps at 0.16 to 0.7 of it on tissue up to nu = 0.45
@@ -68,7 +68,7 @@ def compute_search_limits(limits: DesignLimits, tissue: Scene, radius: Any, stif
     radius, stiffness, closure
         Outer radius, m, force per indentation, N/m, and linear force that closes the gap, N; floats or arrays.
     """
-    allowed = {"contact": SHALLOW_X * radius * stiffness, "gap_closure": SEARCH_CLOSURE_SHARE * closure}
+    allowed = {"contact": SEARCHED_X * radius * stiffness, "gap_closure": SEARCH_CLOSURE_SHARE * closure}
     if tissue.tissue.shape != "half-space":
         allowed["indentation_per_depth"] = limits.indentation_per_depth * tissue.tissue.depth * stiffness
     return allowed

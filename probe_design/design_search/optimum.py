@@ -27,7 +27,7 @@ from probe_design.design_search.verification import (
 from probe_design.populations.design_file import Design
 from probe_design.populations.performance import Performance
 from probe_design.populations.tables import DesignLimits
-from solver.contact.tumours_anywhere import SHALLOW_X
+from solver.contact.tumours_anywhere import SEARCHED_X
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 LIMIT_KEYS = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
@@ -37,7 +37,7 @@ FORCE_SOURCES = {
 FORCE_LIMIT_REASONS = {  # limits of the force that no number of the design file states
     "linearity": "the largest at which linear elasticity is accurate enough; contact models more with bonded faces alone",
     "gap_closure": "as the gap closes under more: a wider gap, or stiffer blocks, help",
-    "contact": f"which indents by {SHALLOW_X:g} outer radii, the most to which designs are searched",
+    "contact": f"which indents by {SEARCHED_X:g} outer radii, the most to which designs are searched",
     "last_converged": "the largest that contact computes for this probe",
     "indentation_per_depth": "which limits.indentation_per_depth allows",
 }

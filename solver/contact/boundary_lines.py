@@ -74,6 +74,11 @@ class BoundaryLine:
         """Lengths of the undeformed edges, m, shape (k,)."""
         return np.asarray(np.linalg.norm(self.place[:, :, 1] - self.place[:, :, 0], axis=1))
 
+    @property
+    def starts(self) -> Floats:
+        """Positions of the edges' first ends on the undeformed line, and of its end, m from its start, shape (k + 1,)."""
+        return np.append(0.0, np.cumsum(self.lengths))
+
     def compute_positions(self, displacements: Floats) -> Floats:
         """Return the coefficients of the deformed edges, m, from the elements' displacements.
 
@@ -299,3 +304,19 @@ def _solve_polynomials(coefficients: Floats, wanted: Floats, x: Floats, close: F
             step = x - residual / rise
         x = np.where((step > low) & (step < high), step, (low + high) / 2)  # a step out of the bracket is replaced by bisection
     return x
+
+
+def multiply_outer(a: Floats, b: Floats) -> Floats:
+    """Return the outer products of vectors: (j, n) and (j, m) give (j, n, m)."""
+    return np.asarray(a[:, :, None] * b[:, None, :])
+
+
+def multiply_symmetric(a: Floats, b: Floats) -> Floats:
+    """Return a b' + b a' of vectors, (j, n) both, shape (j, n, n)."""
+    product = multiply_outer(a, b)
+    return np.asarray(product + product.transpose(0, 2, 1))
+
+
+def join_edges(*edges: Floats) -> Floats:
+    """Join derivatives with respect to the values of edges, (j, 2, p + 1) each, to one row for each point."""
+    return np.concatenate([edge.reshape(len(edge), -1) for edge in edges], axis=1)

@@ -22,7 +22,8 @@ import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from solver.contact.footpoints import Footpoints, PointGaps, multiply_outer
+from solver.contact.boundary_lines import multiply_outer
+from solver.contact.footpoints import Footpoints, PointGaps
 from solver.contact.pairs import Pair
 
 FRICTION_SPRING_RELATIVE = 0.01  # of the penalty: with stiffer springs Newton's method cycles between sets of sliding points

@@ -9,12 +9,13 @@ equally coarse there agree with each other and are wrong alike. One layer of cor
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from geometry.common.errors import SolveError
 from geometry.meridian.mesh_lines import MeridianFineness
-from solver.contact.path import Path
+from solver.contact.path import FIRST_STEP_RELATIVE, Path
 
 CORNER_FINENESS = MeridianFineness(1, 1, 2)
 # of the first contact point's distance at rest. Fine corners touch between 0.06 and 0.1 outer radii; there coarse ones are at
@@ -31,12 +32,10 @@ class CornerCheck:
     ----------
     build
         Function that builds the path.
-    ends
-        Where no further step converges, m: it is not tried again. With 0 in it nothing is pressed.
     """
 
     build: Callable[[], Path]
-    ends: list[float] = field(default_factory=list, repr=False)
+    _ends: list[float] = field(default_factory=list, repr=False)  # where no further step converges, m: it is not tried again
 
     @cached_property
     def path(self) -> Path:
@@ -45,20 +44,22 @@ class CornerCheck:
 
     def press(self, indentation: float) -> float:
         """Press to an indentation, m, and return the one that was reached: no step may converge beyond it, or none at all."""
-        if self.ends and indentation > self.ends[0]:
-            return self.ends[0]
         try:
             path = self.path
         except SolveError:
             return 0.0
-        try:
-            path.press_to_indentation(indentation)
-        except SolveError:
-            reached = min(indentation, path.last.indentation)
-            if reached < indentation:
-                self.ends.append(reached)
-            return reached
-        return indentation
+        if self._ends and indentation > self._ends[0]:
+            return self._ends[0]
+        with suppress(SolveError):
+            for _ in path.iterate_steps(indentation):
+                if path.length < FIRST_STEP_RELATIVE * path.unit:
+                    break  # few more converge, each after many that fail
+            else:
+                path.press_to_indentation(indentation)
+        reached = min(indentation, path.last.indentation)
+        if reached < indentation:
+            self._ends.append(reached)
+        return reached
 
 
 def is_near_wall(path: Path, until: float) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
-from solver.contact.boundary_lines import LinePoints, find_points
+from solver.contact.boundary_lines import LinePoints, find_points, join_edges, multiply_outer, multiply_symmetric
 from solver.contact.kinks import Kinks
 from solver.contact.pairs import Pair
 
@@ -57,9 +57,8 @@ class PointGaps:
         master_points, inside = find_points(mt, t)
         s = s + pair.slave_edge.compute_removed_height(pair.slave_places)[0]
         gap, place, lengths = np.full(len(t), np.inf), np.full(len(t), np.nan), pair.master.lengths
-        starts = np.cumsum(lengths) - lengths
         # edge function 1 is x itself, the position on the edge from 0 to 1
-        place[inside] = starts[master_points.edge] + lengths[master_points.edge] * master_points.value[:, 1]
+        place[inside] = pair.master.starts[master_points.edge] + lengths[master_points.edge] * master_points.value[:, 1]
         height = (
             np.einsum("jp,jp->j", master_points.value, ms[master_points.edge])
             + pair.master_edge.compute_removed_height(place[inside])[0]
@@ -148,7 +147,7 @@ class Footpoints:
         Floats
             Derivatives with respect to both lines' values, the slave's before the master's, shape (j, 4 (p + 1)).
         """
-        return _join(direction[:, :, None] * self.on_slave[:, None], -direction[:, :, None] * self.on_master[:, None])
+        return join_edges(direction[:, :, None] * self.on_slave[:, None], -direction[:, :, None] * self.on_master[:, None])
 
     def compute_tangent_change(self, direction: Floats) -> Floats:
         """Return the derivative of the master's tangent d(r, z)/dx along directions (j, 2).
@@ -156,7 +155,7 @@ class Footpoints:
         It is taken with respect to both lines' values, shape (j, 4 (p + 1)); those of the slave do not matter.
         """
         moved = direction[:, :, None] * self.derivative[:, None]
-        return _join(np.zeros_like(moved), moved)
+        return join_edges(np.zeros_like(moved), moved)
 
     def differentiate_gap(self) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the gap g, (j, m) and (j, m, m).
@@ -190,7 +189,7 @@ class Footpoints:
         """Return the second derivative of s of the master minus s of the slave, kinks left sharp, (j, 4 (p + 1), 4 (p + 1))."""
         place_change, turn = self.place_derivative, self.compute_tangent_change(self.opening_direction)
         bend = (self.run * self.curl)[:, None, None] * multiply_outer(place_change, place_change)
-        return np.asarray(multiply_outer(place_change, turn) + multiply_outer(turn, place_change) + bend)
+        return np.asarray(multiply_symmetric(place_change, turn) + bend)
 
     def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
         """Assemble the points' forces and stiffness into those on all elements' values.
@@ -231,13 +230,3 @@ class Footpoints:
         signs = [np.broadcast_to(line.signs[k][:, None], place.shape) for (line, k), place in zip(parts, places, strict=True)]
         index = np.concatenate([place.reshape(len(place), -1) for place in places], axis=1)
         return index, np.concatenate([sign.reshape(len(sign), -1) for sign in signs], axis=1)
-
-
-def multiply_outer(a: Floats, b: Floats) -> Floats:
-    """Return the outer products of vectors: (j, n) and (j, m) give (j, n, m)."""
-    return np.asarray(a[:, :, None] * b[:, None, :])
-
-
-def _join(slave: Floats, master: Floats) -> Floats:
-    """Join arrays over the slave's and the master's values, (j, 2, p + 1) each, to one row for each point, (j, 4 (p + 1))."""
-    return np.concatenate([slave.reshape(len(slave), -1), master.reshape(len(master), -1)], axis=1)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from solver.contact.boundary_lines import evaluate_functions
+from solver.contact.boundary_lines import evaluate_functions, join_edges, multiply_symmetric
 from solver.contact.pairs import Pair
 
 # w, of the shorter element: forces change by less than 1e-5 up to 0.37 and by 1.3e-4 at 0.45 outer radii, half of what two meshes
@@ -67,8 +67,7 @@ class Kinks:
         below, above = t - mt[edges, 0], mt[edges, 1] - t
         sides = np.where(below <= above, 1, -1)
         neighbours, nodes = edges - sides, np.where(sides > 0, edges, edges + 1)
-        places = np.append(0.0, np.cumsum(line.lengths))
-        is_corner = np.abs(places[nodes] - pair.master_edge.place) <= 1e-9 * places[-1]
+        is_corner = np.abs(line.starts[nodes] - pair.master_edge.place) <= 1e-9 * line.starts[-1]
         # faces that slide or open touch everywhere at rest: their lines stay as they are
         rounded = (neighbours >= 0) & (neighbours < len(mt)) & ~is_corner & (not pair.loose)
         neighbours = np.where(rounded, neighbours, edges)
@@ -111,34 +110,23 @@ class Kinks:
         end_derivatives, first_end = evaluate_functions(np.array([0.0, 1.0]), order)[1], np.where(self.sides > 0, 0, 1)
         zeros, end_functions = np.zeros((len(on_slave), 2, order + 1)), np.eye(2, order + 1)  # functions 0 and 1: the two ends
         sides, depths, widths, changes = (x[:, None] for x in (self.sides, self.depths, self.widths, self.changes))
-        deeper = sides * _join(-_spread(T, on_slave), _spread(T, end_functions[first_end]), zeros)  # of y
+        deeper = sides * join_edges(-_spread(T, on_slave), _spread(T, end_functions[first_end]), zeros)  # of y
         turns, stretches = list[Floats](), list[Floats]()  # of k and of ln dt/dx, on the point's edge and on its neighbour
         for number, end in enumerate((first_end, 1 - first_end)):
             functions = end_derivatives[end] / self.runs[number][:, None]
             for derivatives, direction in ((turns, S - self.slopes[number][:, None] * T), (stretches, T)):
                 along = _spread(direction, functions)
-                derivatives.append(_join(zeros, along, zeros) if number == 0 else _join(zeros, zeros, along))
+                derivatives.append(join_edges(zeros, along, zeros) if number == 0 else join_edges(zeros, zeros, along))
         turn = sides * (turns[0] - turns[1])
         first = turn * depths**2 / (4 * widths) + changes * depths / (2 * widths) * deeper
         second = -(sides * depths**2 / (4 * widths))[..., None] * (
-            _pair_up(turns[0], stretches[0]) - _pair_up(turns[1], stretches[1])
+            multiply_symmetric(turns[0], stretches[0]) - multiply_symmetric(turns[1], stretches[1])
         )
-        second += (depths / (2 * widths))[..., None] * _pair_up(turn, deeper)
-        second += (changes / (4 * widths) * (depths > 0))[..., None] * _pair_up(deeper, deeper)
+        second += (depths / (2 * widths))[..., None] * multiply_symmetric(turn, deeper)
+        second += (changes / (4 * widths) * (depths > 0))[..., None] * multiply_symmetric(deeper, deeper)
         return first, second
 
 
 def _spread(direction: Floats, functions: Floats) -> Floats:
     """Return edge functions, (j, p + 1), along a direction, (2,) or (j, 2): derivatives with respect to values, (j, 2, p + 1)."""
     return np.asarray(np.broadcast_to(direction, (len(functions), 2))[:, :, None] * functions[:, None])
-
-
-def _join(*edges: Floats) -> Floats:
-    """Join derivatives with respect to the values of edges, (j, 2, p + 1) each, to one row for each point."""
-    return np.concatenate([edge.reshape(len(edge), -1) for edge in edges], axis=1)
-
-
-def _pair_up(a: Floats, b: Floats) -> Floats:
-    """Return a b' + b a' of vectors, (j, n) both, shape (j, n, n)."""
-    product = a[:, :, None] * b[:, None, :]
-    return np.asarray(product + product.transpose(0, 2, 1))

@@ -119,22 +119,16 @@ class LoadedScene:
             return None
         return replace(self, paths=(self.paths[1], build_path(self.scene, self.linear, self.finenesses[following], self.dense)))
 
-    def add_contact_points(self, finenesses: tuple[MeridianFineness, ...] = ()) -> LoadedScene | None:
+    def add_contact_points(self) -> LoadedScene | None:
         """Return the scene at rest with twice the contact points; None if it has them, or has faces that slide or open.
-
-        Its meshes are those of ``finenesses``, then without fine corners, or the same.
 
         With few points the pressure of each is so high that tissue may fold over between them. More points take longer. On
         faces that slide, which touch everywhere, they would be more constraints than the elements can follow.
         """
         if self.dense or self.scene.contact.interface != "bonded":
             return None
-        meshes = finenesses or [path.model.mesh.layout.fineness for path in self.paths]
-        first, second = (build_path(self.scene, self.linear, fineness, True) for fineness in meshes)
-        check = _prepare_check(self.scene, self.linear, True)
-        if check is not None and finenesses:
-            check.ends.append(0.0)
-        return replace(self, paths=(first, second), dense=True, corner_check=check)
+        first, second = (build_path(self.scene, self.linear, path.model.mesh.layout.fineness, True) for path in self.paths)
+        return replace(self, paths=(first, second), dense=True, corner_check=_prepare_check(self.scene, self.linear, True))
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
         """Return the scene at rest with another Young's modulus of the target, Pa; ``linear`` are its linear film forces."""

@@ -142,9 +142,8 @@ class Pair:
     @cached_property
     def slave_places(self) -> Floats:
         """Positions of the slave's points on the undeformed line, m from its start, shape (points,)."""
-        lengths = self.slave.lengths[:, None]
-        starts = np.cumsum(lengths)[:, None] - lengths
-        return np.asarray((starts + lengths * self.gauss[1][:, 1]).ravel())  # function 1 is the position on the edge, 0 to 1
+        along = self.slave.lengths[:, None] * self.gauss[1][:, 1]
+        return np.asarray((self.slave.starts[:-1, None] + along).ravel())  # function 1 is the position on the edge, 0 to 1
 
     @cached_property
     def weights(self) -> Floats:

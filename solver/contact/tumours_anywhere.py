@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
-from math import inf, log
+from math import log
 from typing import NoReturn
 
 import numpy as np
@@ -17,7 +16,7 @@ from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.contact.limits import CLOSED_GAP_RELATIVE
-from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene
+from solver.contact.loaded_scene import SMALL_INDENTATION_RELATIVE, LoadedScene, build_path
 from solver.contact.path import Path
 from solver.contact.preloaded_tissue import STEP_RELATIVE, PreloadedTissue
 from solver.contact.pressed_tissue import PressedTissue
@@ -35,16 +34,14 @@ from solver.results.result import Decision
 # order 4 on few cells, order 2 on twice as many each way: the latter was within 0.1 % of finer ones, and their contact differs.
 # A third mesh, order 3, had larger bounds at all 12 loads of four scenes, and stopped where these two still converge
 TISSUE_FINENESSES = MeridianFineness(1, 0, 4), MeridianFineness(2, 0, 2)
-# for indentations beyond SHALLOW_X, with twice the contact points: order 4 stops at 0.53 outer radii on the example, or takes
-# half a minute to 0.63. The first takes 1.5 s to MAX_X, so that loads that are too large are refused at once
-DEEP_FINENESSES = MeridianFineness(1, 0, 2), MeridianFineness(2, 0, 2)
-LIGHT_MARGIN = 0.01  # relative, of forces on the first of those: within 0.2 % on three example scenes
+LIGHT_FINENESS = MeridianFineness(1, 0, 2)  # on which loads that are far too large are refused, in a fifth of the time
+LIGHT_MARGIN = 0.01  # relative, of the largest force on that mesh: within 0.2 % on three example scenes
 LINEAR_SHARE = 0.3  # of the accuracy, for the linear readings
 DECISION_FEATURE = "finite strain and contact"
 SHAPE_ERROR_FACTOR = 2.0  # of what the load adds, times ln of an ellipsoid's aspect ratio: it counts as the sphere of its volume
 LAST_CONVERGED_SHARE = 0.9  # of the last load at which a step converges, or the gap is open: other meshes end elsewhere
 MAX_X = 0.66  # outer radii, without tumours: the forces of the deepest rows of tests/reference/loaded, at 0.64 on their meshes
-SHALLOW_X = 0.47  # likewise, up to which designs are searched, and TISSUE_FINENESSES used
+SEARCHED_X = 0.47  # likewise, up to which designs are searched
 
 
 @dataclass(frozen=True)
@@ -83,23 +80,28 @@ class TissueUnderLoad:
         StoppedError
             No further step converges.
         """
-        entry = load_entry or ("load.force", Words(f"{force:g} N"))
-        return self._press_paths(self._choose_paths(force, *entry), force, *entry)
+        key, value = load_entry or ("load.force", Words(f"{force:g} N"))
+        self._check_depth(force, key, value)
+        self._check_gap(force, key, value)  # before a finer mesh is pressed, which takes long where walls touch
+        pressed = self._press_paths(force)
+        if self._is_closed(pressed.bare.point):
+            self._refuse_closed_gap(key, value)
+        return pressed
 
     def press_beside(self, preload: float) -> PreloadedTissue:
         """Press to a preload, N, that is not light, ready for tangent responses; for errors see ``press``."""
-        entry, margin = ("load.preload", Words(f"{preload:g} N")), 1 + STEP_RELATIVE
-        loaded = self._choose_paths(margin * preload, *entry, margin=margin)
-        return PreloadedTissue.from_pressed(self._press_paths(loaded, preload, *entry), preload)
+        entry = "load.preload", Words(f"{preload:g} N")
+        self._check_depth((1 + STEP_RELATIVE) * preload, *entry, margin=1 + STEP_RELATIVE)
+        return PreloadedTissue.from_pressed(self.press(preload, entry), preload)
 
     def find_largest_load(self, force: float, indentation: float) -> tuple[float, str]:
         """Return the largest load, N, up to a force, N, and an indentation, m, both without tumours, and what limits it.
 
-        The limit is "force", "indentation", "contact" (``SHALLOW_X``), "gap_closure", or "last_converged", where no further step
+        The limit is "force", "indentation", "contact" (``SEARCHED_X``), "gap_closure", or "last_converged", where no further step
         converges: 0.9 of the last force at which one does.
         """
         path = self.loaded.paths[0]
-        deepest, name = min((indentation, "indentation"), (SHALLOW_X * path.radius, "contact"))
+        deepest, name = min((indentation, "indentation"), (SEARCHED_X * path.radius, "contact"))
         min_gap, reached = CLOSED_GAP_RELATIVE * path.points[0].walls, path.points[0]
         try:
             while path.last.indentation < deepest * (1 - 1e-12) and path.last.force < force and path.last.walls > min_gap:
@@ -117,75 +119,44 @@ class TissueUnderLoad:
         limit = path.press_to_indentation(deepest).force
         return (force, "force") if limit >= force else (limit, name)
 
-    @cached_property
-    def _deep(self) -> LoadedScene | None:
-        """The load paths beyond ``SHALLOW_X``; None where there are none."""
-        return self.loaded.add_contact_points(DEEP_FINENESSES)
-
-    def _press_paths(self, loaded: LoadedScene, force: float, key: str, value: object) -> PressedTissue:
-        """Press load paths to a force, N: with more contact points where no step converges."""
-        self._check_gap(loaded.paths[0], force, key, value)  # before a finer mesh is pressed, which takes long where walls touch
+    def _press_paths(self, force: float) -> PressedTissue:
+        """Press the load paths to a force, N: with more contact points where no step converges."""
         try:
-            if loaded.dense:
-                self._step_over(loaded.paths[1], force)
-            pressed = PressedTissue.from_loaded(self.base, loaded, force)
+            return PressedTissue.from_loaded(self.base, self.loaded, force)
         except StoppedError:
-            # beyond SHALLOW_X the fine mesh with fewer points gets further at some forces, and takes longer
-            other = replace(loaded, paths=(loaded.paths[0], self.loaded.paths[1])) if loaded.dense else self._denser
-            if other is None:
+            if self._denser is None:
                 raise
-            pressed = PressedTissue.from_loaded(self.base, other, force)
-        if self._is_closed(pressed.bare.point):
-            self._refuse_closed_gap(loaded.paths[0], key, value)
-        return pressed
+            return PressedTissue.from_loaded(self.base, self._denser, force)
 
     def press_to_indentation(self, indentation: float) -> float:
         """Return the force at an indentation without tumours, N."""
-        radius = self.loaded.paths[0].radius
-        if indentation > MAX_X * radius:
-            self._refuse_depth("load.indentation", format_mm(indentation), 0.0)  # names an indentation, not a force
-        deep = self._deep if indentation > SHALLOW_X * radius else None
-        return (deep or self.loaded).press_to_indentation(indentation).point.force
+        self._check_depth(0.0, "load.indentation", format_mm(indentation), indentation)
+        return self.loaded.press_to_indentation(indentation).point.force
 
-    def _choose_paths(self, force: float, key: str, value: object, margin: float = 1.0) -> LoadedScene:
-        """Return the load paths to press to a force, N; refuse one that indents deeper than ``MAX_X``.
-
-        ``margin`` is what the force is more than what is asked for.
-        """
+    def _check_depth(self, force: float, key: str, value: object, indentation: float = 0.0, margin: float = 1.0) -> None:
+        """Refuse a force, N, or an indentation, m, deeper than ``MAX_X``; ``margin`` is what the force is more than allowed."""
         path = self.loaded.paths[0]
+        deepest = MAX_X * path.radius
+        if indentation > deepest:
+            self._refuse_depth(key, value, 0.0)  # names an indentation, not a force
         if path.last.force >= force or any(map(self._is_closed, path.points)):
-            return self.loaded
-        shallow = SHALLOW_X * path.radius
-        is_large = force > shallow * float(path.points[0].tangent.sum()) and force > (1 + LIGHT_MARGIN) * self._light_limit
-        try:
-            if not is_large and any(point.force >= force or self._is_closed(point) for point in path.iterate_steps(shallow)):
-                return self.loaded
-        except StoppedError:
-            if self._deep is None:
-                raise
-        if self._deep is None:
-            return self.loaded
-        if self._step_over(self._deep.paths[0], force):
-            return self._deep
-        self._refuse_depth(key, value, self._deep.paths[0].last.force / margin)
-
-    def _step_over(self, path: Path, force: float) -> bool:
-        """Press a path up to ``MAX_X`` until a force, N, or the gap's closure is passed; return whether one is.
-
-        Steps that end at a force may end where a wall kinks, beyond which none converges; whole steps mostly pass that.
-        """
-        steps = chain(path.points, path.iterate_steps(MAX_X * path.radius))
-        return any(point.force >= force or self._is_closed(point) for point in steps)
+            return
+        light_limit = self._light_limit if force > deepest * float(path.points[0].tangent.sum()) else None
+        if light_limit is not None and force > (1 + LIGHT_MARGIN) * light_limit:
+            self._refuse_depth(key, value, (1 - LIGHT_MARGIN) * light_limit / margin)
+        if any(point.force >= force or self._is_closed(point) for point in path.iterate_steps(deepest)):
+            return
+        self._refuse_depth(key, value, max(p.force for p in path.points if p.indentation <= deepest * (1 + 1e-9)) / margin)
 
     @cached_property
-    def _light_limit(self) -> float:
-        """The force, N, at ``SHALLOW_X`` on the coarsest mesh; infinite where the gap closes before or no step converges."""
-        path = self._deep.paths[0] if self._deep else None
+    def _light_limit(self) -> float | None:
+        """The force, N, at the largest indentation on the light mesh; None where the gap closes before or no step converges."""
+        path: Path = build_path(self.loaded.scene, self.loaded.linear, LIGHT_FINENESS)
         try:
-            point = path.press_to_indentation(SHALLOW_X * path.radius) if path else None
+            point = path.press_to_indentation(MAX_X * path.radius)
         except StoppedError:
-            return inf
-        return inf if point is None or path is None or any(map(self._is_closed, path.points)) else point.force
+            return None
+        return None if any(map(self._is_closed, path.points)) else point.force
 
     def _refuse_depth(self, key: str, value: object, force: float) -> NoReturn:
         """Refuse a load, with the largest: a force, N, or ``MAX_X``."""
@@ -197,14 +168,14 @@ class TissueUnderLoad:
         """Return whether the gap's walls touch at a point of a load path."""
         return point.walls <= CLOSED_GAP_RELATIVE * self.loaded.paths[0].points[0].walls
 
-    def _check_gap(self, path: Path, force: float, key: str, value: object) -> None:
-        """Refuse a force, N, under which the gap is closed on the coarser mesh, as far as its path is pressed."""
-        if any(self._is_closed(point) and point.force <= force for point in path.points):
-            self._refuse_closed_gap(path, key, value)
+    def _check_gap(self, force: float, key: str, value: object) -> None:
+        """Refuse a force, N, under which the gap is closed on the coarser mesh, as far as that is pressed."""
+        if any(self._is_closed(point) and point.force <= force for point in self.loaded.paths[0].points):
+            self._refuse_closed_gap(key, value)
 
-    def _refuse_closed_gap(self, path: Path, key: str, value: object) -> NoReturn:
-        """Refuse a load that closes the gap, with the largest that does not on the path of the coarser mesh."""
-        point = [point for point in path.points if not self._is_closed(point)][-1]
+    def _refuse_closed_gap(self, key: str, value: object) -> NoReturn:
+        """Refuse a load that closes the gap, with the largest that does not on the coarser mesh."""
+        point = [point for point in self.loaded.paths[0].points if not self._is_closed(point)][-1]
         limit = _format_limit(key, point.force, point.indentation)
         raise Refusal(key, value, f"up to {limit} for contact: tumours off the axis are not modelled once the gap is closed")
 

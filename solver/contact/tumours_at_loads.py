@@ -12,12 +12,12 @@ from geometry.common.errors import Refusal, SolveError
 from geometry.common.percent import format_percent
 from solver.contact.limits import CLOSED_GAP_RELATIVE
 from solver.contact.loaded_scene import LoadedForces
-from solver.contact.tumours_anywhere import SHALLOW_X, TumoursUnderLoad
+from solver.contact.tumours_anywhere import SEARCHED_X, TumoursUnderLoad
 from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 from solver.results.load_limits import LargestLoad
 from solver.results.warnings import Note
 
-GRID_INDENTATIONS_RELATIVE = np.geomspace(0.01, SHALLOW_X, 9)  # outer radii: between two of them a change is narrowed down
+GRID_INDENTATIONS_RELATIVE = np.geomspace(0.01, SEARCHED_X, 9)  # outer radii: between two of them a change is narrowed down
 BISECTIONS = 4  # of the interval between two of those, whose ends are 1.6 times apart: to 3 %
 WITHOUT_TUMOURS = "closest_walls, contact_radius, largest_strain and tangent_stiffness are those without tumours"
 

@@ -86,7 +86,15 @@ def _fail() -> Path:
 
 def test_fine_corners_that_no_longer_converge_are_not_pressed_again() -> None:
     path = Mock(last=Mock(indentation=1e-3))
-    path.press_to_indentation.side_effect = SolveError("an element folds over")
+    path.iterate_steps.side_effect = SolveError("an element folds over")
     check = CornerCheck(lambda: path)
     assert check.press(2e-3) == check.press(3e-3) == 1e-3
-    assert path.press_to_indentation.call_count == 1
+    assert path.iterate_steps.call_count == 1
+
+
+def test_fine_corners_are_left_where_steps_become_short() -> None:
+    path = Mock(last=Mock(indentation=1e-3), unit=1e-2, length=1e-5)
+    path.iterate_steps.return_value = iter(range(5))
+    check = CornerCheck(lambda: path)
+    assert check.press(2e-3) == 1e-3
+    assert next(path.iterate_steps.return_value) == 1
