@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.imports import OURS, imported, module, sources
+from tests.support.imports import OURS, blocks, imported, module, sources, statements
 from tests.support.paths import ROOT
 
 TOP_LEVEL = ("geometry", "solver", "probe_design", "hw")
@@ -31,16 +31,17 @@ def tree(path: Path) -> ast.Module:
 
 def loading(node: ast.AST) -> Iterator[ast.AST]:
     """Statements that run on import, without those under a condition: for types, or in a notebook."""
-    for child in ast.iter_child_nodes(node):
+    for child in blocks(node):
         if not isinstance(child, FUNCTION | ast.If):
             yield child
             yield from loading(child)
 
 
-def late(path: Path) -> Iterator[ast.Import | ast.ImportFrom]:
-    functions = (node for node in ast.walk(tree(path)) if isinstance(node, FUNCTION))
-    found = {node for function in functions for node in ast.walk(function) if isinstance(node, ast.Import | ast.ImportFrom)}
-    yield from sorted(found, key=lambda node: node.lineno)
+@cache
+def late(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    functions = (node for node in statements(tree(path)) if isinstance(node, FUNCTION))
+    found = {node for function in functions for node in statements(function) if isinstance(node, ast.Import | ast.ImportFrom)}
+    return sorted(found, key=lambda node: node.lineno)
 
 
 def with_parents(name: str) -> set[str]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from tests.support.imports import statements
 from tests.support.paths import ROOT
 
 PACKAGES = ("geometry", "solver", "probe_design", "hw")
@@ -19,7 +21,7 @@ OUTSIDE = {
 
 def functions(package: str) -> Iterator[tuple[Path, ast.FunctionDef | ast.AsyncFunctionDef]]:
     for path in sorted((ROOT / package).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_bytes(), str(path))):
+        for node in statements(ast.parse(path.read_bytes(), str(path))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield path, node
 
@@ -36,6 +38,7 @@ def by_position(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
     return names[1:] if names[:1] in (["self"], ["cls"]) else names
 
 
+@cache
 def long_signatures(package: str) -> set[str]:
     return {
         f"{path.relative_to(ROOT).as_posix()}: {function.name}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
@@ -21,24 +22,33 @@ HEAVY = {
     "vtk", "xarray",
 }  # fmt: skip
 PROGRAM = """
-import sys
+import json, sys
+lines = json.loads(sys.argv[1])
 before = set(sys.modules)
-sys.argv = ["probe-design", *sys.argv[1:]]
 from probe_design.commands.main import main
-try:
-    main()
-except SystemExit as ended:
-    assert not ended.code, ended
-print(*sorted(set(sys.modules) - before), file=sys.stderr)
+for line in lines:
+    sys.argv = ["probe-design", *line]
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code, ended
+    print(*sorted(set(sys.modules) - before), file=sys.stderr)
+    before = set(sys.modules)
 """
+
+
+def list_modules_one_after_another(lines: list[list[str]]) -> list[set[str]]:
+    """Modules that each of several commands imports in a process, without those that the commands before it have imported."""
+    command = [sys.executable, "-W", "error", "-c", PROGRAM, json.dumps(lines)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return [set(line.split()) for line in ended.stderr.split("\n")[-1 - len(lines) : -1]]
 
 
 def run_and_list_modules(*arguments: object) -> set[str]:
     """Modules that a command imports in a process of its own."""
-    command = [sys.executable, "-W", "error", "-c", PROGRAM, *map(str, arguments)]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
-    assert ended.returncode == 0, ended.stderr
-    return set(ended.stderr.split("\n")[-2].split())
+    (imported,) = list_modules_one_after_another([[str(argument) for argument in arguments]])
+    return imported
 
 
 def top_level(names: set[str]) -> set[str]:
@@ -55,15 +65,23 @@ def test_help_needs_click_alone(arguments: list[str]) -> None:
     assert modules(*arguments) == {"click", "probe_design"}
 
 
-@pytest.mark.parametrize("command", [name for name, command in COMMANDS.items() if command.request])
-def test_help_of_a_command_needs_the_models_of_scenes_alone(command: str) -> None:
+def find_unwanted(lines: list[list[str]], allowed: set[str]) -> dict[str, set[str]]:
+    """What any of these commands imports beside the allowed modules: one process, as no command may import more than these."""
+    imported = list_modules_one_after_another(lines)
+    unwanted = {" ".join(line): top_level(names) - allowed for line, names in zip(lines, imported, strict=True)}
+    return {line: names for line, names in unwanted.items() if names}
+
+
+def test_help_of_a_command_needs_the_models_of_scenes_alone() -> None:
     """Not NumPy, no solver, no tables: 0.15 s of processor, of which pydantic and the models take two thirds."""
-    assert modules(*command.split(), "--help") <= SCENES - {"numpy", "solver"}
+    lines = [[*name.split(), "--help"] for name, command in COMMANDS.items() if command.request]
+    assert find_unwanted(lines, SCENES - {"numpy", "solver"}) == {}
 
 
-@pytest.mark.parametrize(("evaluator", "scene"), [("published", SCENE), ("closed-form", SCENE), ("closed-form", BESIDE)])
-def test_formulas_need_no_more_than_elements_do(evaluator: str, scene: object) -> None:
-    assert modules("evaluate", scene, "--evaluator", evaluator, "--json") <= SCENES | ELEMENTS
+def test_formulas_need_no_more_than_elements_do() -> None:
+    cases = [("published", SCENE), ("closed-form", SCENE), ("closed-form", BESIDE)]
+    lines = [["evaluate", str(scene), "--evaluator", evaluator, "--json"] for evaluator, scene in cases]
+    assert find_unwanted(lines, SCENES | ELEMENTS) == {}
 
 
 def test_a_table_needs_rich() -> None:

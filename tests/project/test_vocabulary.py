@@ -6,6 +6,7 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from tests.support.imports import sources
@@ -65,11 +66,20 @@ def bindings(path: Path) -> Iterator[tuple[str, str, ast.AST]]:
     yield from visit(ast.parse(path.read_bytes(), str(path)), ())
 
 
-def named() -> Iterator[tuple[str, str, str, ast.AST]]:
-    for package in PRODUCT:
-        for path in sources(package):
-            file = path.relative_to(ROOT).as_posix()
-            yield from ((file, scope, name, node) for scope, name, node in bindings(path))
+@cache  # every source is parsed once for all tests of this file
+def named() -> list[tuple[str, str, str, tuple[str, ...] | None]]:
+    """Return file, scope and name of all bindings, with the decorators of those that are functions."""
+    return [
+        (path.relative_to(ROOT).as_posix(), scope, name, decorators(node))
+        for package in PRODUCT
+        for path in sources(package)
+        for scope, name, node in bindings(path)
+    ]
+
+
+def decorators(node: ast.AST) -> tuple[str, ...] | None:
+    functions = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return tuple(map(ast.unparse, node.decorator_list)) if isinstance(node, functions) else None
 
 
 def test_no_name_is_a_riddle() -> None:
@@ -78,15 +88,14 @@ def test_no_name_is_a_riddle() -> None:
 
 
 def test_functions_are_not_participles() -> None:
-    functions = (ast.FunctionDef, ast.AsyncFunctionDef)
     properties = {"property", "cached_property", "functools.cached_property"}
     participles = {
         f"{file}: {name}"
-        for file, _, name, node in named()
-        if isinstance(node, functions)
+        for file, _, name, decorators in named()
+        if decorators is not None
         and PARTICIPLE.match(name)
         and name.strip("_") not in FUNCTIONS
-        and not properties & {ast.unparse(decorator) for decorator in node.decorator_list}
+        and properties.isdisjoint(decorators)
     }
     assert participles == set()
 

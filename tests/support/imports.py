@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 from tests.support.paths import ROOT
@@ -27,6 +28,22 @@ def find_subpackage(name: str) -> str:
     return ".".join(parts[: 1 + (ROOT / Path(*parts[:2])).is_dir()])
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield all statements below a node, to any depth, with the handlers and cases that hold them; expressions hold none.
+
+    A tenth of the nodes that ``ast.walk`` visits.
+    """
+    for child in blocks(node):
+        yield child
+        yield from statements(child)
+
+
+def blocks(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the statements, handlers and cases directly below a module, a statement, a handler or a case."""
+    for field in ("body", "handlers", "orelse", "finalbody", "cases"):
+        yield from getattr(node, field, ())
+
+
 def imported(nodes: Iterable[ast.AST]) -> Iterator[str]:
     """Full names of the modules that these statements import, ``from package import module`` as module."""
     for node in nodes:
@@ -42,10 +59,11 @@ def imported(nodes: Iterable[ast.AST]) -> Iterator[str]:
                 yield str(node.module)
 
 
-def everywhere(path: Path) -> set[str]:
+@cache
+def everywhere(path: Path) -> frozenset[str]:
     """Modules of ours that a source imports anywhere in it, for types too."""
-    modules = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
-    return {name for name in modules if name.split(".")[0] in OURS}
+    modules = imported(statements(ast.parse(path.read_bytes(), str(path))))
+    return frozenset(name for name in modules if name.split(".")[0] in OURS)
 
 
 def modules_after(code: str) -> set[str]:

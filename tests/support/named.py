@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from tests.support.imports import OURS
+from tests.support.imports import OURS, statements
 from tests.support.paths import ROOT
 
 TOP = (*OURS, "docs", "examples")
@@ -22,7 +22,7 @@ _COMMAND = re.compile(rf"-m ((?:{'|'.join(OURS)})[\w.]*\w)")
 def texts(path: Path) -> tuple[str, ...]:
     """Docstrings and comments of a source, and what looks like a comment inside its strings."""
     source = path.read_text(encoding="utf-8")
-    alone = (node.value for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Expr))
+    alone = (node.value for node in statements(ast.parse(source)) if isinstance(node, ast.Expr))
     values = (str(node.value) for node in alone if isinstance(node, ast.Constant))
     return *values, *re.findall(r"(?:^|\s)#.*", source)
 
