@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import secrets
-from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs
 
-if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, MutableMapping
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
-    Message = MutableMapping[str, Any]
-    Receive = Callable[[], Awaitable[Message]]
-    Send = Callable[[Message], Awaitable[None]]
-    Application = Callable[[Message, Receive, Send], Awaitable[None]]
-
-HOST = "127.0.0.1"
-HEADERS = (
-    (b"content-security-policy", b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'none'"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-content-type-options", b"nosniff"),
-)
+HEADERS = {
+    "content-security-policy": "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'none'",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+}
+REFUSED_WEBSOCKET_CODE = 1008  # policy violation, RFC 6455
 
 
 class Guard:
@@ -29,35 +25,34 @@ class Guard:
     ----------
     application
         What is guarded, HTTP and websockets alike.
-    port
-        Port of the server.
+    address
+        Host and port of the server.
     token
         Secret of the address; it is exchanged for a cookie with another secret.
     """
 
-    def __init__(self, application: Application, port: int, token: str) -> None:
-        self._application, self._token = application, token
+    def __init__(self, application: ASGIApp, address: tuple[str, int], token: str) -> None:
+        self._application, self._token, (own_host, port) = application, token, address
         self._secret, self._cookie = secrets.token_urlsafe(32), f"probe-design-{port}"
-        self._hosts = {f"{name}:{port}".encode() for name in (HOST, "localhost")}
-        self._origins = {b"http://" + host for host in self._hosts}
+        self._hosts = {f"{name}:{port}" for name in (own_host, "localhost")}
 
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer 403 without token or cookie and from elsewhere, exchange the token, or pass the request on."""
         if scope["type"] not in ("http", "websocket"):
             await self._application(scope, receive, send)
             return
-        headers = [(name.lower(), value) for name, value in scope["headers"]]
-        if not self._is_local(headers):
-            await _refuse(scope, send, "403: only this machine's own page is served")
-        elif scope["type"] == "http" and self._has_token(scope):
-            cookie = f"{self._cookie}={self._secret}; HttpOnly; SameSite=Strict; Path=/".encode()
-            await _respond(send, 303, "", (b"location", scope["path"].encode()), (b"set-cookie", cookie))
-        elif self._has_cookie(headers):
+        send, request = _add_headers(send), HTTPConnection(scope)
+        if not self._is_local(request):
+            await _refuse(scope, receive, send, "403: only this machine's own page is served")
+        elif scope["type"] == "http" and self._has_token(request):
+            cookie = {"set-cookie": f"{self._cookie}={self._secret}; HttpOnly; SameSite=Strict; Path=/"}
+            await RedirectResponse(scope["path"], 303, cookie)(scope, receive, send)
+        elif _is_same(request.cookies.get(self._cookie, ""), self._secret):
             await self._pass_on(scope, receive, send)
         else:
-            await _refuse(scope, send, "403: open the address that probe-design explore printed, with its token")
+            await _refuse(scope, receive, send, "403: open the address that probe-design explore printed, with its token")
 
-    async def _pass_on(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let the application respond; a page that is left meanwhile is no fault, whatever the framework raises then."""
         is_left = False
 
@@ -69,46 +64,31 @@ class Guard:
             return message
 
         try:
-            await self._application(scope, receive_and_note, _add_headers(send))
+            await self._application(scope, receive_and_note, send)
         except Exception:
             if not is_left:
                 raise
 
-    def _is_local(self, headers: list[tuple[bytes, bytes]]) -> bool:
+    def _is_local(self, request: HTTPConnection) -> bool:
         """Return whether Host and, where it is stated, Origin are this server's: neither rebinding nor another site's page."""
-        hosts = [value for name, value in headers if name == b"host"]
-        origins = [value for name, value in headers if name == b"origin"]
-        return len(hosts) == 1 and hosts[0] in self._hosts and all(origin in self._origins for origin in origins)
+        hosts, origins = request.headers.getlist("host"), request.headers.getlist("origin")
+        return len(hosts) == 1 and hosts[0] in self._hosts and {*origins} <= {f"http://{host}" for host in self._hosts}
 
-    def _has_token(self, scope: Message) -> bool:
+    def _has_token(self, request: HTTPConnection) -> bool:
         """Return whether the address holds the token."""
-        tokens = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
-        return scope["path"] == "/" and len(tokens) == 1 and secrets.compare_digest(tokens[0].encode(), self._token.encode())
-
-    def _has_cookie(self, headers: list[tuple[bytes, bytes]]) -> bool:
-        """Return whether the browser has exchanged the token before."""
-        for name, value in headers:
-            if name == b"cookie":
-                for part in value.decode("latin-1").split(";"):
-                    key, _, text = part.strip().partition("=")
-                    if key == self._cookie and secrets.compare_digest(text.encode(), self._secret.encode()):
-                        return True
-        return False
+        tokens = request.query_params.getlist("token")
+        return request.scope["path"] == "/" and len(tokens) == 1 and _is_same(tokens[0], self._token)
 
 
-async def _refuse(scope: Message, send: Send, text: str) -> None:
+def _is_same(text: str, secret: str) -> bool:
+    """Return whether a text is a secret; the time that it takes says nothing about the secret."""
+    return secrets.compare_digest(text.encode(), secret.encode())
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, text: str) -> None:
     """Answer 403, of a websocket by closing it before it opens."""
-    if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-    else:
-        await _respond(send, 403, text)
-
-
-async def _respond(send: Send, status: int, text: str, *headers: tuple[bytes, bytes]) -> None:
-    """Send a response of one line."""
-    content = (b"content-type", b"text/plain; charset=utf-8")
-    await send({"type": "http.response.start", "status": status, "headers": [content, *HEADERS, *headers]})
-    await send({"type": "http.response.body", "body": text.encode()})
+    is_socket = scope["type"] == "websocket"
+    await (WebSocketClose(REFUSED_WEBSOCKET_CODE) if is_socket else PlainTextResponse(text, 403))(scope, receive, send)
 
 
 def _add_headers(send: Send) -> Send:
@@ -117,7 +97,7 @@ def _add_headers(send: Send) -> Send:
     async def send_with_headers(message: Message) -> None:
         """Send a message."""
         if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", []), *HEADERS]
+            MutableHeaders(scope=message).update(HEADERS)
         await send(message)
 
     return send_with_headers

@@ -9,14 +9,14 @@ import socket
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
-from probe_design.explorer.guard import HOST, Guard
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
+HOST = "127.0.0.1"
 MAX_LINE_LENGTH = 200  # characters of a fault on standard error
 SHUTDOWN_S = 1  # s that open pages have to end
 
@@ -72,6 +72,8 @@ def serve(application: FastAPI, listener: socket.socket, token: str) -> None:
     """
     import uvicorn
 
+    from probe_design.explorer.guard import Guard
+
     class Server(uvicorn.Server):
         """A server that ends with Ctrl-C as any program that is done: without raising the signal again."""
 
@@ -86,7 +88,7 @@ def serve(application: FastAPI, listener: socket.socket, token: str) -> None:
                 for number, handler in zip(numbers, handlers, strict=True):
                     signal.signal(number, handler)
 
-    guarded: Any = Guard(application, listener.getsockname()[1], token)
+    guarded = Guard(application, listener.getsockname(), token)
     config = uvicorn.Config(
         guarded,
         log_config=None,
