@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
+from typing import Literal
 
 import tomli_w
 
@@ -18,10 +19,10 @@ from probe_design.design_report.improvements import compute_improvements
 from probe_design.design_report.pictures import draw_front, draw_improvements, draw_maps
 from probe_design.design_report.report import C_PER_PC, Report, Writer, format_heights
 from probe_design.design_report.verdict import format_bonds, format_film, list_assumptions, write_population_verdict
-from probe_design.design_search.combination import Combination
+from probe_design.design_search.film_choices import FilmChoice
 from probe_design.design_search.optimum import PopulationOptimum
 from probe_design.design_search.pareto import Front
-from probe_design.design_search.scan_choices import compute_pitch
+from probe_design.design_search.scan_choices import ScanChoice, compute_pitch
 from probe_design.design_search.variables import M_PER_MM
 from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.design_file import PROTOCOL_FILE, QUESTION_FILE, Design
@@ -81,9 +82,9 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
     }
     if fronts:
         pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, design.objective)
-    choices = optimum.search_space.film_choices
-    films = {"Which film and bond": (Text(FILM_NOTE), _build_film_table(optimum))} if choices else {}
-    scans = {"Which scan": (Text(SCAN_NOTE), _build_scan_table(optimum))} if optimum.search_space.scan_choices else {}
+    space = optimum.search_space
+    films = {"Which film and bond": (Text(FILM_NOTE), _build_choice_table(optimum, "film"))} if space.film_choices else {}
+    scans = {"Which scan": (Text(SCAN_NOTE), _build_choice_table(optimum, "scan"))} if space.scan_choices else {}
     protocol = tomli_w.dumps({"protocol": optimum.best.protocol.model_dump(mode="json", exclude_none=True)})
     notes = [
         f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of "
@@ -249,43 +250,18 @@ def _format_materials(verified: PopulationVerification) -> str:
     return " / ".join(name or "-" for name in names) if any(names) else ""
 
 
-def _build_film_table(optimum: PopulationOptimum) -> Table:
-    """Return the table of all films and bonds tried, best first."""
-    films = {item.combination.film.description: item.combination.film for item in optimum.search.choices if item.combination.film}
-    names = tuple(name.replace("_", " ") for name in optimum.search_space.film_choices[0].values)
-    cells = {key: tuple(film.values.values()) for key, film in films.items()}
-    verified = {key: [item for item in optimum.finalists if item.scene.probe.film == film.film] for key, film in films.items()}
-    best = _find_best(optimum, lambda choice: choice.film.description if choice.film else None)
-    return _build_choice_table(optimum, names, cells, best, verified)
-
-
-def _build_scan_table(optimum: PopulationOptimum) -> Table:
-    """Return the table of all scans tried, best first."""
-    scans = {item.combination.scan.description: item.combination.scan for item in optimum.search.choices if item.combination.scan}
-    cells: dict[str, tuple[str, ...]] = {key: (str(item.presses), f"{1e3 * item.pitch:.4g}") for key, item in scans.items()}
-    verified = {key: [item for item in optimum.finalists if item.protocol == scan.protocol] for key, scan in scans.items()}
-    best = _find_best(optimum, lambda choice: choice.scan.description if choice.scan else None)
-    return _build_choice_table(optimum, ("presses", "pitch, mm"), cells, best, verified)
-
-
-def _find_best(optimum: PopulationOptimum, describe: Callable[[Combination], str | None]) -> dict[str, float]:
-    """Return the best searched value of each choice by its description, best first."""
-    best: dict[str, float] = {}
+def _build_choice_table(optimum: PopulationOptimum, kind: Literal["film", "scan"]) -> Table:
+    """Return the table of all films and bonds, or of all scans, that were tried: searched and verified objective, best first."""
+    aim, best = optimum.design.objective, dict[str, tuple[FilmChoice | ScanChoice, float]]()
     for choice in optimum.search.choices:  # best first
-        if (key := describe(choice.combination)) is not None:
-            best.setdefault(key, choice.value)
-    return best
-
-
-def _build_choice_table(
-    optimum: PopulationOptimum, names: tuple[str, ...], cells: dict[str, tuple[str, ...]], best: dict[str, float],
-    verified: dict[str, list[PopulationVerification]],
-) -> Table:  # fmt: skip
-    """Return a table with a row for each choice, by its description: cells, searched and verified objective, recommended."""
-    aim, rows = optimum.design.objective, list[tuple[str, ...]]()
-    for key, value in best.items():
-        items = sorted(verified[key], key=lambda item: -aim.sign * item.objective[0])
-        text = aim.format_value(*items[0].objective) if items else "-"
+        option: FilmChoice | ScanChoice = getattr(choice.combination, kind)
+        best.setdefault(option.description, (option, choice.value))
+    rows = []
+    for option, value in best.values():
+        items = [item for item in optimum.finalists if option.is_of(item.scene, item.protocol)]
+        top = max(items, key=lambda item: aim.sign * item.objective[0], default=None)
+        text = "-" if top is None else aim.format_value(*top.objective)
         recommended = "yes" if any(item is optimum.winner for item in items) else "no"
-        rows.append((*cells[key], f"{aim.scale * aim.convert_searched(value):.4g}", text, recommended))
+        rows.append((*option.texts.values(), f"{aim.scale * aim.convert_searched(value):.4g}", text, recommended))
+    names = next(iter(best.values()))[0].texts
     return Table((*names, f"{aim.label}, closed form", f"{aim.label}, verified", "recommended"), rows)

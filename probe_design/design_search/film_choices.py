@@ -17,6 +17,7 @@ from geometry.scenes.units import SI_CONTEXT
 from probe_design.design_search.variables import list_lengths
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
+from probe_design.populations.tables import Protocol
 
 FILM_KEYS = ("thickness", "youngs_modulus", "d31", "d33")  # of a catalogue film; the scene's other numbers stay
 EXCLUSIVE_KEYS = (("film", "film_thickness"), ("bond", *BOND_SIDES), ("bond_thickness", "bond", *BOND_SIDES))
@@ -41,6 +42,15 @@ class FilmChoice:
     def description(self) -> str:
         """The choice in words."""
         return ", ".join(f"{name} {value}" for name, value in self.values.items())
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The choice by the names of its columns in a table."""
+        return {name.replace("_", " "): value for name, value in self.values.items()}
+
+    def is_of(self, scene: Scene, _protocol: Protocol) -> bool:
+        """Return whether a scene's probe has these films."""
+        return scene.probe.film == self.film
 
     def set_film(self, scene: Scene) -> Scene:
         """Return a scene with these films."""

@@ -10,7 +10,7 @@ from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.tissue_sides import compute_side_distance
-from probe_design.design_search.variables import VALUES_BETWEEN_BOUNDS, list_lengths
+from probe_design.design_search.variables import M_PER_MM, VALUES_BETWEEN_BOUNDS, list_lengths
 from probe_design.populations.design_file import Design
 from probe_design.populations.entries import DesignVariable
 from probe_design.populations.tables import MAX_POSITIONS, MAX_RASTER_LINES, Protocol
@@ -44,6 +44,15 @@ class ScanChoice:
     def description(self) -> str:
         """The choice in words."""
         return f"{self.presses} presses, pitch {format_mm(self.pitch)}"
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The choice by the names of its columns in a table."""
+        return {"presses": str(self.presses), "pitch, mm": f"{self.pitch / M_PER_MM:.4g}"}
+
+    def is_of(self, _scene: Scene, protocol: Protocol) -> bool:
+        """Return whether a protocol reads these places."""
+        return protocol == self.protocol
 
 
 def compute_pitch(protocol: Protocol) -> float:
