@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 from geometry.common.errors import InputError
@@ -11,9 +10,10 @@ from hw.files.columns import ColumnMap
 from probe_design.built_probe.field_readings import FieldReading
 from probe_design.commands.estimate_readings import collect_measured
 from probe_design.commands.hardware_sources import HardwareSetup
-from probe_design.data.noise import MIN_NOISE
-from probe_design.estimation.measurements import Reading, build_scan_reading
+from probe_design.estimation.measurements import Reading
 from probe_design.populations.design_file import Design
+from probe_design.populations.tables import NoiseModel
+from probe_design.surveys.record import build_press_reading
 
 
 def use_calibration(design: Design, calibration: Path | None) -> Design:
@@ -52,9 +52,8 @@ def read_scan_recordings(
         No ratio can be computed from a recording.
     """
     measured, places, warnings = collect_measured(setup, texts, columns, rate, any_probe)
-    noise = math.hypot(design.noise.white, design.noise.tilt)
     readings = tuple(
-        _build_reading(setup.scene, part, max(math.hypot(noise, part.noise), MIN_NOISE), place, text)
+        _build_reading(setup.scene, part, design.noise, place, text)
         for part, place, text in zip(measured, places, texts, strict=True)
     )
     return readings, _join_warnings(warnings)
@@ -67,17 +66,8 @@ def _join_warnings(warnings: list[str]) -> list[str]:
     return [f"{files[0] if len(files) == 1 else f'{len(files)} recordings'}: {text}" for text, files in names.items()]
 
 
-def _build_reading(scene: Scene, measured: FieldReading, noise: float, place: dict[str, str], text: str) -> Reading:
+def _build_reading(scene: Scene, measured: FieldReading, noise: NoiseModel, place: dict[str, str], text: str) -> Reading:
     """Return one reading at its place: that of the command line, else that stored in its file."""
-    row: dict[str, object] = {"ratio": measured.ratio, "noise": noise, "blank": str(measured.blank).lower()}
-    if measured.placement is not None:
-        row |= {"x": f"{measured.placement[0]!r} m", "y": f"{measured.placement[1]!r} m"}
-    if measured.load is not None:
-        row["force"] = f"{measured.load!r} N"
-    row |= place
-    for key in ("x", "y"):
-        if key not in row:
-            raise InputError(
-                "reading", text, "a recording that states its place, or a text with it: 'run.probe, x=-8 mm, y=0 mm'"
-            )
-    return build_scan_reading("reading: ", row, scene)
+    if measured.placement is None and not {"x", "y"} <= place.keys():
+        raise InputError("reading", text, "a recording that states its place, or a text with it: 'run.probe, x=-8 mm, y=0 mm'")
+    return build_press_reading(scene, measured, noise, place)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +19,14 @@ from hw.signal.reading_fit import ReadingFit
 from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe.field_readings import (
     NO_SAMPLES,
+    FieldReading,
     build_reading_without_prediction,
     parse_field_reading,
 )
 from probe_design.built_probe.film_forces import measure_reading, measure_samples
 from probe_design.built_probe.probe_identity import check_serials, read_board_serial
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT
-from probe_design.data.noise import MIN_NOISE
-from probe_design.estimation.measurements import Reading, build_scan_reading
+from probe_design.estimation.measurements import Reading
 from probe_design.explorer.bench_settings import VIRTUAL, BenchSettings, PressRequest
 from probe_design.explorer.messages import Put
 from probe_design.explorer.waveform import Waveform
@@ -34,7 +34,7 @@ from probe_design.locating.locator import Locator
 from probe_design.measuring.acquisition import fit_reading
 from probe_design.populations.tables import NoiseModel
 from probe_design.surveys.figures import Step, draw_step
-from probe_design.surveys.record import Press, SurveyRecord
+from probe_design.surveys.record import Press, SurveyRecord, build_press_reading
 from probe_design.surveys.virtual_tissue import VirtualTissue, convert_inclusions, draw_hidden_tumours
 
 FRAME_S = 0.045  # s between two waveforms, at least: 20 a second, as chunks of a device come
@@ -136,7 +136,8 @@ class Measuring:
             raise InputError("recording", name, "one that is not a reading already: its noise would count twice")
         calibrated_at = None if calibration is None else calibration.frequency
         if request.keep and not request.source.startswith("replay:"):  # a place beside the tissue is refused before the press
-            self._build_reading(1.0, MIN_NOISE, request.place, is_blank=False)
+            assumed = FieldReading(ratio=1.0, noise=0.0, shared=0.0, calibration=None, force=1.0, placement=request.place)
+            build_press_reading(self.settings.scene, assumed, self.noise, {})
         path = self.record.name_recording() if request.keep and not request.source.startswith("replay:") else None
         waveform, last_frame = Waveform(bench.load.frequency), 0.0
 
@@ -240,20 +241,13 @@ class Measuring:
     def _add(self, entry: JsonObject, source: dict[str, object], request: PressRequest, name: str) -> None:
         """Take a reading into account, and store it."""
         measured = parse_field_reading(entry, name, self.settings.scene)
-        place = measured.placement or request.place
-        blank = source.get("blank", request.blank)
-        noise = max(math.hypot(self.noise.white, self.noise.tilt, measured.noise), MIN_NOISE)
-        reading = self._build_reading(measured.ratio, noise, place, is_blank=blank is True)
+        is_blank = source.get("blank", request.blank) is True
+        placed = replace(measured, placement=measured.placement or request.place, blank=is_blank)
+        reading = build_press_reading(self.settings.scene, placed, self.noise, {})
         self._locate(reading)
         probability = () if self.locator is None else self.locator.probability
         extra = {} if self._tissue is None else {"hidden": self._tissue.tumours.tolist()}
         self.record = self.record.add(Press(reading, name, probability), self.record.extra | extra)
-
-    def _build_reading(self, ratio: float, noise: float, place: tuple[float, float], *, is_blank: bool) -> Reading:
-        """Return a reading at a place, m. Raises ``InputError`` where the probe does not stand on the tissue."""
-        row: dict[str, object] = {"ratio": ratio, "noise": noise, "blank": str(is_blank).lower()}
-        row |= {key: f"{length!r} m" for key, length in zip(("x", "y"), place, strict=True)}
-        return build_scan_reading("reading: ", row, self.settings.scene)
 
     def _locate_all(self) -> None:
         """Build the map of all readings."""

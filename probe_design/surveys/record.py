@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -14,8 +15,11 @@ from geometry.common.errors import InputError, Words
 from geometry.common.files import write_together
 from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
-from probe_design.estimation.measurements import Reading
+from probe_design.built_probe.field_readings import FieldReading
+from probe_design.data.noise import MIN_NOISE
+from probe_design.estimation.measurements import Reading, build_scan_reading
 from probe_design.populations.design_file import Design
+from probe_design.populations.tables import NoiseModel
 from probe_design.reporting.table import Table
 
 RECORD_FILE, SCAN_FILE = "survey.json", "scan.csv"
@@ -43,6 +47,34 @@ class Press:
     def as_dict(self) -> JsonObject:
         """Return the entry of the record."""
         return {"reading": asdict(self.reading), "file": self.file, "probability": list(self.probability)}
+
+
+def build_press_reading(scene: Scene, measured: FieldReading, noise: NoiseModel, place: Mapping[str, str]) -> Reading:
+    """Return the reading of a press, with the noise of pressing beside that of the electronics.
+
+    Parameters
+    ----------
+    scene
+        Of probe and tissue.
+    measured
+        What the samples give, with the place and the force that their file states.
+    noise
+        Of a press.
+    place
+        Texts of x, y, blank and force, which replace those of the file.
+
+    Raises
+    ------
+    InputError
+        The place is missing or beside the tissue, or the force is not allowed.
+    """
+    total = max(math.hypot(noise.white, noise.tilt, measured.noise), MIN_NOISE)
+    row: dict[str, object] = {"ratio": measured.ratio, "noise": total, "blank": str(measured.blank).lower()}
+    if measured.placement is not None:
+        row |= {key: f"{length!r} m" for key, length in zip(("x", "y"), measured.placement, strict=True)}
+    if measured.load is not None:
+        row["force"] = f"{measured.load!r} N"
+    return build_scan_reading("reading: ", row | dict(place), scene)
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,8 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.surveys": {
-        "probe_design.built_probe",  # the virtual one
+        "probe_design.built_probe",  # the virtual one, and readings of it
+        "probe_design.data.noise",
         "probe_design.estimation.measurements",
         "probe_design.locating",
         "probe_design.populations",
