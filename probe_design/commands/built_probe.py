@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.hardware import CalibrateRequest, CheckRequest, ReadRequest
-from probe_design.commands.hardware_request import SourceRequest
+from probe_design.commands.hardware_request import DEFAULT_PRESSES, SourceRequest
 from probe_design.commands.locate import read_locate_design
 from probe_design.commands.request import use_request
-from probe_design.commands.survey import DEFAULT_PRESSES, SurveyRequest
+from probe_design.commands.survey import SurveyRequest
+from probe_design.terminal.console import use_quiet
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -114,8 +115,6 @@ def read(
     >>> from probe_design import read
     >>> read("examples/scene.toml", virtual=True, seconds=5).ratio  # doctest: +SKIP
     """
-    from probe_design.terminal.console import use_quiet
-
     request, setup = _prepare(ReadRequest, scene, calibration, {"accuracy": accuracy, "hide": hide, **source})
     with use_quiet(True):
         taken = request.take_reading(setup)
@@ -147,8 +146,6 @@ def calibrate(
     HardwareError
         A device or a reading cannot be used.
     """
-    from probe_design.terminal.console import use_quiet
-
     path = None if output is None else Path(output)
     request, setup = _prepare(CalibrateRequest, scene, None, {"output": path or Path("none"), **source})
     with use_quiet(True):
@@ -181,8 +178,6 @@ def check(
     HardwareError
         A device or a reading cannot be used.
     """
-    from probe_design.terminal.console import use_quiet
-
     request, setup = _prepare(CheckRequest, scene, calibration, dict(source))
     with use_quiet(True):
         return request.check(setup)
@@ -212,8 +207,6 @@ def survey(
     HardwareError
         A device or a reading cannot be used.
     """
-    from probe_design.terminal.console import use_quiet
-
     options = {"presses": presses, "hide": hide, "outliers": outliers, "calibration": calibration, **source}
     # the request of the command line has the name of the design's file; here the design is read already
     request = SurveyRequest.build({"scene": Path("design"), "output": output, **options})

@@ -13,6 +13,7 @@ from geometry.scenes.catalogue_laws import describe_law
 from geometry.scenes.units import format_modulus
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Number, Option, Request
+from probe_design.terminal.console import warn, write_message
 
 Name = Annotated[str, Option("Name in the list.", is_argument=True)]
 
@@ -107,7 +108,6 @@ class RerunRequest(Request):
         """Repeat the command, and exit with 1 where a number differs."""
         from probe_design.commands.main import cli
         from probe_design.repetition.rerun import rerun
-        from probe_design.terminal.console import warn, write_message
 
         result = rerun(self.file, cli)
         if self.as_json:

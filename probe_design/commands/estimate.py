@@ -17,6 +17,7 @@ from probe_design.commands.fields import AnyProbe, Fraction, LimitedRequest, Lin
 from probe_design.commands.output import present, split_assignments
 from probe_design.commands.request import Option, use_request
 from probe_design.data.noise import DEFAULT_NOISE
+from probe_design.terminal.console import show_spinner
 
 if TYPE_CHECKING:
     from probe_design.estimation.estimate_result import Estimate
@@ -103,7 +104,6 @@ class EstimateRequest(LimitedRequest):
         from probe_design.commands.estimate_readings import collect_field_readings, join_reading_texts
         from probe_design.commands.hardware_sources import HardwareSetup
         from probe_design.estimation.estimate import estimate as run
-        from probe_design.terminal.console import show_spinner
         from probe_design.terminal.estimate_table import build_estimate_table, list_advice, write_sentence
 
         scene = load_scene(self.scene)

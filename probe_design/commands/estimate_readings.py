@@ -132,17 +132,15 @@ def _read_recording(path: Path, setup: HardwareSetup, columns: ColumnMap, rate: 
     load
         Force that was to be pressed, N; None: as the recording states, else the scene's.
     """
-    gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
-    frequency = None if setup.calibration is None else setup.calibration.frequency
     with Reader.open(f"replay:{path}", rate, columns, get_reading_limits()) as reader:
         samples = reader.collect()
     origin = setup.origin | {"placement": samples.source.get("placement"), "serial": read_board_serial(samples.source)}
-    measurement = measure_samples(samples, setup.bench, frequency)
+    measurement = measure_samples(samples, setup.bench, setup.calibrated_at)
     if load is None and samples.source.get("load") is not None:  # as `survey` records it
         load = read_force(f"{path.name}: load", f"{samples.source['load']} N", setup.scene)
     scene = setup.scene if load is None else setup.scene.model_copy(update={"load": Load(force=load)})
     contents = build_reading_without_prediction(
-        measurement, scene, setup.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
+        measurement, scene, setup.bench, setup.gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
     )
     return contents | {"blank": samples.source.get("blank") is True, "load": load}
 

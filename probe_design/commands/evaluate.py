@@ -28,6 +28,7 @@ from probe_design.commands.fields import (
 )
 from probe_design.commands.output import check_picture, present, split_assignments
 from probe_design.commands.request import Option, use_request
+from probe_design.terminal.console import show_spinner, show_steps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +71,6 @@ class EvaluateRequest(LimitedRequest):
 
     def run(self) -> None:
         """Evaluate the scene, and draw the solution where this is requested."""
-        from probe_design.terminal.console import show_steps
         from probe_design.terminal.result_tables import build_result_table, list_reading_lines
 
         with show_steps(f"evaluating {self.scene}") as progress:
@@ -105,7 +105,6 @@ class PlanRequest(LimitedRequest):
 
     def run(self) -> None:
         """Print the plan, then refuse where no evaluator reaches the accuracy."""
-        from probe_design.terminal.console import show_spinner
         from probe_design.terminal.result_tables import build_plan_table, list_plan_lines
         from solver import plan
 
@@ -135,7 +134,6 @@ class CurveRequest(LimitedRequest):
         """Compute the curve at moduli that are evenly spaced on a logarithmic scale and contain both ends exactly."""
         import numpy as np
 
-        from probe_design.terminal.console import show_steps
         from probe_design.terminal.result_tables import build_curve_table
         from solver import curve
 
@@ -175,7 +173,6 @@ class TolerancesRequest(LimitedRequest):
 
     def run(self) -> None:
         """Compute the budget of uncertainties, and print it."""
-        from probe_design.terminal.console import show_spinner
         from probe_design.terminal.workshop_tables import build_tolerance_table, write_tolerance_lines
 
         scene = load_scene(self.scene)

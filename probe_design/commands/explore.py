@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from geometry.common.errors import InputError, MissingLibrary, Words
+from geometry.common.files import check_writable
 from probe_design.commands.evaluate import EVALUATOR_NAMES
+from probe_design.commands.fields import Calibration
 from probe_design.commands.request import Option, Request
 
 if TYPE_CHECKING:
@@ -48,7 +50,7 @@ class ExploreRequest(Request):
     column: Annotated[tuple[str, ...], Option("Columns of such a file, or channels of an oscilloscope, as for `read`.")] = ()
     rate: Annotated[str | None, Option("Samples per second of a device, or of a file without times, '10 kHz'.")] = None
     bench: Annotated[Path | None, Option("TOML file of load, amplifier and references.")] = None
-    calibration: Annotated[Path | None, Option("Calibration file that calibrate has written.")] = None
+    calibration: Calibration = None
     hide: Annotated[
         Path | None, Option("File of the tumours that the virtual tissue holds.", left_out="drawn from the population by --seed")
     ] = None
@@ -87,7 +89,6 @@ class ExploreRequest(Request):
 
     def _build_settings(self, scene: Scene, design: Design | None) -> BenchSettings:
         """Return what was named at the start. Raises ``InputError`` where it is not allowed."""
-        from geometry.common.files import check_writable
         from hw.files.columns import ColumnMap, read_rate
         from probe_design.built_probe.bench import read_builtin_bench
         from probe_design.built_probe.hidden_tumours import read_hidden_tumours

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from geometry.provenance.block import record_scene
 from geometry.scenes.quantities import Length
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
@@ -14,6 +15,7 @@ from geometry.scenes.units import Quantity
 from probe_design.commands.fields import Force, Fraction, SceneSource
 from probe_design.commands.output import print_json, report_assumed_sizes
 from probe_design.commands.request import Number, Option, Request, use_request
+from probe_design.terminal.console import show_steps, warn, write_message
 
 if TYPE_CHECKING:
     from geometry.cad.export import Writer
@@ -52,7 +54,6 @@ class ExportRequest(Request):
 
     def run(self) -> None:
         """Write the files, and print which ones, with the sizes assumed and the effect of rounding."""
-        from probe_design.terminal.console import show_steps, warn, write_message
         from probe_design.terminal.workshop_tables import write_rounding_lines
 
         with show_steps("export") as progress:
@@ -99,7 +100,6 @@ def export(
     >>> from probe_design import export
     >>> export("examples/scene.toml", "out/parts", step=1e-4).files  # doctest: +SKIP
     """
-    from geometry.provenance.block import record_scene
     from geometry.workshop.package import DEFAULT_CASTING, Casting
     from probe_design.workshop.package import export as write
 

@@ -30,6 +30,13 @@ Noise = Annotated[
     Number(ALLOWED_NOISE, lambda noise: MIN_NOISE <= noise <= MAX_NOISE, percent=True),
     Option("Relative standard deviation of one reading of the ratio."),
 ]
+MAX_OUTLIER_RATE = 0.3  # above it "wild" readings would be as good as the others
+Outliers = Annotated[
+    float,
+    Number(f"a fraction from 0 to {MAX_OUTLIER_RATE:g}", lambda rate: 0 <= rate <= MAX_OUTLIER_RATE, percent=True),
+    Option("Expected fraction of wild readings."),
+]
+Calibration = Annotated[Path | None, Option("Calibration file that calibrate has written.")]
 Frequency = Annotated[float, FREQUENCY_QUANTITY]
 Time = Annotated[float, TIME_QUANTITY]
 Memory = Annotated[float, MEMORY_QUANTITY]

@@ -10,11 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from geometry.common.files import check_writable_file, write_text
 from geometry.common.json_types import JsonObject
-from probe_design.commands.fields import NO_ACCURACY, Accuracy, AnyProbe
+from probe_design.commands.fields import NO_ACCURACY, Accuracy, AnyProbe, Calibration
 from probe_design.commands.hardware_request import ReferenceRequest, SourceRequest
 from probe_design.commands.output import add_provenance, print_result
 from probe_design.commands.request import Option
+from probe_design.terminal.console import show_spinner, show_steps, warn, write_message
 
 if TYPE_CHECKING:
     from hw.signal.measurement import Measurement
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
     from probe_design.commands.hardware_sources import HardwareSetup
     from probe_design.doctor.finding import Finding
     from probe_design.probe_check.check import Check
-
-Calibration = Annotated[Path | None, Option("Calibration file that calibrate has written.")]
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,6 @@ class ReadRequest(SourceRequest):
     def run(self) -> None:
         """Read the probe, and print the result."""
         from probe_design.commands.hardware_sources import HardwareSetup
-        from probe_design.terminal.console import warn, write_message
         from probe_design.terminal.hardware_tables import build_reading_table
 
         taken = self.take_reading(HardwareSetup.from_files(self.scene, self.bench, self.calibration))
@@ -81,7 +80,6 @@ class ReadRequest(SourceRequest):
         from probe_design.commands.hardware_sources import build_openers, list_new_recordings
         from probe_design.commands.reference_readings import choose_prediction, simulate_on_scene
         from probe_design.measuring.acquisition import fit_reading
-        from probe_design.terminal.console import show_spinner
         from probe_design.terminal.live import compute_live_window, show_live
         from solver.evaluators import choose_accuracy
 
@@ -95,10 +93,7 @@ class ReadRequest(SourceRequest):
             frequency = setup.bench.load.frequency
             with show_spinner("predicting"):
                 predicted = choose_prediction(length)(setup.calibrated_scene, accuracy, self.linear, frequency)
-            gains, calibration_frequency = None, None
-            if setup.calibration is not None:
-                gains = setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
-                calibration_frequency = setup.calibration.frequency
+            gains, calibration_frequency = setup.gains, setup.calibrated_at
 
             def compare(measurement: Measurement) -> StressReading:
                 """Return the stresses of a measurement, compared with the prediction."""
@@ -146,7 +141,6 @@ class CalibrateRequest(ReferenceRequest):
     def run(self) -> None:
         """Read the references, and write the record."""
         from probe_design.commands.hardware_sources import HardwareSetup
-        from probe_design.terminal.console import warn, write_message
         from probe_design.terminal.hardware_tables import build_calibration_table
 
         record = self.calibrate(HardwareSetup.from_files(self.scene, self.bench, None), self.output)
@@ -156,13 +150,11 @@ class CalibrateRequest(ReferenceRequest):
 
     def calibrate(self, setup: HardwareSetup, output: Path | None) -> CalibrationRecord:
         """Read the references, compute the record, and write it where a file is named."""
-        from geometry.common.files import check_writable_file
         from probe_design.built_probe.calibration import calibrate
         from probe_design.built_probe.calibration_record import build_record, check_free, write_record
         from probe_design.built_probe.probe_identity import check_serials, find_common_serial
         from probe_design.commands.hardware_sources import describe_device, hash_raw_data
         from probe_design.commands.reference_readings import read_references
-        from probe_design.terminal.console import show_spinner
 
         if output is not None:
             check_free(output)
@@ -198,10 +190,8 @@ class CheckRequest(ReferenceRequest):
 
     def run(self) -> None:
         """Read the blocks, compare with the drawing, and exit with 1 where the probe is out of tolerance."""
-        from geometry.common.files import check_writable_file, write_text
         from probe_design.built_probe.calibration_record import check_free
         from probe_design.commands.hardware_sources import HardwareSetup
-        from probe_design.terminal.console import show_steps, warn
         from probe_design.terminal.hardware_tables import list_check_tables, write_sentences
 
         setup = HardwareSetup.from_files(self.scene, self.bench, self.calibration)
@@ -233,7 +223,6 @@ class CheckRequest(ReferenceRequest):
         from probe_design.built_probe.probe_identity import check_serials, find_common_serial
         from probe_design.commands.reference_readings import read_references
         from probe_design.probe_check.check import check
-        from probe_design.terminal.console import show_steps
 
         block_readings = read_references(setup, self, setup.bench.blocks, run=1)
         serials = {reading.name: reading.serial for reading in block_readings}

@@ -1,4 +1,4 @@
-"""What the commands for a built probe read: options that `read`, `calibrate`, `check` and `doctor` share."""
+"""What the commands for a built probe read: options of `read`, `calibrate`, `check`, `doctor` and `survey`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from geometry.common.errors import InputError, Words
-from probe_design.commands.fields import AnyProbe, LimitedRequest, Linear
+from probe_design.commands.fields import AnyProbe, Calibration, LimitedRequest, Linear, Outliers
 from probe_design.commands.request import Number, Option
 
 DEFAULT_READING_TIME_S = 10.0  # duration of a live reading
+DEFAULT_PRESS_TIME_S = 5.0  # 25 periods of the built-in bench's load
+DEFAULT_PRESSES = 60
 ALLOWED_SOURCES = "one of --virtual, --replay and --device"
 Seconds = Annotated[float, Number("a number of seconds above 0, up to 1e6", lambda seconds: 0 < seconds <= 1e6)]
 Pause = Annotated[float, Number("a number of seconds from 0 to 86400", lambda seconds: 0 <= seconds <= 86400)]
@@ -95,3 +97,34 @@ class ReferenceRequest(SourceRequest):
     resume: Annotated[bool, Option("Use the recordings that --record has written before; read the others.")] = False
     any_probe: AnyProbe = False
     wait: Annotated[Pause | None, Option("Seconds to change each reference in, without a terminal, in place of Enter.")] = None
+
+
+class SurveyOptions(SourceRequest):
+    """What a survey reads: presses one after the other, each at a place."""
+
+    scene: Annotated[Path, Option("Design file, or folder of optimize.", is_argument=True, metavar="DESIGN")]
+    output: Annotated[Path, Option("Folder for recordings, maps and report.", "-o/--output")]
+    presses: Annotated[int, Field(ge=1, le=1000), Option("Largest number of presses.")] = DEFAULT_PRESSES
+    hide: Annotated[
+        Path | None, Option("File of the tumours that the virtual tissue holds.", left_out="drawn from the population by --seed")
+    ] = None
+    replay: Annotated[
+        tuple[Path, ...],
+        Option("Recording and, behind commas, its place: 'run.probe, x=4 mm, y=-8 mm, blank=true'; once for each press."),
+    ] = ()
+    seconds: Annotated[Seconds | None, Option("How long to read each press.", left_out=f"{DEFAULT_PRESS_TIME_S:g}")] = None
+    calibration: Calibration = None
+    outliers: Outliers = 0.0
+    any_probe: AnyProbe = False
+    wait: Annotated[Pause | None, Option("Seconds to move the probe in, without a terminal, in place of Enter.")] = None
+
+    record: Path | None = None  # what a survey has no use for: everything raw is kept in its folder
+    built: tuple[str, ...] = ()
+    linear: bool = True
+
+    @model_validator(mode="after")
+    def _check_survey(self) -> Self:
+        """Refuse options that contradict each other."""
+        if self.replay and self.has_source:
+            raise InputError("source", Words("several"), ALLOWED_SOURCES)
+        return self

@@ -27,6 +27,7 @@ from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe.bench import Bench, read_bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
+from probe_design.built_probe.gains import Gains
 from probe_design.built_probe.hidden_tumours import read_hidden_tumours
 from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
 from probe_design.built_probe.reference_charges import scale_bonds
@@ -200,6 +201,16 @@ class HardwareSetup:
         if recorded_bench is not None and recorded_bench.amplifier != setup.bench.amplifier:
             raise InputError("calibration", str(calibration), "one with this bench's amplifier")
         return setup
+
+    @property
+    def gains(self) -> Gains | None:
+        """Gains of the calibration, with what a change of the temperature may have done to them; None without one."""
+        return None if self.calibration is None else self.calibration.build_gains().add_warming(self.bench.channels.warming)
+
+    @property
+    def calibrated_at(self) -> float | None:
+        """Frequency of the calibration's load, Hz; None without a calibration."""
+        return None if self.calibration is None else self.calibration.frequency
 
     @property
     def calibrated_scene(self) -> Scene:

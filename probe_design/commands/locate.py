@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from geometry.common.errors import InputError, Words
+from geometry.common.files import check_writable
 from probe_design.commands.estimate import check_readings_source
-from probe_design.commands.fields import AnyProbe, LimitedRequest, Picture
+from probe_design.commands.fields import AnyProbe, LimitedRequest, Outliers, Picture
 from probe_design.commands.output import check_picture, print_result
-from probe_design.commands.request import Number, Option, use_request
+from probe_design.commands.request import Option, use_request
+from probe_design.reporting.picture_files import save_figure
+from probe_design.terminal.console import show_spinner, warn, write_message
 
 if TYPE_CHECKING:
     from probe_design.estimation.measurements import Reading
     from probe_design.locating.location import Location
     from probe_design.populations.design_file import Design, DesignSource
-
-MAX_OUTLIER_RATE = 0.3  # above it "wild" readings would be as good as the others
 
 
 class LocateRequest(LimitedRequest):
@@ -60,22 +61,15 @@ class LocateRequest(LimitedRequest):
     any_probe: AnyProbe = False
     output: Annotated[Path | None, Option("Folder for a report with pictures and numbers.", "-o/--output")] = None
     advise: Annotated[bool, Option("Report which place is expected to say the most about the tumours.", "--next")] = False
-    outliers: Annotated[
-        float,
-        Number(f"a fraction from 0 to {MAX_OUTLIER_RATE:g}", lambda rate: 0 <= rate <= MAX_OUTLIER_RATE, percent=True),
-        Option("Expected fraction of wild readings."),
-    ] = 0.0
+    outliers: Outliers = 0.0
     seed: Annotated[int, Field(ge=0, le=2**31 - 1), Option("Of the random numbers; the same seed gives the same result.")] = 0
     picture: Annotated[Picture, Option("Draw the map and the residuals to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
         """Locate the tumours, draw and write what is requested, and print the result."""
-        from geometry.common.files import check_writable
         from probe_design.locating.figures import draw_location
         from probe_design.locating.report import build_tables, list_lines, write_files
         from probe_design.locating.run import run_locate
-        from probe_design.reporting.picture_files import save_figure
-        from probe_design.terminal.console import show_spinner, warn, write_message
 
         check_picture(self.picture)
         if self.output is not None:
@@ -95,8 +89,6 @@ class LocateRequest(LimitedRequest):
 
     def read_input(self) -> tuple[Design, tuple[Reading, ...] | Path]:
         """Return the design and the readings: their file, or those of the recordings with the gain of their calibration."""
-        from probe_design.terminal.console import warn
-
         design = read_locate_design(self.design)
         if (self.readings_file is None) == (not self.reading):
             given = Words("missing" if self.readings_file is None else "given beside --reading")

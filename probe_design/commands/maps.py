@@ -18,6 +18,7 @@ from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Lin
 from probe_design.commands.output import check_picture, present
 from probe_design.commands.request import Number, Option, is_positive, use_request
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD
+from probe_design.terminal.console import show_count, show_steps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -60,7 +61,6 @@ class ScanRequest(LimitedRequest):
         """Compute the scan at evenly spaced positions."""
         import numpy as np
 
-        from probe_design.terminal.console import show_count
         from probe_design.terminal.result_tables import build_scan_table
 
         scene = load_scene(self.scene)
@@ -160,7 +160,6 @@ class DetectabilityRequest(LimitedRequest):
     def run(self) -> None:
         """Compute both maps at evenly spaced depths and diameters."""
         from probe_design.maps.target_grid import choose_sizes
-        from probe_design.terminal.console import show_count
         from probe_design.terminal.result_tables import build_threshold_table
 
         scene = load_scene(self.scene)
@@ -236,7 +235,6 @@ class LoadRequest(LimitedRequest):
 
     def run(self) -> None:
         """Compute the scene under rising loads."""
-        from probe_design.terminal.console import show_steps
         from probe_design.terminal.result_tables import build_load_table, list_load_lines
         from solver.evaluation import press
 

@@ -13,6 +13,8 @@ from probe_design.commands.fields import Picture
 from probe_design.commands.output import check_picture, print_json
 from probe_design.commands.request import Number, Option, Request, is_positive, use_request
 from probe_design.material_fit.kinds import LawChoice, StressKind, Test
+from probe_design.reporting.picture_files import save_figure
+from probe_design.terminal.console import warn, write_message
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -65,9 +67,6 @@ class MaterialFitRequest(Request):
 
     def run(self) -> None:
         """Fit, and print the table."""
-        from probe_design.reporting.picture_files import save_figure
-        from probe_design.terminal.console import warn, write_message
-
         check_picture(self.picture)
         result = self.call(fit_material)
         if self.picture is not None:

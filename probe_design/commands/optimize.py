@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from geometry.common.errors import InputError, Words
+from geometry.common.files import check_writable
 from geometry.common.json_types import JsonMapping
+from geometry.provenance.block import DISTRIBUTION, compute_digest
 from geometry.scenes.quantities import Length
 from geometry.scenes.scene import Scene
 from probe_design.commands.fields import Force, LimitedRequest, Noise
 from probe_design.commands.output import print_json, report_assumed_sizes
 from probe_design.commands.request import Option, use_request
 from probe_design.data.noise import DEFAULT_NOISE
+from probe_design.terminal.console import show_stages, show_table, warn, write_message
 
 if TYPE_CHECKING:
     from probe_design.design_search.optimum import PopulationOptimum, TumourOptimum
@@ -120,7 +123,6 @@ class OptimizeRequest(LimitedRequest):
         from probe_design.design_search.pareto import compute_front
         from probe_design.populations.design_file import Design
         from probe_design.reporting.workshop_command import build_evaluate_command, build_export_command
-        from probe_design.terminal.console import show_stages, show_table, warn, write_message
         from probe_design.workshop.package import list_missing_films
 
         question_digest, fronts = self._check_output(question, folder), []
@@ -158,8 +160,6 @@ class OptimizeRequest(LimitedRequest):
 
         from geometry.cad.parts_record import check_same_question
         from geometry.cad.solids import load_cadquery
-        from geometry.common.files import check_writable
-        from geometry.provenance.block import DISTRIBUTION, compute_digest
 
         tables, options = (model.model_dump(mode="json", exclude_none=True) for model in (start, self))
         settings = {key: value for key, value in options.items() if key not in IGNORED_FIELDS}
@@ -201,7 +201,6 @@ def optimize(
     Refusal
         The closed form or the verifying evaluator cannot model the scene.
     """
-    from geometry.common.files import check_writable
     from probe_design.populations.design_file import read_design_source
 
     progress, question = progress or ignore_stage, read_design_source(design)

@@ -1,7 +1,4 @@
-"""Output of the commands: JSON or a table on standard output, warnings on standard error, pictures; all with their provenance.
-
-Imports are delayed until there is something to write.
-"""
+"""Output of the commands: JSON or a table on standard output, warnings on standard error, pictures; all with their provenance."""
 
 from __future__ import annotations
 
@@ -9,6 +6,14 @@ import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from geometry.common.errors import InputError, to_one_line
+from geometry.common.files import check_writable_file
+from geometry.provenance.block import build_provenance
+from geometry.scenes.base_sizes import assume_sizes
+from geometry.scenes.probe import format_mm
+from probe_design.reporting.picture_files import check_format, save_figure
+from probe_design.terminal.console import show_table, warn, write_message
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,11 +65,8 @@ def present(
     draw
         Draws the picture; default: ``probe_design.plot``.
     """
-    from probe_design.terminal.console import warn, write_message
-
     if picture is not None:
         from probe_design.commands.plot import plot
-        from probe_design.reporting.picture_files import save_figure
 
         figure = plot(result) if draw is None else draw(result)  # type: ignore[arg-type]  # it refuses what has no picture
         save_figure(figure, picture)
@@ -94,9 +96,6 @@ def print_result(
     lines
         Builds the lines.
     """
-    from geometry.common.errors import to_one_line
-    from probe_design.terminal.console import show_table
-
     if as_json:
         print_json(build_json())
         return
@@ -108,8 +107,6 @@ def print_result(
 
 def add_provenance(value: dict[str, object]) -> dict[str, object]:
     """Return a JSON object with a block of provenance, which is added if there is none."""
-    from geometry.provenance.block import build_provenance
-
     name = value.get("evaluator")
     block = value.get("provenance") or build_provenance(evaluator=name if isinstance(name, str) else None)
     return value | {"provenance": block}
@@ -128,9 +125,6 @@ def check_picture(picture: Path | None) -> None:
     InputError
         The format is unknown, or the folder cannot be written.
     """
-    from geometry.common.files import check_writable_file
-    from probe_design.reporting.picture_files import check_format
-
     if picture is not None:
         check_format(picture)
         check_writable_file(picture, "plot")
@@ -144,8 +138,6 @@ def split_assignments(key: str, texts: Iterable[str], allowed: str) -> dict[str,
     InputError
         A text is no assignment; ``allowed`` describes one.
     """
-    from geometry.common.errors import InputError
-
     assignments = {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -157,9 +149,5 @@ def split_assignments(key: str, texts: Iterable[str], allowed: str) -> dict[str,
 
 def report_assumed_sizes(probe: Probe) -> None:
     """Report the sizes of a probe that are assumed because the scene does not give them."""
-    from geometry.scenes.base_sizes import assume_sizes
-    from geometry.scenes.probe import format_mm
-    from probe_design.terminal.console import write_message
-
     for key, size in assume_sizes(probe).items():
         write_message(f"assumed: {key} = {format_mm(size)}, which the scene does not give")

@@ -7,14 +7,33 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import sleep
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from hw.common.samples import Samples
-    from hw.signal.measurement import Measurement
-    from probe_design.built_probe.bench import Reference
-    from probe_design.commands.hardware_request import SourceRequest
-    from probe_design.commands.hardware_sources import HardwareSetup, Opener
+from geometry.common.errors import InputError, Words
+from hw.common.errors import HardwareError, InvalidSource
+from hw.common.samples import Samples
+from hw.signal.fingerprint import Fingerprint
+from hw.signal.measurement import Measurement
+from hw.signal.waveform import Flawed
+from probe_design.built_probe import reading
+from probe_design.built_probe.bench import Reference
+from probe_design.built_probe.field_readings import check_different
+from probe_design.built_probe.film_forces import measure_strict_reading
+from probe_design.built_probe.probe_identity import check_serials, read_board_serial
+from probe_design.built_probe.virtual_probe import compute_load
+from probe_design.commands.hardware_request import SourceRequest
+from probe_design.commands.hardware_sources import (
+    MAX_ATTEMPTS,
+    HardwareSetup,
+    Opener,
+    build_device_opener,
+    build_openers,
+    list_new_recordings,
+    list_recorded_files,
+    name_recording,
+)
+from probe_design.measuring import prediction_process
+from probe_design.terminal.console import write_line, write_message
 
 
 @dataclass(frozen=True)
@@ -29,8 +48,6 @@ class ReferenceReading:
     @property
     def serial(self) -> str | None:
         """The serial number of the board that was read, or None if unknown."""
-        from probe_design.built_probe.probe_identity import read_board_serial
-
         return read_board_serial(self.samples.source)
 
 
@@ -57,10 +74,6 @@ def read_references(
     HardwareError
         A reading cannot be used.
     """
-    from hw.signal.fingerprint import Fingerprint
-    from probe_design.built_probe.field_readings import check_different
-    from probe_design.commands.hardware_sources import build_openers, list_new_recordings, list_recorded_files
-
     count = len(references)
     recorded = list_recorded_files(source, count)
     list_new_recordings(source, count)  # called for its checks: new files must not exist and must be writable
@@ -102,13 +115,6 @@ def _read_reference(
     recorded
         An existing recording of this reading, or None.
     """
-    from hw.common.errors import HardwareError, InvalidSource
-    from hw.signal.waveform import Flawed
-    from probe_design.built_probe.film_forces import measure_strict_reading
-    from probe_design.built_probe.probe_identity import check_serials, read_board_serial
-    from probe_design.commands.hardware_sources import MAX_ATTEMPTS, build_device_opener, name_recording
-    from probe_design.terminal.console import write_message
-
     for attempt in range(1, MAX_ATTEMPTS + 1):
         file = name_recording(source, *index_and_count, attempt) if recorded is None else recorded
         if recorded is None:
@@ -137,8 +143,6 @@ def _read_reference(
 
 def ask_for(label: str, place: str, source: SourceRequest) -> None:
     """Ask the user to press the probe on a reference or at a place, and wait; do nothing for recordings and the virtual probe."""
-    from probe_design.terminal.console import write_line
-
     if not source.is_live:
         return
     if source.wait is not None:
@@ -158,8 +162,6 @@ def require_terminal(source: SourceRequest) -> None:
     InputError
         There is no terminal, and no ``wait``.
     """
-    from geometry.common.errors import InputError, Words
-
     if source.is_live and source.wait is None and not sys.stdin.isatty():
         raise InputError(
             "device",
@@ -180,9 +182,6 @@ def choose_prediction(length: float | None) -> Callable[..., Any]:
 
     For a long reading it runs in a child process, so that its memory is free again when the reading starts.
     """
-    from probe_design.built_probe import reading
-    from probe_design.measuring import prediction_process
-
     needs_child_process = length is not None and length >= prediction_process.MIN_READING_S
     return prediction_process.predict_in_process if needs_child_process else reading.predict_scene
 
@@ -192,10 +191,7 @@ def simulate_on_references(setup: HardwareSetup, source: SourceRequest, referenc
 
     ``run`` numbers the series of readings, each with its own noise.
     """
-    from probe_design.built_probe.reading import predict_scene
-    from probe_design.built_probe.virtual_probe import compute_load
-
     bench = setup.build_virtual_bench(source)
-    load = compute_load(bench.scene, predict_scene(bench.as_built, 0.01, linear=True).stiffness)
+    load = compute_load(bench.scene, reading.predict_scene(bench.as_built, 0.01, linear=True).stiffness)
     signals = zip(setup.bench.reference, bench.build_reference_signals(load, run), strict=True)
     return tuple(signal for reference, signal in signals if any(reference is pressed for pressed in references))

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from geometry.common.errors import InputError, MissingLibrary
+from geometry.common.files import check_writable
 from geometry.common.percent import format_percent
 from geometry.scenes.scene_file import load_scene, read_scene
 from probe_design.commands.fields import LimitedRequest, Linear, Memory, Time, replace_limits
 from probe_design.commands.optimize import Stages, ignore_stage
 from probe_design.commands.output import print_json, print_result
 from probe_design.commands.request import Option, Request, use_request
+from probe_design.terminal.console import show_stages, show_sweep, warn, write_message
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
@@ -42,10 +44,8 @@ class SweepRequest(Request):
 
     def run(self) -> None:
         """Evaluate the designs that have no row yet, and write the tables."""
-        from geometry.common.files import check_writable
         from probe_design.sweeps.file import read_sweep
         from probe_design.sweeps.run import sweep
-        from probe_design.terminal.console import show_sweep, write_message
 
         parsed_sweep = read_sweep(self.sweep)
         parsed_sweep = replace(parsed_sweep, limits=replace_limits(parsed_sweep.limits, self.time, self.memory))
@@ -67,7 +67,6 @@ def _write_files(folder: Path) -> list[Path]:
     """Write CSV, and Parquet and a summary page if the libraries for them are installed; return the files."""
     from probe_design.sweeps.results import write_csv, write_parquet
     from probe_design.sweeps.summary_page import write_page
-    from probe_design.terminal.console import write_message
 
     files = [write_csv(folder, folder / "results.csv")]
     for write, name in ((write_parquet, "results.parquet"), (write_page, "summary.html")):
@@ -98,8 +97,6 @@ class TradeoffRequest(LimitedRequest):
 
     def run(self) -> None:
         """Measure time and errors, write the files, and print the tables."""
-        from geometry.common.files import check_writable
-        from probe_design.terminal.console import show_stages, warn, write_message
         from probe_design.tradeoffs.report import build_choice_table, build_summary_table, write_files
         from probe_design.tradeoffs.study import measure_tradeoff
 
