@@ -147,7 +147,7 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
     ):
         yield ((column.get(f"{radius} edge", column[radius]), surface), False), layers
         for top in {levels[layout.blocks[rows]], levels[-1]}:  # of the block, and of the layers on it
-            yield ((column[radius], top), False), layers
+            yield ((column[radius], top), False), layout.top_layers
     yield ((column["side"], layout.row["floor"]), False), layers
     for level, cut in zip(layout.interfaces, layout.kind.ends, strict=True):
         if cut:
@@ -227,11 +227,12 @@ def _cut_at_wall(cell: Cell, layout: MeshTopology, side: int) -> Floats:
     """Cut the cell of a film or a bond that ends at a wall on its left (0) or right (1) side; shape (elements, 4, 2).
 
     Cells are much wider than high: a layer of one row is cut into strips across its thickness. With more rows the strip at the
-    wall, about as wide as high, is cut further, towards the corner where the layer meets the next.
+    wall, about as wide as high, is cut further, towards the corner where the layer meets the next, unless the mesh has strips
+    alone (``StackFineness``).
     """
-    layers, (_, _, vertices, _) = layout.fineness.layers, cell
+    layers, stack, (_, _, vertices, _) = layout.top_layers, layout.fineness.stack, cell
     low, high = vertices[0][1] in layout.layer_ends, vertices[3][1] in layout.layer_ends
-    if low and high:
+    if (low and high) or (stack is not None and not stack.corners):
         return _cut_strips(side, layers)
     pieces = _cut_strips(side, 1)
     if not (low or high):

@@ -27,6 +27,7 @@ from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_bo
 from geometry.meridian.grading import grade_nodes
 from geometry.meridian.section import FILMS, Body, Section
 from geometry.meridian.sphere_box import SphereBox
+from geometry.meridian.stack_fineness import StackFineness
 from geometry.meridian.upper_levels import place_base_levels, place_bridge, place_stack_levels
 
 MIN_CORNER_LAYERS = 3  # corner layers from which on films and bonds have two rows, each cut towards one corner
@@ -89,13 +90,14 @@ class Kind:
 class MeridianFineness:
     """How fine a mesh is: a multiplier of the number of cells, 0.7 or more, geometric layers at each corner, polynomial order.
 
-    ``lean`` is of ``Kind``.
+    ``lean`` is of ``Kind``. ``stack`` is the fineness of films and bonds; None where it follows from ``layers``.
     """
 
     cells: float
     layers: int
     order: int
     lean: bool = False
+    stack: StackFineness | None = None
 
     def count(self, cells: int, minimum: int = 1) -> int:
         """Return the number of cells where the mesh with a multiplier of 1 has ``cells``.
@@ -205,8 +207,16 @@ class MeshTopology:
         inner, hole, tube = (self.column.get(f"{name} edge", self.column[name]) for name in ("inner", "hole", "tube"))
         return (self.column["axis"], inner), (hole, tube)
 
+    @property
+    def top_layers(self) -> int:
+        """Number of geometric layers at the upper ends of the blocks' walls, and at the walls of films and bonds."""
+        stack = self.fineness.stack
+        return self.fineness.layers if stack is None or not any(self.kind.stacks) else stack.layers
+
     def _count_layer_rows(self, stack: tuple[Body, ...]) -> tuple[int, ...]:
         """Return the number of rows in each layer of a stack, see ``MIN_CORNER_LAYERS``."""
+        if self.fineness.stack is not None:
+            return self.fineness.stack.count_rows(stack)
         layers = self.fineness.layers
         rows = self.fineness.count(2) if layers >= MIN_CORNER_LAYERS else 1
         # a film that floats on a bond has hardly any singularity of its own: at first one row suffices

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.percent import format_percent
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.axisymmetric.lower_order import bound_by_descent, bound_by_last_degree, bound_by_lower_order, is_graded_everywhere
@@ -22,6 +23,7 @@ from solver.axisymmetric.omitted_details import (
 from solver.axisymmetric.refinement import CROSSED_SPHERE_ORDERS, MESH_LEVELS, ONE_MESH_ORDERS, SampleErrors, refine
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import add_details, build_sections
+from solver.axisymmetric.stack_cells import choose_stack_fineness, has_bare_film
 from solver.linalg.workspace import get_workspace
 from solver.results.detail_compliance import CHARGE_CHANGE_FACTOR, FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound, FilmForces, describe_sensitivity_error, describe_shortfall
@@ -29,7 +31,7 @@ from solver.results.result import Decision
 from solver.results.warnings import Note
 
 NEGLIGIBLE_SHARE = 0.05  # of the accuracy: films and base with a smaller effect are left out
-CLAMPED_LIGHT_MIN_ACCURACY = 0.02  # below it films bonded rigidly on both sides need more than the light mesh
+BARE_LIGHT_MIN_ACCURACY = 0.01  # below it, or without a sphere, films bonded rigidly on both sides need more than the light mesh
 UNEVEN_MARGIN_FACTOR = 2.0  # where all meshes may share an error: thin films and bonds, an elastic base, layers' ends
 
 
@@ -90,7 +92,11 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         sections = add_details(scene, bare_sections)
         feature_changes = [replace(change, modelled=True) if change in in_plane_changes else change for change in feature_changes]
     omitted = [change for change in feature_changes if not change.modelled]
-    solve = partial(solve_on_mesh, sections.section, sections, scene, moduli=moduli)
+
+    def solve(fineness: MeridianFineness) -> MeshSample:
+        """Solve with all features that are modelled."""
+        chosen = choose_stack_fineness(scene, fineness, accuracy) if any(sections.section.stacks) else fineness
+        return solve_on_mesh(sections.section, sections, scene, chosen, moduli=moduli)
 
     def is_good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
         """Return whether errors are within the accuracy, or finer meshes could not bring them there."""
@@ -110,7 +116,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if is_graded_everywhere(sections.section) else (),
         margin=UNEVEN_MARGIN_FACTOR if sections.section.has_details or sections.section.interfaces else 1.0,
         one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
-        starts_light=accuracy >= CLAMPED_LIGHT_MIN_ACCURACY or not _has_clamped_film(scene),
+        starts_light=not has_bare_film(scene) or (accuracy >= BARE_LIGHT_MIN_ACCURACY and bool(scene.inclusion)),
     )
     films = _build_films(scene, mesh_sample, errors, omitted)
     if scene.models_charges:
@@ -118,12 +124,6 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         feature_changes.append(replace(bound_detail(stacks, mesh_sample), modelled=True))
     plan = tuple(change.build_decision(accuracy) for change in feature_changes)
     return Converged(films, mesh_sample, plan, tuple(_write_notes(scene, films, omitted, accuracy, reason)), reason)
-
-
-def _has_clamped_film(scene: Scene) -> bool:
-    """Return whether the charge of a film that is bonded rigidly on both sides is modelled."""
-    films = scene.probe.film.by_block if scene.probe.film is not None and scene.models_charges else ()
-    return any(film.stack_height == film.thickness for film in films)
 
 
 def _build_films(
