@@ -93,9 +93,13 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         feature_changes = [replace(change, modelled=True) if change in in_plane_changes else change for change in feature_changes]
     omitted = [change for change in feature_changes if not change.modelled]
 
+    # bounds from one mesh assume that errors fall with the order as on meshes graded at every singular point, eq. AX.10
+    graded = is_graded_everywhere(sections.section)
+
     def solve(fineness: MeridianFineness) -> MeshSample:
         """Solve with all features that are modelled."""
-        chosen = choose_stack_fineness(scene, fineness, accuracy) if any(sections.section.stacks) else fineness
+        # differences of meshes show the error of corners only if the corners' layers differ, too
+        chosen = choose_stack_fineness(scene, fineness, accuracy) if graded and any(sections.section.stacks) else fineness
         return solve_on_mesh(sections.section, sections, scene, chosen, moduli=moduli)
 
     def is_good(mesh_sample: MeshSample, errors: SampleErrors) -> bool:
@@ -108,12 +112,11 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         small = reached <= accuracy or (reached - numerical_error > accuracy and numerical_error <= accuracy / 2)
         return small and all(film.meets_sensitivity(accuracy) for film in numerical)
 
-    # bounds from one mesh assume that errors fall with the order as on meshes graded at every singular point, eq. AX.10
     mesh_sample, errors, reason = refine(
         lambda level: solve_coarsest() if level == MESH_LEVELS[0] and sections is bare_sections else solve(level),
         accuracy,
         is_good,
-        (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if is_graded_everywhere(sections.section) else (),
+        (bound_by_last_degree, bound_by_descent, bound_by_lower_order) if graded else (),
         margin=UNEVEN_MARGIN_FACTOR if sections.section.has_details or sections.section.interfaces else 1.0,
         one_mesh_orders=CROSSED_SPHERE_ORDERS if sections.section.interfaces_apart[1] else ONE_MESH_ORDERS,
         starts_light=not has_bare_film(scene) or (accuracy >= BARE_LIGHT_MIN_ACCURACY and bool(scene.inclusion)),

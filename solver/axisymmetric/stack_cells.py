@@ -48,8 +48,8 @@ def _choose(scene: Scene, fineness: MeridianFineness, accuracy: float) -> StackF
     """Return the fineness of films and bonds; None for as many corner layers as elsewhere."""
     if scene.probe.film is None:
         return None
-    if not scene.models_charges or fineness.order <= 3:
-        return ONE_ROW  # forces alone are wanted, or little accuracy
+    if not scene.models_charges:
+        return ONE_ROW if fineness.layers <= 3 else None  # forces alone are wanted
     bare, films = has_bare_film(scene), scene.probe.film.by_block
     if fineness.layers == 1:
         return BARE if bare else None
