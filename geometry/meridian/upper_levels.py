@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from geometry.common.arrays import Numeric
 from geometry.meridian.breaks import join_intervals
 from geometry.meridian.grading import grade_nodes, smooth_min
@@ -27,8 +29,12 @@ def place_stack_levels(s: Section, height: Numeric, stack: tuple[Body, ...], row
     levels, top = [], height
     for body, count in zip(stack, rows, strict=True):
         thickness = getattr(s, body.name.lower())
-        levels.append(grade_nodes(top, top + thickness, count, s.corner_size, s.corner_size)[..., 1:])
-        top = top + thickness
+        end = top + thickness
+        if count == 1:  # no lines to place; 0 * corner size: arrays of its shape
+            levels.append(np.asarray(end + 0 * s.corner_size)[..., None])
+        else:
+            levels.append(grade_nodes(top, end, count, s.corner_size, s.corner_size)[..., 1:])
+        top = end
     return levels
 
 

@@ -27,6 +27,7 @@ from geometry.meridian.mesh import Topology, compute_nodes
 from geometry.meridian.mesh_cells import UNIT_SQUARE
 from geometry.meridian.section import FILMS, Section
 from geometry.scenes.film import Film
+from solver.linalg.workspace import keep_table
 
 Films = tuple[Film, Film]  # of the inner and of the outer block
 COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
@@ -90,6 +91,7 @@ def get_coefficients(film: Film) -> Floats:
     return np.array([film.mean_lateral_charge, film.d33])
 
 
+@keep_table
 def _find_electrodes(mesh: Topology) -> list[Ints]:
     """Return the numbers of each film's elements under its electrode."""
     columns = mesh.vertices[..., 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -143,6 +144,12 @@ def _add_bodies(sections: Sections, lengths: dict[str, float], materials: dict[B
     )
 
 
+@lru_cache(maxsize=64)
+def _build_material(youngs_modulus: float, poisson_ratio: float) -> Material:
+    """Return a layer's material; the same layer is part of many scenes, and a material checks its numbers."""
+    return Material(youngs_modulus=youngs_modulus, poisson_ratio=poisson_ratio)
+
+
 def _list_stack_layers(film: Film | None) -> tuple[dict[str, float], dict[Body, Material]]:
     """Return the thicknesses of the layers on both blocks and the insets of their electrodes, by length, and their materials."""
     lengths: dict[str, float] = {}
@@ -152,5 +159,5 @@ def _list_stack_layers(film: Film | None) -> tuple[dict[str, float], dict[Body, 
         for body, layer in zip(bodies, block_film.stack, strict=True):
             if layer.thickness > 0 and layer.youngs_modulus is not None and layer.poisson_ratio is not None:
                 lengths[body.name.lower()] = layer.thickness
-                materials[body] = Material(youngs_modulus=layer.youngs_modulus, poisson_ratio=layer.poisson_ratio)
+                materials[body] = _build_material(layer.youngs_modulus, layer.poisson_ratio)
     return lengths, materials

@@ -292,6 +292,12 @@ def compute_dilations(geometry: Geometry, shapes: Shapes, m: int = 0) -> Floats:
 
 
 def project_dilations(geometry: Geometry, shapes: Shapes, dilation: Floats) -> Floats:
-    """Project dilations of m fields at the Gauss points onto the pressure functions, and return them there; (n, q, m) both."""
-    weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
-    return np.asarray(shapes.pressure @ np.linalg.solve(weighted @ shapes.pressure, weighted @ dilation))
+    """Project dilations of k fields at the Gauss points onto the pressure functions, and return them there; (n, q, k) both."""
+    n, points, k = dilation.shape
+    m = shapes.pressure.shape[1]
+    # elements as rows of a few large products: many small ones take three times as long
+    weighted = (geometry.weight[..., None] * dilation).transpose(0, 2, 1).reshape(n * k, points)
+    moments = (weighted @ shapes.pressure).reshape(n, k, m).transpose(0, 2, 1)
+    coefficients = np.linalg.solve((geometry.weight @ shapes.mass).reshape(n, m, m), moments)
+    projected = coefficients.transpose(0, 2, 1).reshape(n * k, m) @ shapes.pressure.T
+    return np.asarray(projected.reshape(n, k, points).transpose(0, 2, 1))

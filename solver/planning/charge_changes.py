@@ -75,13 +75,20 @@ def compute_loaded_charges(states: BaseStates, indentation: float) -> Floats:
     """
     model = states.model
     square, law = UnitSquare.from_geometry(model.geometry, model.shapes), Hyperelastic.from_moduli(model.law)
-    # displacement gradients of the probe pressed by one unit, and of both film states
-    fields = states.values[..., :2].sum(axis=-1), states.values[..., 2], states.values[..., 3]
-    pressed, *films = (square.compute_gradients(field) for field in fields)
+    lam, diagonal = law.lam[:, None], [RR, ZZ, TT]
+    # displacement gradients of the probe pressed by one unit
+    pressed = square.compute_gradients(states.values[..., :2].sum(axis=-1))
+
+    def project(dilation: Floats) -> Floats:
+        """Return the projection of a dilation, or of another field, onto the pressures, shape (n, q)."""
+        return project_dilations(model.geometry, model.shapes, dilation[..., None])[..., 0]
+
     # the pressure is an unknown of its own, as in ``solver.materials.hyperelastic``; it follows the dilation
-    dilations = np.stack([h[RR] + h[ZZ] + h[TT] for h in (pressed, *films)], axis=-1)
-    pressures = law.lam[:, None, None] * project_dilations(model.geometry, model.shapes, dilations)
-    stress, pressure = law.compute_stress(indentation * pressed), indentation * pressures[..., 0]
-    forces = square.weight * (stress.first_piola + pressure * stress.cofactor)
-    gap = square.weight * (stress.change - law.compute_dilation(pressure)[0])
-    return np.array([np.vdot(forces, h) + np.sum(gap * pressures[..., k]) for k, h in enumerate(films, start=1)])
+    pressure = indentation * lam * project(pressed[diagonal].sum(axis=0))
+    stress = law.compute_stress(indentation * pressed)
+    forces = stress.first_piola + pressure * stress.cofactor
+    # a film state's pressure, by which the gap in the pressure's equation is multiplied, is lam times its projected dilation; the
+    # projection is its own adjoint, so that the gap is projected in its place, once for both films
+    forces[diagonal] += lam * project(stress.change - law.compute_dilation(pressure)[0])
+    loads = square.sum_forces(square.turn_stress(square.weight * forces))
+    return np.asarray(loads.ravel() @ states.values[..., 2:].reshape(loads.size, -1))
