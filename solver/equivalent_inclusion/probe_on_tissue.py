@@ -22,6 +22,7 @@ from solver.axisymmetric.base_states import BaseStates, Materials, build_model, 
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.film_states import CHARGE_UNIT, Films
+from solver.axisymmetric.stack_cells import choose_strain_stack
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.tumours import Strata, Tumours
@@ -277,6 +278,8 @@ def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undistur
     with _refuse_unsolvable():
         section = _truncate_half_space(scene, films.section)
         fineness = _refine_in_layers(FIELD_FINENESSES[fine], section)
+        if any(section.stacks) and not fine:
+            fineness = replace(fineness, stack=choose_strain_stack(scene))
         model = build_model(section, films.materials, get_tied_interface(scene), fineness, films=films.actuators)
         states = solve_base_states(model)
     get_workspace().begin()  # what was needed only on the way may be dropped
