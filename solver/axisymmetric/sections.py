@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from geometry.scenes.film import Film
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.film_states import Films
+from solver.linalg.workspace import keep_table
 
 OUTLINE_DIRECTIONS = 1440  # directions in which the distance of the tissue's sides is computed
 HALF_SPACE_SIZES = 1e6  # radius and depth of the model of a half-space, in sizes of probe and inclusion
@@ -144,7 +144,7 @@ def _add_bodies(sections: Sections, lengths: dict[str, float], materials: dict[B
     )
 
 
-@lru_cache(maxsize=64)
+@keep_table
 def _build_material(youngs_modulus: float, poisson_ratio: float) -> Material:
     """Return a layer's material; the same layer is part of many scenes, and a material checks its numbers."""
     return Material(youngs_modulus=youngs_modulus, poisson_ratio=poisson_ratio)
