@@ -58,7 +58,8 @@ class Assembly:
         for pair in pairs:
             free = _find_unknowns(numbering, pair)
             keys.append((free[:, None] * n + free).ravel())
-        all_keys = np.unique(np.concatenate(keys))
+        all_keys = np.sort(np.concatenate(keys))  # np.unique hashes millions of numbers: 50 times slower with NumPy 2.3 and 2.4
+        all_keys = all_keys[np.diff(all_keys, prepend=-1) > 0]
         rows, starts = (x.astype(np.int32) for x in (all_keys % n, np.searchsorted(all_keys, np.arange(n + 1) * n)))
         return cls(numbering, all_keys, np.searchsorted(all_keys, element_keys), rows, starts, Pattern())
 

@@ -168,28 +168,23 @@ def _find_line(
     start, end
         Labels, along the line, of the range that the edges lie in.
     """
-    element, values, signs, place, low_labels = [], [], [], [], []
     m = 4 * order  # values of u_r come first, those of u_z m places later
-    for n in np.flatnonzero(selection & (np.sum(corner_labels[..., axis] == line, axis=1) > 1)):
-        for k, (a, b) in enumerate(ELEMENT_SIDES):
-            ends = corner_labels[n, [a, b]]
-            low, high = sorted(ends[:, 1 - axis])
-            if not np.all(ends[:, axis] == line) or low < start or high > end:
-                continue
-            # the functions of side k: its two corners, then p - 1 of its own, which follow the four corners' side by side
-            functions = np.array([a, b, *range(4 + (order - 1) * k, 4 + (order - 1) * (k + 1))])
-            coefficients, sign = np.zeros((2, order + 1)), np.ones(order + 1)
-            coefficients[:, :2] = corners[n, [a, b]].T
-            if ends[0, 1 - axis] > ends[1, 1 - axis]:  # the edge runs against the line's direction
-                functions[[0, 1]], coefficients[:, [0, 1]] = functions[[1, 0]], coefficients[:, [1, 0]]
-                sign[3::2] = -1.0  # functions of odd degree from 3 on are odd about the edge's middle
-            element.append(n)
-            values.append(np.stack([functions, m + functions]))
-            signs.append(sign)
-            place.append(coefficients)
-            low_labels.append(low)
-    order_along = np.argsort(low_labels)
-    return BoundaryLine(*(np.array(x)[order_along] for x in (element, values, signs, place)))
+    elements, sides = np.flatnonzero(selection & (np.sum(corner_labels[..., axis] == line, axis=1) > 1)), np.array(ELEMENT_SIDES)
+    ends = corner_labels[elements[:, None, None], sides]  # shape (elements, 4 sides, 2 ends, 2)
+    along = ends[..., 1 - axis]
+    is_between = (along.min(axis=2) >= start) & (along.max(axis=2) <= end)
+    row, k = np.nonzero(np.all(ends[..., axis] == line, axis=2) & is_between)
+    element, along = elements[row], along[row, k]
+    # the functions of side k: its two corners, then p - 1 of its own, which follow the four corners' side by side
+    inner = 4 + (order - 1) * k[:, None] + np.arange(order - 1)
+    functions, place, signs = np.hstack([sides[k], inner]), np.zeros((len(k), 2, order + 1)), np.ones((len(k), order + 1))
+    place[..., :2] = corners[element[:, None], sides[k]].swapaxes(1, 2)
+    against = along[:, 0] > along[:, 1]  # the edge runs against the line's direction
+    functions[against, :2], place[against, :, :2] = functions[against, 1::-1], place[against, :, 1::-1]
+    signs[against, 3::2] = -1.0  # functions of odd degree from 3 on are odd about the edge's middle
+    order_along = np.argsort(along.min(axis=1))
+    values = np.stack([functions, m + functions], axis=1)
+    return BoundaryLine(element[order_along], values[order_along], signs[order_along], place[order_along])
 
 
 @keep_table
