@@ -70,6 +70,9 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     unknown = [name for name in chosen if name not in allowed]
     if unknown:
         raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
+    if not chosen:
+        outputs = _compute_outputs(scene, sample)
+        return Gradients((), outputs, {name: np.zeros((len(values), 0)) for name, values in outputs.items()})
     chain = np.array([differentiate_by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
     logs = differentiate_by_section(sample)
     totals, f = sample.totals[:, :2], logs.totals  # (k, 2), (k, section variables, 2)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, describe_choices
 from geometry.meridian.mesh_lines import Kind, MeridianFineness
 from geometry.meridian.section import LAYERS, TISSUES, Body
@@ -83,27 +83,37 @@ class FirstOrder:
 
         The strengths are given; corners may be complex and points moved.
         """
+        return self._integrate_forms((strengths,), corners, moved)[0]
+
+    def _integrate_forms(self, all_strengths: Sequence[Strengths], corners: Any, moved: Any) -> Any:
+        """Return the forms of ``compute_form`` for each of k strengths, shape (k, s, 2)."""
         strain, dilation = self._evaluate_at_points(
             *self.points.compute_forms(self._corners if corners is None else corners, moved)
         )
-        volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
-        sums = strain[:, :3].sum(axis=1)
-        form = np.einsum("q,qi,qj->ij", volume, dilation, dilation[:, :2])
-        form = form - np.einsum("q,qi,qj->ij", shear / 3, sums, sums[:, :2])
-        return form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain[..., :2])
+        sums, forms = strain[:, :3].sum(axis=1), []
+        for strengths in all_strengths:
+            volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
+            form = np.einsum("q,qi,qj->ij", volume, dilation, dilation[:, :2])
+            form = form - np.einsum("q,qi,qj->ij", shear / 3, sums, sums[:, :2])
+            forms.append(form + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain[..., :2]))
+        return np.array(forms)
 
-    def solve_adjoint(self, strengths: Strengths) -> Floats:
-        """Solve K l = G u for l of eq. EI.4, with G of given strengths; return its values in n elements, (n, 2 functions, s)."""
+    def solve_adjoints(self) -> list[Floats]:
+        """Solve K l = G u and K l' = G' u of eq. EI.4; return the values of l and l' in n elements, (n, 2 functions, s) each."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.compute_forms(self._corners)
         strain, dilation = self._evaluate_at_points(strain_form, dilation_form)
-        volume, shear = (np.asarray(k)[points.tumour] * points.weight for k in strengths)
-        loads = np.einsum("q,qi,qcs->qcsi", volume, dilation, dilation_form)
-        loads -= np.einsum("q,qi,qcs->qcsi", shear / 3, strain[:, :3].sum(axis=1), strain_form[:, :3].sum(axis=1))
-        loads += np.einsum("q,a,qai,qacs->qcsi", shear, STRAIN_METRIC, strain, strain_form, optimize=True)
-        element_loads = np.zeros((len(points.elements), *loads.shape[1:]))
-        np.add.at(element_loads, points.row, loads)
-        return _solve_loads(m, points.elements, element_loads)
+        parts = []
+        for strengths in self.compute_strengths():
+            volume, shear = (np.asarray(k)[points.tumour] * points.weight for k in strengths)
+            loads = np.einsum("q,qi,qcs->qcsi", volume, dilation, dilation_form)
+            loads -= np.einsum("q,qi,qcs->qcsi", shear / 3, strain[:, :3].sum(axis=1), strain_form[:, :3].sum(axis=1))
+            loads += np.einsum("q,a,qai,qacs->qcsi", shear, STRAIN_METRIC, strain, strain_form, optimize=True)
+            parts.append(loads)
+        both = np.concatenate(parts, axis=-1)
+        element_loads = np.zeros((len(points.elements), *both.shape[1:]))
+        np.add.at(element_loads, points.row, both)
+        return np.split(_solve_loads(m, points.elements, element_loads), 2, axis=-1)
 
     @property
     def _corners(self) -> Floats:
@@ -136,7 +146,7 @@ class FirstOrder:
 
     def compute_forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
         """Return u^T G u and u^T G' u (eq. EI.4), shape (2, s, 2), perhaps with complex corners, points or moduli."""
-        return np.array([self.compute_form(k, corners, moved) for k in self.compute_strengths(**changed)])
+        return self._integrate_forms(self.compute_strengths(**changed), corners, moved)
 
 
 def _solve_loads(model: MeridianModel, elements: Any, loads: Floats) -> Floats:
@@ -198,21 +208,25 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
     model = solution.states.model
     rows = [differentiate_by_scene(scene, model, name) for name in names]
     chain = np.array(rows).reshape(len(names), len(list_variables(model)))
-    changes = np.einsum("nv,vki->nki", chain, _differentiate_by_section(solution))
+    is_needed = np.asarray(chain.any(axis=0))  # none is for the outputs alone, or for a tumour's own quantities
+    by_section = (
+        _differentiate_by_section(solution, is_needed) if is_needed.any() else np.zeros((chain.shape[1], *values_now.shape[:2]))
+    )
+    changes = np.einsum("nv,vki->nki", chain, by_section)
     for k, name in enumerate(names):
         if name.startswith("inclusion."):
             changes[k] = _differentiate_by_tumour(solution, name.removeprefix("inclusion.")).sum(axis=2)
     return _build_outputs(scene, solution, names, now=values_now, changes=changes, chain=chain)
 
 
-def _differentiate_by_section(solution: FirstOrder) -> Floats:
-    """Return derivatives with respect to the section's v variables by eq. EI.4, shape (v, 2, s).
+def _differentiate_by_section(solution: FirstOrder, is_needed: Bools) -> Floats:
+    """Return derivatives with respect to the section's v variables by eq. EI.4, shape (v, 2, s); only those needed are right.
 
     The second index is 0 for the films' totals and 1 for their derivatives with respect to ln E of the target, the last is that
     of the film's force or charge.
     """
     model, s = solution.states.model, len(solution.states.products)
-    adjoints = [solution.solve_adjoint(k) for k in solution.compute_strengths()]
+    adjoints = solution.solve_adjoints()
     basis = np.concatenate([solution.states.values, *adjoints], axis=-1)
     unit = np.eye(3 * s)
     both = [unit[k] + unit[k + 1] for k in range(0, 3 * s, s)]  # U, and the sums of both base states' adjoints
@@ -225,8 +239,10 @@ def _differentiate_by_section(solution: FirstOrder) -> Floats:
         films = slice(0, 2) if k == 0 else slice(0, 1)
         energies.append(energy.totals[0][:, films])
         changes.append(energy.changes[..., films])
-    explicit: Floats = np.array([_differentiate_explicit(solution, name) for name in list_variables(model)]).sum(axis=3)
-    derivatives = explicit - np.concatenate(changes, axis=-1).transpose(1, 0, 2)
+    derivatives = -np.concatenate(changes, axis=-1).transpose(1, 0, 2)
+    names = list_variables(model)
+    for k in np.flatnonzero(is_needed).tolist():
+        derivatives[k] += _differentiate_explicit(solution, names[k]).sum(axis=2)
     derivatives[:, 0] += np.concatenate(energies, axis=-1)
     if s > 2:
         derivatives[list_lift_variables(model), :, 2:] += _differentiate_lifts(solution, adjoints)
