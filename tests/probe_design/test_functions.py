@@ -88,6 +88,7 @@ def test_help_lists_what_a_user_calls(package: Any) -> None:
     assert all(callable(getattr(package, name)) for name in package.__all__)
 
 
+@pytest.mark.slow
 def test_help_page_has_the_functions() -> None:
     page = subprocess.run(
         [sys.executable, "-c", "import probe_design; help(probe_design)"], capture_output=True, text=True, check=True
@@ -186,6 +187,7 @@ def test_built_probe_from_python_is_the_command_line_s(tmp_path: Any) -> None:
     assert budget.to_dataset()["contribution"].sel(output="ln_ratio").values == pytest.approx(budget.to_frame()["contribution"])
 
 
+@pytest.mark.slow
 def test_from_scene_to_optimum_in_ten_lines() -> None:
     """What a newcomer types, without a look at the sources."""
     scene = Scene.from_file(SCENE)

@@ -188,6 +188,7 @@ def test_a_reading_agrees_with_the_prediction_for_the_calibrated_tape(virtual: V
     assert reading.force == pytest.approx(LOAD, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_check_passes_a_probe_whose_tape_alone_differs(virtual: VirtualBench, calibration: Calibration) -> None:
     signals = virtual.build_reference_signals(LOAD, run=1)
     samples = [sampled(item) for item, reference in zip(signals, FILM_BENCH.reference, strict=True) if reference.on == "tissue"]

@@ -58,6 +58,7 @@ def test_a_film_that_lags_is_named_with_its_reading(film: int, name: str) -> Non
     assert float(rad) == pytest.approx(3 / RATE * 2 * math.pi * 5, abs=0.006)  # the amplifiers' resistors turn it by 0.002
 
 
+@pytest.mark.slow
 def test_a_lag_that_makes_readings_contradict_each_other_is_named_too() -> None:
     samples = readings()
     samples[4] = late(samples[4], 1)

@@ -60,6 +60,7 @@ def test_what_it_does_to_the_amplifiers_is_counted(frequency: float, factor: flo
         assert np.all(errors > 2 * noise)  # which is what was stated
 
 
+@pytest.mark.slow
 def test_gains_count_it_too() -> None:
     """All readings are divided by the same wrong response: 0.5 Hz read as 0.525 Hz makes gains 0.5 % too small."""
     bench, factor = slow(0.5), 1.05

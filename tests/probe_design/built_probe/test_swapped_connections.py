@@ -126,6 +126,7 @@ def test_a_reference_pressed_twice_is_named() -> None:
     assert f"without the reading on the {NAMES[3]} the others agree" in words
 
 
+@pytest.mark.slow
 def test_a_probe_off_its_drawing_is_calibrated_by_pin_and_ring() -> None:
     """Blocks of an outer modulus 30 % too high contradict their predictions; M does not depend on them."""
     name = "probe.outer.youngs_modulus"

@@ -65,6 +65,7 @@ def test_export(tmp_path: Path, scene: Scene, handed: Handed) -> None:
     assert handed == [("parts", pytest.approx(EDGE)), ("drawing", pytest.approx(EDGE))]
 
 
+@pytest.mark.slow
 def test_optimize(tmp_path: Path, scene: Scene, handed: Handed) -> None:
     optimum: Any = SimpleNamespace(scene=scene)
     report = Report(optimum, Table((), ()), (), (), (), build_provenance(scene), (), scene)

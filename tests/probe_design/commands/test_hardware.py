@@ -311,6 +311,7 @@ def test_a_calibration_of_another_probe_is_refused(folder: Path) -> None:
     assert "of this probe" in refused("read", EXAMPLES / "paper-study.toml", "--virtual", "--calibration", folder / "probe.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no SIGINT to one process")
 def test_ctrl_c_ends_cleanly(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "probe_design", "read", str(SCENE), "--virtual", "--seconds", "1e6"]

@@ -56,7 +56,10 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each command
 }
 
 
-LONG = ("export", "load", "locate", "optimize", "survey", "tradeoff")  # quick tests ask for them in this process, for less
+LONG = (  # quick tests ask for them in this process, for less
+    "calibrate", "check", "doctor", "estimate", "export", "load", "locate", "optimize", "read", "rerun", "scan", "survey",
+    "sweep", "tolerances", "tradeoff",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(

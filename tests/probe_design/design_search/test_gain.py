@@ -133,6 +133,7 @@ def test_a_design_is_written_with_the_load_that_it_bears() -> None:
     assert np.all(read_vector(start.loaded_scene) == read_vector(scene))
 
 
+@pytest.mark.slow
 def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywhere() -> None:
     """Table, limits, warnings and page once spoke of the best tried, while the start was what was written."""
     space, start = build_space(read_scene(SCENE)), build_verification(1.0, 0.04)

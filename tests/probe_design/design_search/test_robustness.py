@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from probe_design.design_search.population_objective import PopulationObjective
 from probe_design.design_search.robustness import compute_robustness
 from probe_design.populations.design_file import read_builtin_design
@@ -12,6 +14,7 @@ SIZES = {"inner_radius": "8.6 mm", "gap": "0.39 mm", "height": "3.12 mm"}
 MODULI = {"probe.inner.youngs_modulus": "675 kPa", "probe.outer.youngs_modulus": "54.4 kPa"}
 
 
+@pytest.mark.slow
 def test_a_thicker_wall_is_judged_by_what_it_detects() -> None:
     design = read_builtin_design()
     objective = PopulationObjective.from_design(design, 10.1e-3)

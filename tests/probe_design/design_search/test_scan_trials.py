@@ -64,6 +64,7 @@ def check_mean(values: Floats, expected: float) -> None:
     assert values.mean() == pytest.approx(expected, abs=2.5 * values.std(ddof=1) / np.sqrt(len(values)))
 
 
+@pytest.mark.slow
 def test_no_scan_is_searched_to_less_than_the_best_probe_gives_under_it() -> None:
     design = make_design(
         variables={"presses": [9, 25], "pitch": {"choices": ["4 mm", "8 mm"]}}, limits={"presses": 26, "outer_radius": "9 mm"}

@@ -107,7 +107,9 @@ def linear(derivative: Floats, shared: Floats, noise: Floats) -> Track:
     return Track(linear_model, "depth", x, predicted, np.tile(derivative, (len(x), 1)), spread)
 
 
-@pytest.mark.parametrize("shared", [np.zeros((4, 0)), np.array([[0.02], [0.03], [-0.01], [0.05]])])
+@pytest.mark.parametrize(
+    "shared", [np.zeros((4, 0)), pytest.param(np.array([[0.02], [0.03], [-0.01], [0.05]]), marks=pytest.mark.slow)]
+)
 def test_expected_widths_of_straight_lines_are_those_of_normal_theory(shared: Floats) -> None:
     """All is normal then: ln width is 2 x 1.96 (J^T C^-1 J)^(-1/2), C noise and shared errors together, whatever is read."""
     derivative, noise = np.array([0.3, 0.25, -0.2, 0.4]), np.array([0.01, 0.01, 0.006, 0.03])

@@ -70,6 +70,7 @@ def test_the_misfit_is_the_least_over_what_is_not_known() -> None:
     ) == pytest.approx(misfit, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back() -> None:
     """The truth has another outer block than the scene states: without that nuisance the interval misses it."""
     truth = scene(**{BLOCK: 80e3 * 1.25})

@@ -149,6 +149,7 @@ def test_visit(address: str, browser: sync_api.Browser, tmp_path: Path) -> None:
     assert hosts == {"127.0.0.1"}
 
 
+@pytest.mark.slow
 def test_every_slider_changes_its_number() -> None:
     session = Session(read_scene(EXAMPLE))
     for key, variable in session.variables.items():

@@ -42,13 +42,8 @@ GAINS = CommonErrors.from_channels("ln_gain", GAIN)
 
 
 def design(**population: object) -> Design:
-    ranges = {
-        "depth": [8e-3, 20e-3],
-        "diameter": [5e-3, 12e-3],
-        "object": [16e3, 32e3],
-        "x": [-16e-3, 16e-3],
-        "least_cover": 2e-3,
-    }
+    sizes = {"depth": [8e-3, 20e-3], "diameter": [5e-3, 12e-3], "least_cover": 2e-3}
+    ranges = sizes | {"object": [16e3, 32e3], "x": [-16e-3, 16e-3]}
     return design_from_dict({"scene": str(ROOT / "examples" / "scene.toml"), "population": ranges | population})
 
 
@@ -147,6 +142,7 @@ def test_evidence_of_one_tumour_is_the_mean_likelihood_of_the_prior() -> None:
     assert sample.log_evidence == pytest.approx(plain, abs=0.15)
 
 
+@pytest.mark.slow
 def test_evidence_of_two_tumours_is_the_mean_likelihood_of_the_prior() -> None:
     """Against plain Monte Carlo over the prior, by other random numbers, in a scan weak enough for it."""
     subject = likelihood(scan(CLEAR + np.array([0, 0, 6e-3, -2e-3, 0]), seed=3))
@@ -280,6 +276,7 @@ def test_baseline_reading_over_a_tumour_is_noticed() -> None:
     assert any("baseline reading 0" in line and "a tumour may lie below it" in line for line in found_out.warnings)
 
 
+@pytest.mark.slow
 def test_wild_reading_is_named_and_with_outliers_does_no_harm() -> None:
     data = scan(CLEAR)
     data.values[20, 0] += 0.4

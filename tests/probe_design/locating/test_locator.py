@@ -78,6 +78,7 @@ def test_evidence_of_a_faint_scan_is_the_mean_likelihood_of_the_prior() -> None:
         assert stream.sample.log_evidence == pytest.approx(plain, abs=0.1)
 
 
+@pytest.mark.slow
 def test_wild_readings_stream_as_well() -> None:
     streamed = locator(1, 10, outliers=0.05)
     full = Posterior.from_likelihood(streamed._likelihood, 5)
@@ -138,6 +139,7 @@ def test_next_load_is_the_one_that_says_more() -> None:
         subject.next_position([[4e-3, -4e-3, 4e-3, 0.0]])
 
 
+@pytest.mark.slow
 def test_a_scan_under_two_equal_loads_detects_like_readings_with_half_the_variance() -> None:
     twice, exact = (
         Locator(known, model=StandInModel()) for known in (design(1, (4e-3, 8e-3)), design(1, white=0.01 / np.sqrt(2)))

@@ -41,6 +41,7 @@ def test_what_a_round_misses_keeps_the_weight_of_the_round_before() -> None:
     assert weights[z[:, 0] > 0].sum() / weights.sum() == pytest.approx(1 / 3, abs=0.03)
 
 
+@pytest.mark.slow
 def test_many_exact_readings_converge() -> None:
     """400 readings of 0.3 %, which leave a ten-millionth of the population."""
     line, noise = np.linspace(-16e-3, 16e-3, 20), np.array([0.003, 0.03])

@@ -12,6 +12,7 @@ from probe_design.locating.sampling import draw_posteriors
 from tests.probe_design.locating.test_inference import APART, CLEAR, likelihood, scan
 
 
+@pytest.mark.slow
 def test_evidence_by_markov_chains_is_the_mean_likelihood_of_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against plain Monte Carlo over the prior, in a scan weak enough for it."""
     for name, value in {"MIN_SIZE": math.inf, "MAX_ROUNDS": 1, "MAX_CHAIN_RUNS": 1, "CHAINS": 500, "CHAIN_SIZE": 2048}.items():

@@ -50,6 +50,7 @@ def change(data: ScanData, values: object) -> ScanData:
     return replace(data, values=data.values + np.stack([np.broadcast_to(values, len(data)), np.zeros(len(data))], axis=-1))
 
 
+@pytest.mark.slow
 def test_a_drift_that_looks_like_tumours_is_named() -> None:
     """A gain that grew by 8 % over 26 readings without tumours gave three tumours with a probability of 0.97, unwarned."""
     drifting = result(change(scan(NONE), np.linspace(0, 0.08, len(PLACES))), tumours=2)
@@ -87,6 +88,7 @@ def test_noise_that_is_stated_too_large_is_named() -> None:
     assert 5 < float(note.split("scatter by ")[1].split(" %")[0]) < 20
 
 
+@pytest.mark.slow
 def test_more_wild_readings_than_are_stated_are_counted() -> None:
     """Ratios of charges among ratios of stresses: half of the readings were silently counted as wild."""
     mixed = result(change(scan(CLEAR), 0.5 * (np.arange(len(PLACES)) % 2)), 0.05, tumours=1)
@@ -102,6 +104,7 @@ def test_a_line_of_readings_says_where_tumours_are_assumed() -> None:
     assert not list(list_assumed_places(design(), TumourPrior.from_design(design(), PLACES[1:])))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_readings_far_beyond_the_population_compute_without_warnings_of_numpy() -> None:
     """All pairs touch that could explain one tumour ten times as strong: -inf less -inf was printed as a warning."""

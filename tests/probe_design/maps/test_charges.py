@@ -112,6 +112,7 @@ def test_an_estimate_from_charges_covers_the_modulus_that_gave_them(modulus: flo
         assert result.value == pytest.approx(modulus, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_ratio_of_stresses_is_another_number() -> None:
     """Read as a ratio of charges it is explained by no modulus."""
     ratio = solve().ratio
@@ -123,6 +124,7 @@ def test_the_ratio_of_stresses_is_another_number() -> None:
     assert right.value == pytest.approx(3e4, rel=0.1)
 
 
+@pytest.mark.slow
 def test_charges_by_psi_are_estimated_as_stresses() -> None:
     """Each charge is a multiple of the force, the same for both films: nothing else changes."""
     readings = (Reading(0.0, 0.0, 0.56, 0.01, stiffness=93.0), Reading(5e-3, 0.0, 0.53, 0.01))

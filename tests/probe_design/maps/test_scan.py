@@ -97,6 +97,7 @@ def test_position_0_is_what_axisymmetric_says() -> None:
     assert scanned.log_sensitivity[1] == pytest.approx(evaluated.log_sensitivity, rel=0.05)
 
 
+@pytest.mark.slow
 def test_far_from_tumours_and_without_them_the_ratio_is_that_of_tissue_alone() -> None:
     scene = read_scene(REFERENCE / "solid" / "flank.toml")
     alone = evaluate(changed(scene, inclusion=()), "axisymmetric", 1e-3)

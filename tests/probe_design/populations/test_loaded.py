@@ -41,6 +41,7 @@ def test_a_tiny_load_changes_nothing() -> None:
     assert np.abs(loaded.signal - linear.signal).max() < 0.02 * np.abs(linear.signal).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [0.1])
 def test_on_the_axis_a_population_of_one_reads_as_the_whole_model(force: float) -> None:
     """``contact`` has the sphere in its mesh; a population has first-order effects about tissue without it."""

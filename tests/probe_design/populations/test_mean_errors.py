@@ -17,6 +17,7 @@ from tests.support.designs import SUPERFICIAL, THREE, example_design, verify
 NOISE = {"white": 0.02, "charge": "0 pC"}
 
 
+@pytest.mark.slow
 def test_more_tumours_make_no_error_larger(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where fewer tumours get reflections than are drawn, bounds on what the others lack once grew with their number."""
     monkeypatch.setattr(inclusion_scan, "MAX_REFLECTED_READINGS", 24)

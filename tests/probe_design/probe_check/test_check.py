@@ -98,6 +98,7 @@ def test_large_changes_need_the_refined_fit() -> None:
     assert abs(repeated.change - 16e3) < 3 * repeated.uncertainty
 
 
+@pytest.mark.slow
 def test_nothing_to_explain_is_explained_by_no_change() -> None:
     name, known = "probe.outer.youngs_modulus", shares()
     read = np.full(len(known.log_ratios), 0.0027**2)

@@ -87,6 +87,7 @@ def checked(samples: list[Samples], bench: Bench = BENCH) -> Check:
     return check(scene(), bench, samples, gains(), predictions=shares())
 
 
+@pytest.mark.slow
 def test_probes_within_tolerance_fail_as_often_as_stated() -> None:
     """2000 probes drawn within the workshop's tolerances, on blocks within theirs, linearly; 1 in 100 fails."""
     random, probe_deviation = np.random.default_rng(7), deviation()

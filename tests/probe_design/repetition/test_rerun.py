@@ -46,7 +46,9 @@ def test_an_answer_is_repeated(folder: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ("estimate", "scene.toml", "--ratio", "0.563", "--accuracy", "0.05", "--json"),  # whose further arguments are none
+        pytest.param(  # whose further arguments are none
+            ("estimate", "scene.toml", "--ratio", "0.563", "--accuracy", "0.05", "--json"), marks=pytest.mark.slow
+        ),
         ("tissue", "show", "breast", "--json"),
     ],
 )

@@ -42,6 +42,7 @@ def test_rows_and_page_have_what_is_read(tmp_path: Path, observable: str) -> Non
     assert ("<h2>ratio" in page) == (observable == "stress")
 
 
+@pytest.mark.slow
 def test_pictures_of_a_sweep_have_units_of_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Moduli in kPa and charges in pC/N, with the numbers of the rows."""
     figures = list[Figure]()

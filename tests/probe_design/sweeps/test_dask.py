@@ -221,6 +221,7 @@ def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyP
     assert sweep_remote._IDLE_WORKERS == {}
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     program = (
         "from probe_design.__main__ import main; from geometry.processes import dask_executor as dask; "

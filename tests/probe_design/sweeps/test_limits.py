@@ -21,6 +21,7 @@ from tests.support.sweeps import grid, run, toml
 ASKED = grid(2, 2) | {"evaluator": "axisymmetric", "variables": {"probe.gap": [1e-4]}}
 
 
+@pytest.mark.slow
 def test_what_a_limit_stopped_is_answered_anew_with_a_larger_one(tmp_path: Path) -> None:
     small = ASKED | {"memory_limit": 1e8}
     assert sweep(small, tmp_path, workers=1).refused == 1

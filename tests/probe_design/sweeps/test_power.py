@@ -86,6 +86,7 @@ def test_committed_rows_outlive_power(tmp_path: Path, recorder: Recorder, monkey
         assert kept <= stored <= kept + IN_EACH
 
 
+@pytest.mark.slow
 def test_without_syncs_rows_would_be_lost(tmp_path: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulation loses what is not synced: with ``synchronous = NORMAL`` commits do not wait for the disk."""
     weak = {"PRAGMA synchronous = FULL": "PRAGMA synchronous = NORMAL"}

@@ -102,6 +102,7 @@ class TestSurvival:
         assert stored(folder) == stored(tmp_path / "whole")
         assert "for contact" in next(row["reason"] for row in iterate_rows(folder) if row["status"] == "refused")
 
+    @pytest.mark.slow
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
         path, folder = toml(tmp_path), tmp_path / "out"
         slow = (

@@ -102,6 +102,7 @@ def test_small_tolerances_make_samples_linear() -> None:
     assert inside.mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_lognormal_modulus_of_which_the_ratio_is_a_power_scatters_as_its_logarithm() -> None:
     """With gains alone ln ratio is linear in the normal variables: sd^2 = s_1^2 + s_2^2, shares by their squares."""
     given: dict[str, object] = {

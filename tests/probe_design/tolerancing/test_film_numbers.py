@@ -34,8 +34,14 @@ def build(film: dict[str, object], observable: str = "charge") -> Scene:
 
 
 @cache
-def budget() -> ToleranceBudget:
-    return compute_budget(build(FILM), samples=64)
+def budget(force: str | None = None) -> ToleranceBudget:
+    """Return the budget at the example's load, by ``contact``, or at another force."""
+    scene = build(FILM)
+    return compute_budget(scene if force is None else scene.replace({"load.force": force}), samples=64)
+
+
+LIGHT = "1 mN"  # so little that all is linear
+LOADS = [LIGHT, pytest.param(None, marks=pytest.mark.slow)]
 
 
 def read(changes: dict[str, float]) -> np.ndarray:
@@ -60,9 +66,10 @@ def test_derivatives_are_those_of_results(name: str) -> None:
     np.testing.assert_allclose(derivatives, (high - low) / (0.06 * value), rtol=0.03, atol=2e-4 / value)
 
 
-def test_one_product_deviates_as_one_and_temperature_moves_it() -> None:
+@pytest.mark.parametrize("force", LOADS)
+def test_one_product_deviates_as_one_and_temperature_moves_it(force: str | None) -> None:
     """Both tapes are unmeasured pieces of one product; at 7 % per kelvin its temperature changes both."""
-    lines = {line.name: line for line in budget().lines}
+    lines = {line.name: line for line in budget(force).lines}
     assert not any(name.endswith("bond_to_base.youngs_modulus") for name in lines)
     modulus = list_values(build(FILM))["probe.film.bond_to_base.youngs_modulus"]
     keys = [f"probe.film.{side}.youngs_modulus" for side in ("bond_to_base", "bond_to_block")]
@@ -76,12 +83,13 @@ def test_one_product_deviates_as_one_and_temperature_moves_it() -> None:
     assert abs(per_kelvin) == pytest.approx(0.01, abs=2e-3)  # FILM.md: 1 % of the ratio per kelvin
 
 
-def test_parts_add_up() -> None:
-    shares = [line.outputs["ln_ratio"].share for line in budget().lines]
+@pytest.mark.parametrize("force", LOADS)
+def test_parts_add_up(force: str | None) -> None:
+    shares = [line.outputs["ln_ratio"].share for line in budget(force).lines]
     assert sum(shares) == pytest.approx(1)
-    assert budget().observable == "charge"
-    assert budget().nominal["ratio"] == pytest.approx(evaluate(build(FILM), "axisymmetric").charge_ratio, rel=0.01)
-    assert budget().samples > 0
+    assert budget(force).observable == "charge"
+    assert budget(force).nominal["ratio"] == pytest.approx(evaluate(build(FILM), "axisymmetric").charge_ratio, rel=0.01)
+    assert budget(force).samples > 0
 
 
 @pytest.mark.parametrize("name", [*MOVED, "probe.film.d31", "probe.film.d33", SHARED, TEMPERATURE_NAME])
@@ -122,8 +130,11 @@ def test_measured_bonds_and_glue_deviate_on_their_own() -> None:
         compute_budget(build(film), samples=64, given={TEMPERATURE_NAME: "5 %"})
 
 
-def test_stresses_have_the_budget_of_the_blocks_alone() -> None:
-    names = {line.name for line in compute_budget(build(FILM, "stress"), samples=64).lines}
+@pytest.mark.parametrize("force", LOADS)
+def test_stresses_have_the_budget_of_the_blocks_alone(force: str | None) -> None:
+    scene = build(FILM, "stress")
+    scene = scene if force is None else scene.replace({"load.force": force})
+    names = {line.name for line in compute_budget(scene, samples=64).lines}
     assert not any(name.startswith("probe.film") or name in (SHARED, TEMPERATURE_NAME) for name in names)
 
 
@@ -146,7 +157,7 @@ def test_off_the_axis_films_and_bonds_count_as_on_it() -> None:
 
 
 def test_drawings_name_films_and_bonds_in_words() -> None:
-    scatters = {scatter.name: scatter.words for scatter in build_budget(build(FILM).probe, budget().lines, 0.01).scatter}
+    scatters = {scatter.name: scatter.words for scatter in build_budget(build(FILM).probe, budget(LIGHT).lines, 0.01).scatter}
     assert scatters["probe.film.bond_to_base.thickness"] == "films' bond to base, thickness"
     assert scatters["probe.film.electrode_inset"] == "films' electrode inset"
     assert scatters[SHARED] == "tape-50um's modulus"

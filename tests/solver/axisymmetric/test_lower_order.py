@@ -157,6 +157,7 @@ def test_bounds_wider_than_a_total_are_numbers_where_nothing_varies(tell: Any) -
     assert np.all(bounds.sensitivity < 1e-6)
 
 
+@pytest.mark.slow
 def test_a_second_mesh_is_solved_only_where_one_does_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
     meshes: list[int] = []
 

@@ -33,6 +33,7 @@ def result_or_message(answer: Result | InputError) -> Result | str:
     return replace(answer, seconds=0.0) if isinstance(answer, Result) else str(answer)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.lists(scenes(**KINDS), min_size=2, max_size=9), st.integers(0, 99))
 def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:

@@ -22,6 +22,7 @@ from solver.contact.newton import solve
 from solver.contact.states import Equilibrium, State, StoppedError
 from solver.evaluation import curve, evaluate, plan
 from tests.support.paths import REFERENCE
+from tests.support.slow import slow_unless
 
 FOLDER = REFERENCE / "contact"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
@@ -58,7 +59,7 @@ def test_all_of_them_are(name: str) -> None:
     check(name, slice(None))
 
 
-@pytest.mark.parametrize("interface", ["bonded", "frictionless"])
+@pytest.mark.parametrize("interface", slow_unless("bonded".__eq__, ["bonded", "frictionless"]))
 def test_small_loads_are_answered_as_linear_elements_do(interface: Literal["bonded", "frictionless"]) -> None:
     """However small, and whether the force or the indentation is given."""
     scene = EXAMPLE.model_copy(update={"contact": Contact(interface=interface)})
@@ -88,6 +89,7 @@ def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pyt
     assert any("accuracy 0.01 % requested" in note for note in result.warnings)
 
 
+@pytest.mark.slow
 def test_a_path_goes_on_from_points_that_lie_close_together() -> None:
     alone, continued = (ContactEvaluator().prepare_scene(EXAMPLE) for _ in range(2))
     for depth in (1e-7, 1.1e-7, 1.2e-7):
@@ -197,6 +199,7 @@ def test_a_load_that_no_step_reaches_is_refused_with_the_one_reached(monkeypatch
     assert 0.9 * reached < float(said[1]) <= reached * 1.001
 
 
+@pytest.mark.slow
 def test_a_refused_load_names_what_both_meshes_reach(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under faces that slide the coarse mesh ends at 0.3 mm, the fine one at 0.2 mm."""
     scene = with_load(EXAMPLE.model_copy(update={"contact": Contact(interface="frictionless")}), force=0.1)

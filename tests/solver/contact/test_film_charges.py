@@ -155,6 +155,7 @@ def test_finer_meshes_agree_within_the_bounds(name: str) -> None:
     assert difference <= coarse.charges.sensitivity_error
 
 
+@pytest.mark.slow
 def test_moduli_of_one_curve_are_those_of_their_points() -> None:
     scene, moduli = build(SHALLOW, 0.05), np.array([6e4, 1.5e5])
     films = ContactEvaluator().solve(scene, 1e-2, moduli).films

@@ -120,6 +120,7 @@ def test_next_to_no_load_is_the_load_that_was_asked_for() -> None:
     assert result.indentation == pytest.approx((1e-9 / result.stiffness[0],), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_gap_that_stays_open_is_said_to() -> None:
     """Stiff blocks on soft tissue, 1 mm apart."""
     stiff = EXAMPLE.probe.inner.model_copy(update={"youngs_modulus": 1e8})

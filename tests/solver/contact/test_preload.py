@@ -77,6 +77,7 @@ def test_contact_gives_the_slope_of_the_load_path_and_its_sensitivity(preload: f
     assert result.stress_inner * AREAS[0] + result.stress_outer * AREAS[1] == pytest.approx(0.02, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_off_the_axis_it_is_as_on_it() -> None:
     """On the axis the tumour is part of the mesh, whose tangent is exact; beside it effects at two forces are differentiated."""
     on_axis, beside = (evaluate(preloaded(0.03, 0.05, EXAMPLE.replace({"inclusion.x": x})), "contact") for x in (0.0, 1e-7))
@@ -97,6 +98,7 @@ def test_a_scan_about_a_preload_of_a_hand_is_by_contact() -> None:
     assert scanned.stress_inner[0] == pytest.approx(single.stress_inner, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_mixing_the_ratio_of_a_press_with_that_about_a_preload_is_a_bias() -> None:
     """A reading about 0.05 N, inverted by the model of one press to 0.05 N on the same mesh: E_object is wrong by 5 to 15 %."""
     force, factors = 0.05, np.exp([-0.3, -0.15, 0.0, 0.15, 0.3])

@@ -163,12 +163,14 @@ def test_what_is_not_known_is_refused_with_what_is(changes: dict[str, object], m
         evaluate(move(SCENE, 4e-3).replace(changes), "contact")
 
 
+@pytest.mark.slow
 def test_auto_presses_tumours_off_the_axis_beyond_linear_elasticity() -> None:
     result = evaluate(press(move(SCENE, 4e-3), 0.05), accuracy=0.02)
     assert result.evaluator == "contact"
     assert evaluate(press(move(SCENE, 4e-3), 0.001), accuracy=0.02).evaluator == "equivalent-inclusion"
 
 
+@pytest.mark.slow
 def test_a_curve_of_an_ellipsoid_beyond_linear_elasticity_is_that_of_its_evaluations() -> None:
     """Not by linear elasticity in three dimensions, which a curve of ellipsoids took at any load."""
     body = SCENE.inclusion[0].model_copy(update={"diameter": None, "diameters": (6e-3, 5e-3, 4e-3), "x": 3e-3})

@@ -59,6 +59,7 @@ def test_uniform_strain_is_in_balance_and_stores_the_energy_of_the_law() -> None
     assert elements.compute_energy(state) == pytest.approx(density * elements.square.weight.sum(), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_constants_of_zero_leave_every_digit() -> None:
     result, plain = (ContactEvaluator().evaluate(scene) for scene in (yeoh(c2=0.0, c3=0.0), EXAMPLE))
     assert (result.stress_inner, result.ratio, result.log_sensitivity) == (plain.stress_inner, plain.ratio, plain.log_sensitivity)
@@ -103,6 +104,7 @@ def test_a_law_that_is_not_stable_under_the_load_is_refused_in_one_sentence() ->
     assert re.match(r"load.force = 0.1 N", str(fault.value))
 
 
+@pytest.mark.slow
 def test_a_slightly_softening_law_is_used_while_it_is_stable() -> None:
     soft, plain = (ContactEvaluator().evaluate(scene) for scene in (yeoh(c2=-0.02, c3=0.0), EXAMPLE))
     assert soft.stiffness < plain.stiffness

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ def build_scene(stack: str = "tape", **tumour: Any) -> Scene:
     return Scene.model_validate(data)
 
 
+@cache
 def solve(stack: str = "tape", accuracy: float = 0.001) -> Undisturbed:
     return solve_undisturbed(build_scene(stack), accuracy)
 
@@ -59,18 +61,22 @@ def get_charges(item: Readings | FilmForces) -> Any:
     return item.charges
 
 
+@cache
+def solve_elements(stack: str, body: str, accuracy: float) -> FilmForces:
+    return Axisymmetric().solve(build_scene(stack, **BODIES[body]), accuracy).films[0]
+
+
 def chosen(case: tuple[str, str]) -> bool:
-    return case in (("tape", "usual"), ("inset", "near"), ("glue", "soft"))
+    return case in (("tape", "usual"), ("inset", "shallow"), ("glue", "soft"))
 
 
 @pytest.mark.parametrize(("stack", "body"), slow_unless(chosen, CASES))
 @pytest.mark.parametrize("accuracy", slow_unless((0.01).__eq__, [0.01, 0.003]))
 def test_charges_on_the_axis_agree_with_finite_elements(stack: str, body: str, accuracy: float) -> None:
     scene = build_scene(stack, **BODIES[body])
-    films, expected = (
-        evaluator.solve(scene, precision).films[0]
-        for evaluator, precision in ((EquivalentInclusion(), accuracy), (Axisymmetric(), accuracy / 10))
-    )
+    films = EquivalentInclusion().solve(scene, accuracy).films[0]
+    # one finer reference for both accuracies, but for the quick cases
+    expected = solve_elements(stack, body, 1e-3 if accuracy == 0.01 and chosen((stack, body)) else 3e-4)
     charges, reference = get_charges(films), get_charges(expected)
     deviation = np.abs(charges.totals / reference.totals - 1)
     assert np.all(deviation <= charges.relative_errors + reference.relative_errors)

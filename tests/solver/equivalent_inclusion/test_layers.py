@@ -192,6 +192,7 @@ def test_a_design_whose_layer_reaches_into_a_sphere_gives_no_number():
     assert np.all(np.isnan(across))
 
 
+@pytest.mark.slow
 def test_auto_takes_this_level_off_the_axis_and_maps_leave_out_what_crosses():
     scene = add_layers((1.4, 2e4), inclusion=ASIDE)
     planned = plan(scene, 0.02)

@@ -110,6 +110,7 @@ def test_derivatives_of_charges_by_the_modulus() -> None:
     assert middle.derivative == pytest.approx(slope, rel=3e-3, abs=1e-4 * np.abs(slope).max())
 
 
+@pytest.mark.slow
 def test_a_curve_is_what_single_moduli_give() -> None:
     here, moduli = domain(bonded()), np.array([1e3, 3e5])
     curve = solve_difference(here, scene_mesh(here, ROUGHEST_FINENESS), moduli)[0].charges
@@ -134,6 +135,7 @@ def test_charges_of_the_reference_are_those_of_the_meridian_plane() -> None:
     assert reference == pytest.approx(films.charges.totals / films.totals, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_turned_scene_has_other_charges_where_d31_and_d32_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     """A quarter turn of the tumour exchanges d31 and d32; with both equal it changes nothing."""
     monkeypatch.setattr("solver.solid.film_forces.mesh_domain", scene_mesh)
