@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from itertools import compress
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import settings
 # A test that fails for one fails for all: Hypothesis draws the same examples every time.
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
+LONG_SECONDS = 600  # of a limit; that of all tests is 300
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -20,6 +22,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's way with what it runs in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.update(dict.fromkeys(THREADS, "1"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run first what has minutes as its limit of time: what one worker starts last, the other waits for."""
+    limits = [item.get_closest_marker("timeout") for item in items]
+    is_long = [limit is not None and limit.args[0] >= LONG_SECONDS for limit in limits]
+    items[:] = [*compress(items, is_long), *compress(items, (not long for long in is_long))]
 
 
 def pytest_collection_finish() -> None:
