@@ -26,7 +26,7 @@ from probe_design.commands.fields import (
     Picture,
     SceneSource,
 )
-from probe_design.commands.output import check_picture, present, split_assignments
+from probe_design.commands.output import present, split_assignments
 from probe_design.commands.request import Option, use_request
 from probe_design.terminal.console import show_spinner, show_steps
 
@@ -140,7 +140,6 @@ class CurveRequest(LimitedRequest):
         if not self.low < self.high:
             raise InputError("to", format_modulus(self.high), f"a modulus above from = {format_modulus(self.low)!r}")
         scene = load_scene(self.scene)
-        check_picture(self.picture)
         moduli = np.geomspace(self.low, self.high, self.points)
         moduli[0], moduli[-1] = self.low, self.high  # free of rounding
         with show_steps(f"curve of {self.scene}") as progress:
@@ -176,7 +175,6 @@ class TolerancesRequest(LimitedRequest):
         from probe_design.terminal.workshop_tables import build_tolerance_table, write_tolerance_lines
 
         scene = load_scene(self.scene)
-        check_picture(self.picture)
         stated_sds = split_assignments("tolerance", self.tolerance, "'probe.gap = 10 um'")
         materials = split_assignments("material", self.material, "'inner=dragon-skin-30'")
         with show_spinner(f"tolerances of {self.scene}"):

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from geometry.common.resources import Limits, get_limits
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import FREQUENCY_QUANTITY, MEMORY_QUANTITY, TIME_QUANTITY
+from probe_design.commands.output import check_picture
 from probe_design.commands.request import Number, Option, Request
 from probe_design.data.noise import ALLOWED_NOISE, MAX_NOISE, MIN_NOISE
 
@@ -47,7 +48,9 @@ Linear = Annotated[
 Loads = Annotated[bool, Option("Compute by contact the loads at which the gap closes and linear theory ends; takes seconds.")]
 Force = Annotated[bool, Option("Replace parts of another design in the folder.")]
 AnyProbe = Annotated[bool, Option("Take readings and calibrations of other serial numbers, too.")]
-Picture = Annotated[Path | None, Option("Draw the result to this .png, .svg or .pdf file.", "--plot")]
+Picture = Annotated[  # refused before the computation rather than after it
+    Path | None, AfterValidator(check_picture), Option("Draw the result to this .png, .svg or .pdf file.", "--plot")
+]
 
 
 class LimitedRequest(Request):

@@ -11,7 +11,7 @@ from geometry.common.errors import InputError, Words
 from geometry.common.files import check_writable
 from probe_design.commands.estimate import check_readings_source
 from probe_design.commands.fields import AnyProbe, LimitedRequest, Outliers, Picture
-from probe_design.commands.output import check_picture, print_result
+from probe_design.commands.output import print_result
 from probe_design.commands.request import Option, use_request
 from probe_design.reporting.picture_files import save_figure
 from probe_design.terminal.console import show_spinner, warn, write_message
@@ -71,7 +71,6 @@ class LocateRequest(LimitedRequest):
         from probe_design.locating.report import build_tables, list_lines, write_files
         from probe_design.locating.run import run_locate
 
-        check_picture(self.picture)
         if self.output is not None:
             check_writable(self.output)
         design, readings = self.read_input()

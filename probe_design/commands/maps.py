@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import load_scene
 from geometry.scenes.scene_tables import Force, Indentation
 from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Linear, Noise, Picture, SceneSource
-from probe_design.commands.output import check_picture, present
+from probe_design.commands.output import present
 from probe_design.commands.request import Number, Option, is_positive, use_request
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD
 from probe_design.terminal.console import show_count, show_steps
@@ -64,7 +64,6 @@ class ScanRequest(LimitedRequest):
         from probe_design.terminal.result_tables import build_scan_table
 
         scene = load_scene(self.scene)
-        check_picture(self.picture)
         if not self.low < self.high:
             raise InputError("to", format_mm(self.high), f"a position above from = {format_mm(self.low)!r}")
         with show_count(f"scan of {self.scene}") as progress:
@@ -163,7 +162,6 @@ class DetectabilityRequest(LimitedRequest):
         from probe_design.terminal.result_tables import build_threshold_table
 
         scene = load_scene(self.scene)
-        check_picture(self.picture)
         depths, diameters = self.call(choose_sizes, scene=scene)
         with show_count(f"detectability of {self.scene}") as progress:
             result = self.call(detectability, scene=scene, depths=depths, diameters=diameters, progress=progress)
@@ -240,7 +238,6 @@ class LoadRequest(LimitedRequest):
 
         force, indentation = _read_load(self.max_load)
         scene = load_scene(self.scene)
-        check_picture(self.picture)
         with show_steps(f"pressing {self.scene}") as progress:
             result = self.call(press, scene=scene, force=force, indentation=indentation, progress=progress)
         present(result, build_load_table, self.as_json, self.picture, lines=list_load_lines)

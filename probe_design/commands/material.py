@@ -10,7 +10,7 @@ from pydantic import Field
 from geometry.common.errors import InputError, Words
 from geometry.scenes.quantities import PoissonRatio
 from probe_design.commands.fields import Picture
-from probe_design.commands.output import check_picture, print_json
+from probe_design.commands.output import print_json
 from probe_design.commands.request import Number, Option, Request, is_positive, use_request
 from probe_design.material_fit.kinds import LawChoice, StressKind, Test
 from probe_design.reporting.picture_files import save_figure
@@ -67,7 +67,6 @@ class MaterialFitRequest(Request):
 
     def run(self) -> None:
         """Fit, and print the table."""
-        check_picture(self.picture)
         result = self.call(fit_material)
         if self.picture is not None:
             from probe_design.material_fit.figure import draw_fit

@@ -117,8 +117,8 @@ def print_json(value: dict[str, object]) -> None:
     print(json.dumps(add_provenance(value), allow_nan=False))
 
 
-def check_picture(picture: Path | None) -> None:
-    """Refuse a picture that could not be written, before the computation rather than after it.
+def check_picture(picture: Path | None) -> Path | None:
+    """Return the file of a picture, which can be written.
 
     Raises
     ------
@@ -128,6 +128,7 @@ def check_picture(picture: Path | None) -> None:
     if picture is not None:
         check_format(picture)
         check_writable_file(picture, "plot")
+    return picture
 
 
 def split_assignments(key: str, texts: Iterable[str], allowed: str) -> dict[str, str]:
