@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import PercentFormatter
@@ -13,6 +14,7 @@ from matplotlib.ticker import PercentFormatter
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
 from probe_design.locating.location import Location
+from probe_design.locating.next_position import NextPosition
 from probe_design.locating.posterior import (
     SUMMARY_NAMES,
     compute_plan,
@@ -24,7 +26,7 @@ from probe_design.locating.posterior import (
 
 PLAN_POINTS, SECTION_POINTS = 97, 97  # of the maps, along each axis
 DRAWN_SETS = 400  # equally probable sets of tumours behind a map, throughout all: neighbours lie at one place
-PROBABILITY_COLOURS, PRIOR_COLOUR, POSTERIOR_COLOUR = "YlOrRd", "0.75", "tab:red"
+PRIOR_COLOUR, POSTERIOR_COLOUR = "0.75", "tab:red"
 FIGURE_DPI = 130  # of figures on the screen
 QUANTITY_LABELS = {
     "x": ("x, mm", MM_PER_M), "y": ("y, mm", MM_PER_M), "depth": ("depth of the centre, mm", MM_PER_M),
@@ -104,6 +106,18 @@ def draw_fit(result: Location) -> Figure:
     return figure
 
 
+def plot_probability(axes: Axes, x: Floats, y: Floats, probability: Floats) -> QuadMesh:
+    """Plot a probability, shape (len(y), len(x)), over coordinates in m; return what a colour bar needs."""
+    return axes.pcolormesh(x * MM_PER_M, y * MM_PER_M, probability, cmap="YlOrRd", vmin=0, vmax=1, shading="nearest")
+
+
+def plot_next(axes: Axes, position: NextPosition, size: float) -> tuple[float, float]:
+    """Plot a star where to press next, ``size`` in printer's points; return its coordinates, mm."""
+    place = position.x * MM_PER_M, position.y * MM_PER_M
+    axes.plot(*place, marker="*", color="tab:blue", markersize=size, markeredgecolor="white", linestyle="none")
+    return place
+
+
 def _get_window(result: Location) -> tuple[Floats, Floats]:
     """Return the coordinates of the maps' columns and rows, m: where tumours may lie, and all presses near it."""
     windows = []
@@ -127,9 +141,7 @@ def _plot_plan(figure: Figure, axes: Axes, result: Location) -> None:
     """Plot the plan."""
     x, y = _get_window(result)
     probability = _mix(result, compute_plan, x, y)
-    picture = axes.pcolormesh(
-        x * MM_PER_M, y * MM_PER_M, probability, cmap=PROBABILITY_COLOURS, vmin=0, vmax=1, shading="nearest"
-    )
+    picture = plot_probability(axes, x, y, probability)
     figure.colorbar(picture, ax=axes, label="probability that a tumour lies below", shrink=0.8, format=PercentFormatter(1.0))
     deviations = [float(part.ratio or part.stiffness or 0.0) for part in result.residuals]
     inside = [index for index, part in enumerate(result.residuals) if not part.blank]
@@ -139,18 +151,8 @@ def _plot_plan(figure: Figure, axes: Axes, result: Location) -> None:
     )  # fmt: skip
     figure.colorbar(presses, ax=axes, label="residual of the press, standard deviations", shrink=0.8)
     if result.next is not None:
-        axes.plot(
-            result.next.x * MM_PER_M,
-            result.next.y * MM_PER_M,
-            marker="*",
-            color="tab:blue",
-            markersize=16,
-            markeredgecolor="white",
-        )
-        axes.annotate(
-            "press here next", (result.next.x * MM_PER_M, result.next.y * MM_PER_M), xytext=(8, 8), textcoords="offset points",
-            fontsize=8, color="tab:blue",
-        )  # fmt: skip
+        place = plot_next(axes, result.next, 16)
+        axes.annotate("press here next", place, xytext=(8, 8), textcoords="offset points", fontsize=8, color="tab:blue")
     axes.set(xlabel="x, mm", ylabel="y, mm", title="from above: where a tumour lies", aspect="equal")
 
 
@@ -162,9 +164,7 @@ def _plot_section(figure: Figure, axes: Axes, result: Location) -> None:
     (centre_x, y), *_ = find_places(*result.best.sets[:, 0, :2].T)
     depth = np.linspace(0, deepest, SECTION_POINTS)
     probability = _mix(result, compute_section, x, depth, y)
-    picture = axes.pcolormesh(
-        x * MM_PER_M, depth * MM_PER_M, probability, cmap=PROBABILITY_COLOURS, vmin=0, vmax=1, shading="nearest"
-    )
+    picture = plot_probability(axes, x, depth, probability)
     figure.colorbar(picture, ax=axes, label="probability of tumour", shrink=0.8, format=PercentFormatter(1.0))
     if result.probability[0] < 0.5:
         centre = (centre_x * MM_PER_M, quantities["depth"].median * MM_PER_M)

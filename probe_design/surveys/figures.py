@@ -14,13 +14,13 @@ from matplotlib.ticker import PercentFormatter
 
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
+from probe_design.locating.figures import plot_next, plot_probability
 from probe_design.locating.locator import Locator
 from probe_design.locating.next_position import NextPosition
 from probe_design.locating.posterior import compute_plan
 
 PLAN_POINTS, PLAN_SETS = 81, 300  # of a map along each axis; sets of tumours behind it
 MAX_PANELS, PANEL_COLUMNS = 12, 4  # of the sequence
-COLOURS = "YlOrRd"
 LEGEND = (
     "The tissue from above after each press. Colour: the probability that some part of a tumour lies below this point. Numbers: "
     "the presses in their order, the last one bold. Star: where to press next, as that reading is expected to say the most. "
@@ -97,9 +97,7 @@ def draw_sequence(steps: list[Step], hidden: Floats | None = None) -> Figure:
 
 def _plot_step(axes: Axes, step: Step, hidden: Floats | None, *, size: int) -> QuadMesh:
     """Plot one map; return what a colour bar needs."""
-    picture = axes.pcolormesh(
-        step.x * MM_PER_M, step.y * MM_PER_M, step.plan, cmap=COLOURS, vmin=0, vmax=1, shading="nearest", rasterized=True
-    )
+    picture = plot_probability(axes, step.x, step.y, step.plan)
     for number, (x, y) in enumerate(step.positions * MM_PER_M, start=1):
         is_last = number == len(step.positions)
         axes.text(
@@ -109,8 +107,7 @@ def _plot_step(axes: Axes, step: Step, hidden: Floats | None, *, size: int) -> Q
     for x, y, _, diameter, _ in [] if hidden is None else hidden * MM_PER_M:
         axes.add_patch(Circle((x, y), diameter / 2, facecolor="none", edgecolor="tab:blue", linestyle="--"))
     if step.following is not None:
-        place = (step.following.x * MM_PER_M, step.following.y * MM_PER_M)
-        axes.plot(*place, marker="*", color="tab:blue", markersize=1.7 * size, markeredgecolor="white", linestyle="none")
+        plot_next(axes, step.following, 1.7 * size)
     presses = len(step.positions)
     none = f"{step.probability_none:.2f}" if step.probability_none >= 0.01 else f"{step.probability_none:.0e}"
     noun = "press" if presses == 1 else "presses"
