@@ -86,30 +86,31 @@ class Bench:
 
     def close(self) -> None:
         """End the worker, and remove the temporary folder."""
+        self._end_worker()
+        self._temporary.cleanup()
+
+    def _end_worker(self) -> None:
+        """End the worker, if there is one; the next press starts another."""
         if self._child is not None:
             self._child.close()
-        self._temporary.cleanup()
+        self._child = None
 
     async def _work(self, request: PressRequest | DiscardRequest | None) -> None:
         """Start the worker where none runs, and carry out a request."""
         try:
             if self._child is not None and not self._child.is_alive:  # it ended between two readings: the folder holds them
-                self._child.close()
-                self._child = None
+                self._end_worker()
             if self._child is None:
                 self._child = Child(WORKER_PROGRAM, is_worker=True)
                 await self._ask(replace(self.settings, folder=self.folder))
             if request is not None and self.state is not None:
                 await self._ask(request)
         except Failure as fault:
-            if self._child is not None:
-                self._child.close()
-            self._child = None
+            self._end_worker()
             how = "ended" if isinstance(fault, Died) else "failed"
             self._publish("refused", f"the worker {how}: {fault}; recordings are kept; press again")
-        if self.state is None and self._child is not None:  # the settings were refused: ask again for the next press
-            self._child.close()
-            self._child = None
+        if self.state is None:  # the settings were refused: ask again for the next press
+            self._end_worker()
         self._publish("idle", None)
 
     async def _ask(self, request: object) -> None:

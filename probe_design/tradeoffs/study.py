@@ -221,13 +221,9 @@ def _measure_loaded_scene(name: str, scene: Scene, limit: str, progress: Progres
 
     ``name`` is the scene's and ``limit`` the largest load for linear elasticity in words.
     """
-    rows: list[Row] = []
-    for done, setting in enumerate(LOADED_SETTINGS):
-        progress(name, done, len(LOADED_SETTINGS) + 1)
-        rows.append(time_first_result(name, scene, setting))
-    progress(name, len(LOADED_SETTINGS), len(LOADED_SETTINGS) + 1)
-    rows = time_repeats(scene, rows)
-    progress(name, len(LOADED_SETTINGS) + 1, len(LOADED_SETTINGS) + 1)
+    total = len(LOADED_SETTINGS) + 1  # steps of progress; the repeats are one
+    rows = _time_settings(name, scene, LOADED_SETTINGS, lambda done: progress(name, done, total))
+    progress(name, total, total)
     linear = [
         Row(name, evaluator, None, observable=scene.observable, reason=f"linear elasticity: {limit}")
         for evaluator in ("closed-form", *CONVERGING_EVALUATORS)
@@ -243,12 +239,7 @@ def _measure_scene(
     ``name`` is the scene's; see ``measure_tradeoff`` for the other parameters.
     """
     total = len(settings) + len(finest) + len(SOLID_SETTINGS) + 1  # steps of progress; the repeats are one
-    rows: list[Row] = []
-    for done, setting in enumerate(settings):
-        progress(name, done, total)
-        rows.append(time_first_result(name, scene, setting))
-    progress(name, len(settings), total)
-    rows = time_repeats(scene, rows)
+    rows = _time_settings(name, scene, settings, lambda done: progress(name, done, total))
     for done, setting in enumerate(finest, len(settings) + 1):
         progress(name, done, total)
         if _find_min_error(rows) > MAX_REFERENCE_ERROR:
@@ -260,6 +251,16 @@ def _measure_scene(
                 rows.append(time_first_result(name, scene, setting))
     progress(name, total, total)
     return compare_with_reference(rows, CONVERGING_EVALUATORS)
+
+
+def _time_settings(name: str, scene: Scene, settings: Sequence[Setting], report: Callable[[int], None]) -> list[Row]:
+    """Return a row of each setting, timed once and then again; ``report`` is called with the number of finished steps."""
+    rows: list[Row] = []
+    for done, setting in enumerate(settings):
+        report(done)
+        rows.append(time_first_result(name, scene, setting))
+    report(len(settings))
+    return time_repeats(scene, rows)
 
 
 def _find_min_error(rows: list[Row]) -> float:
