@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
@@ -107,7 +106,6 @@ def draw_improvements(improvements: Sequence[Improvement], aim: Objective, path:
 def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Figure, NDArray[Any]]:
     """Return a figure of a size in inches, and its axes in rows and columns as an array of this shape."""
     figure = Figure(figsize=size, dpi=120, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, figure.subplots(*shape, squeeze=False, sharey="row")
 
 

@@ -100,11 +100,9 @@ def draw_page(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], na
     path
         Of the new file.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=SHEET_SIZE_INCHES, facecolor="white")
-    FigureCanvasAgg(figure)
     figure.text(0.07, 0.955, "Calibration of a tactile probe", fontsize=17, weight="bold")
     figure.text(0.07, 0.948, _format_headline(probe, name), fontsize=8.5, va="top")
     for column, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):

@@ -46,7 +46,8 @@ def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
     height = MM_PER_M * max(scene.probe.core_height, scene.probe.tube_height)
     depth = min(radius, MM_PER_M * float(np.max(model.section.tissue_depth)))
     is_shown = (corners[..., 0].min(axis=1) < radius) & (corners[..., 1].min(axis=1) > -1.5 * depth)
-    max_pressure = _find_quantile(np.abs(pressure[is_shown]), _compute_areas(corners[is_shown]), 0.98) / PA_PER_KPA or 1.0
+    shown, area = np.abs(pressure[is_shown]), _compute_areas(corners[is_shown])
+    max_pressure = float(np.quantile(shown, 0.98, weights=area, method="inverted_cdf")) / PA_PER_KPA or 1.0
     figure = Figure(figsize=(8.0, 1.0 + 7.0 * (depth + height) / radius), facecolor="white", layout="constrained")
     axes = figure.subplots()
     cells = PolyCollection(
@@ -75,10 +76,3 @@ def _compute_areas(corners: Floats) -> Floats:
     """Return the areas of quadrilaterals from their corners, shape (n, 4, 2)."""
     first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]  # diagonals
     return np.asarray(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2)
-
-
-def _find_quantile(values: Floats, weights: Floats, fraction: float) -> float:
-    """Return the value below which a fraction of the weight lies."""
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, fraction * total[-1])])

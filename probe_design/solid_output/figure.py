@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -83,7 +82,6 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
     problem, motion = states.problem, np.asarray(motion, dtype=np.float64)
     cut, sizes = cut_section(problem, compute_fields(states, motion)), MeshSizes.from_problem(problem)
     figure = Figure(figsize=FIGURE_SIZE_INCHES, dpi=FIGURE_DPI, facecolor="white")
-    FigureCanvasAgg(figure)  # attaches itself to the figure, which is then drawn without a display
     figure.suptitle(_format_title(states, motion), fontsize=12, y=0.985)
     _draw_mesh(figure.add_axes(MESH_PANEL), problem, cut, sizes)
     _draw_gap(figure.add_axes(GAP_PANEL), cut, sizes)

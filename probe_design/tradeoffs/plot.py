@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -41,7 +40,6 @@ def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
     row_count = -(-len(names) // column_count)  # rounded up
     size = (max(7.5, 4.2 * column_count), 3.5 * row_count + 1.6)
     figure = Figure(figsize=size, dpi=130, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)  # attaches itself to the figure, which is then drawn without a display
     grid = figure.subplots(row_count, column_count, sharex=True, sharey=True, squeeze=False)
     for axes, name in zip(grid.flat, names, strict=False):
         _draw_panel(axes, name, study.find_rows(name))
