@@ -83,8 +83,8 @@ def build_population_report(optimum: PopulationOptimum, fronts: tuple[Front, ...
     if fronts:
         pictures[FRONT_FILE] = "Pareto fronts", partial(draw_front, fronts, design.objective)
     space = optimum.search_space
-    films = {"Which film and bond": (Text(FILM_NOTE), _build_choice_table(optimum, "film"))} if space.film_choices else {}
-    scans = {"Which scan": (Text(SCAN_NOTE), _build_choice_table(optimum, "scan"))} if space.scan_choices else {}
+    films = {"Which film and bond": (Text(FILM_NOTE), build_choice_table(optimum, "film"))} if space.film_choices else {}
+    scans = {"Which scan": (Text(SCAN_NOTE), build_choice_table(optimum, "scan"))} if space.scan_choices else {}
     protocol = tomli_w.dumps({"protocol": optimum.best.protocol.model_dump(mode="json", exclude_none=True)})
     notes = [
         f"{describe_conditions(optimum)}. The sampling error is one standard error, of the tumours drawn and of the draws of "
@@ -250,7 +250,7 @@ def _format_materials(verified: PopulationVerification) -> str:
     return " / ".join(name or "-" for name in names) if any(names) else ""
 
 
-def _build_choice_table(optimum: PopulationOptimum, kind: Literal["film", "scan"]) -> Table:
+def build_choice_table(optimum: PopulationOptimum, kind: Literal["film", "scan"]) -> Table:
     """Return the table of all films and bonds, or of all scans, that were tried: searched and verified objective, best first."""
     aim, best = optimum.design.objective, dict[str, tuple[FilmChoice | ScanChoice, float]]()
     for choice in optimum.search.choices:  # best first

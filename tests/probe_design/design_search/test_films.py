@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from probe_design.design_report.population_report import build_choice_table
 from probe_design.design_report.verdict import format_bonds, format_film
 from probe_design.design_search.film_choices import list_film_choices
 from probe_design.design_search.population_objective import PopulationObjective
@@ -52,6 +54,26 @@ def test_what_is_fixed_has_no_limits() -> None:
 def test_films_are_described_by_thickness_and_bonds() -> None:
     film = list_film_choices(read_design(ROOT / "examples/films.toml"))[1].film
     assert (format_film(film), format_bonds(film)) == ("28", "tape-25um / tape-25um")
+
+
+def test_the_table_of_choices_has_each_choice_once_with_its_best_verified_design() -> None:
+    """The second film with its bond was searched twice and verified twice, the first one searched alone."""
+    design = read_design(ROOT / "examples/films.toml")
+    first, second, *_ = list_film_choices(design)
+    searched = [(second, 3.0), (first, 2.0), (second, 1.0)]
+    choices = [SimpleNamespace(combination=SimpleNamespace(film=film), value=value) for film, value in searched]
+    worse, best = (
+        SimpleNamespace(scene=second.set_film(design.scene), protocol=design.protocol, objective=(value, 0.1))
+        for value in (2.5, 2.8)
+    )
+    optimum: Any = SimpleNamespace(design=design, search=SimpleNamespace(choices=choices), finalists=(worse, best), winner=best)
+    table = build_choice_table(optimum, "film")
+    assert table.headings[:2] == ("film", "bond")
+    verified = design.objective.format_value(2.8, 0.1)
+    assert [(*row[:2], *row[3:]) for row in table.rows] == [
+        ("pvdf-28um", "tape-25um", verified, "yes"),
+        ("pvdf-28um", "tape-50um", "-", "no"),
+    ]
 
 
 def test_thicknesses_of_film_and_bonds_are_tried_one_by_one() -> None:
