@@ -13,15 +13,7 @@ import numpy as np
 from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Pnt, Sphere, Z
 from ngsolve import Mesh
 
-from geometry.tetra.tet_mesh import (
-    BEYOND_BODY,
-    EDGE_CORNERS,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    OUTER_BODY,
-    TISSUE_BODY,
-)
+from geometry.tetra.tet_mesh import EDGE_CORNERS, MeshBody
 
 MESHES = Path(__file__).parents[2] / "tests" / "meshes"
 HALF = Box(Pnt(-500, 0, -500), Pnt(500, 500, 500))
@@ -34,13 +26,13 @@ def probe() -> Any:
     sphere = Sphere(Pnt(3, 0, -6), 2.5)
     tissue = Cylinder((0, 0, -16), Z, 16, 16)
     margin = Cylinder((0, 0, -16), Z, 20, 16) - tissue
-    bodies = {
-        INNER_BODY: Cylinder((0, 0, 0), Z, 4, 3),
-        OUTER_BODY: tube - groove,
-        GROOVE_BODY: groove,
-        TISSUE_BODY: tissue - sphere,
+    bodies: dict[int, Any] = {
+        MeshBody.INNER: Cylinder((0, 0, 0), Z, 4, 3),
+        MeshBody.OUTER: tube - groove,
+        MeshBody.GROOVE: groove,
+        MeshBody.TISSUE: tissue - sphere,
     }
-    shape = Glue(list(_name_bodies({**bodies, BEYOND_BODY: margin, FIRST_INCLUSION_BODY: sphere})))
+    shape = Glue(list(_name_bodies({**bodies, MeshBody.BEYOND: margin, MeshBody.FIRST_INCLUSION: sphere})))
     for edge in shape.edges:
         low, high = edge.bounding_box
         if max(abs(low.z), abs(high.z)) < 1e-6 and max(abs(low.x), abs(high.x)) < 6.01:
@@ -52,14 +44,14 @@ def _name_bodies(bodies: dict[int, Any]) -> Iterable[Any]:
     for label, body in bodies.items():
         for part in (body * HALF).solids:
             part.mat(str(label))
-            part.maxh = 100 if label in (TISSUE_BODY, BEYOND_BODY) else 2
+            part.maxh = 100 if label in (MeshBody.TISSUE, MeshBody.BEYOND) else 2
             yield part
 
 
 def cylinder(size: float) -> Any:
     """Build a cylinder of unit radius and height, finer at its two edges."""
     shape = Cylinder((0, 0, 0), Z, 1, 1)
-    shape.mat(str(TISSUE_BODY))
+    shape.mat(str(MeshBody.TISSUE))
     for edge in shape.edges:
         low, high = edge.bounding_box
         if abs(low.z - high.z) < 1e-6:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -211,29 +211,9 @@ def do_overlap(first: Ellipsoid | Sheet, second: Ellipsoid | Sheet) -> bool:
     if isinstance(second, Sheet):
         return first.crosses(second) or bool(first.is_inside(second.points).any() or second.is_inside(first.points).any())
     # in coordinates u (see ``Ellipsoid``) the ellipsoid is the unit ball about the origin
-    corners = np.asarray(np.linalg.solve(second.axes, (first.points - second.centre).T).T[first.triangles], dtype=np.float64)
-    return float(compute_distances(corners).min()) <= 1.0 or bool(first.is_inside(second.centre[None, :])[0])
-
-
-def compute_distances(corners: Points) -> Points:
-    """Return the distances (t,) from the origin to the triangles with ``corners`` (t, 3, 3)."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    result = np.minimum(_compute_edge_distances(a, b), np.minimum(_compute_edge_distances(b, c), _compute_edge_distances(c, a)))
-    normal = np.cross(b - a, c - a)
-    size = np.linalg.norm(normal, axis=1)  # twice the area; 0 for a degenerate triangle, of which only the edges count
-    # positive where the foot of the perpendicular from the origin lies on the triangle's side of the edge p-q
-    sides = [np.einsum("ij,ij->i", np.cross(q - p, -p), normal) for p, q in ((a, b), (b, c), (c, a))]
-    is_foot_inside = np.logical_and.reduce([side >= 0 for side in sides]) & (size > 0)
-    height = np.abs(np.einsum("ij,ij->i", a, normal)) / np.maximum(size, 1e-300)
-    return np.where(is_foot_inside, height, result)
-
-
-def _compute_edge_distances(a: Points, b: Points) -> Points:
-    """Return the distance of the origin from each segment between the points a and b, both (t, 3); shape (t,)."""
-    edge = b - a
-    # of the segment's point nearest to the origin: 0 at a, 1 at b; 1e-300 avoids a division by zero where a equals b
-    position = np.clip(-np.einsum("ij,ij->i", a, edge) / np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(a + position[:, None] * edge, axis=1))
+    scaled = replace(first, points=(first.points - second.centre) @ np.asarray(np.linalg.inv(second.axes.T), dtype=np.float64))
+    nearest = scaled.find_nearest(np.zeros((1, 3)))
+    return float(np.linalg.norm(nearest)) <= 1.0 or bool(first.is_inside(second.centre[None, :])[0])
 
 
 def check_extent(tube: float, extent: float) -> None:

@@ -25,21 +25,13 @@ from geometry.tetra.snapping import (
     curve_mesh,
     find_interfaces,
     find_memberships,
-    find_surfaces,
+    find_surface_faces,
     snap,
     snap_to_permanent,
 )
 from geometry.tetra.stretched_space import MeshSpace
 from geometry.tetra.surface_files import Sheet
-from geometry.tetra.tet_mesh import (
-    AIR_LABEL,
-    BEYOND_BODY,
-    FIRST_INCLUSION_BODY,
-    MIRROR_LABEL,
-    TISSUE_BODY,
-    TetMesh,
-    find_boundary,
-)
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, match_faces
 
 Indices = NDArray[np.int64]
 _ENVELOPE_FRACTION = 0.15  # of the smallest feature: how far pytetwild's surfaces may be from the given ones
@@ -106,10 +98,10 @@ def _build_soup(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, e
             sheet = body.fewer if body.fewer is not None and is_decimated else body
             triangles.append(sheet.triangles + sum(map(len, points)))
             points.append(space.to_mesh(sheet.points))
-    enclosures = {
-        int(label): WindingTree.from_triangles(images[find_boundary(shapes.cells[shapes.body == label])])
-        for label in np.unique(shapes.body)
-    }
+    enclosures = {}
+    for label in np.unique(shapes.body).tolist():
+        sides, _, outer = match_faces(shapes.cells[shapes.body == label])
+        enclosures[label] = WindingTree.from_triangles(images[sides[outer]])
     return SurfaceSoup(np.vstack(points), np.vstack(triangles).astype(np.int32), enclosures)
 
 
@@ -161,20 +153,20 @@ def _label_cells(
 
     ``middles`` (t, 3) are in the mesher's space. ``enclosures`` are the closed surfaces of the shapes, by label.
     """
-    body = np.full(len(middles), AIR_LABEL)
+    body = np.full(len(middles), MeshBody.AIR)
     for label, surface in enclosures.items():
         low, high = surface.corners.min(axis=(0, 1)), surface.corners.max(axis=(0, 1))
         rows = np.flatnonzero(((middles >= low) & (middles <= high)).all(axis=1))
         body[rows[np.abs(surface.compute_winding(middles[rows])) > _INSIDE_WINDING]] = label
     scene_middles = space.to_scene(middles)
     wall = np.inf if layout.wall is None else layout.wall
-    is_inclusion = body >= FIRST_INCLUSION_BODY
-    is_beyond = (body == BEYOND_BODY) | (is_inclusion & (np.hypot(*scene_middles[:, :2].T) > wall))
+    is_inclusion = body >= MeshBody.FIRST_INCLUSION
+    is_beyond = (body == MeshBody.BEYOND) | (is_inclusion & (np.hypot(*scene_middles[:, :2].T) > wall))
     for index, inclusion in enumerate(layout.inclusions):
         if isinstance(inclusion, Sheet):
-            body[(body >= TISSUE_BODY) & inclusion.is_inside(scene_middles)] = FIRST_INCLUSION_BODY + index
+            body[(body >= MeshBody.TISSUE) & inclusion.is_inside(scene_middles)] = MeshBody.FIRST_INCLUSION + index
     if layout.half:
-        body[middles[:, 1] < 0] = MIRROR_LABEL
+        body[middles[:, 1] < 0] = MeshBody.MIRROR
     return body, is_beyond
 
 
@@ -185,10 +177,7 @@ def _finish_mesh(
     points = space.to_scene(nodes)
     body, is_beyond = _label_cells(layout, space, enclosures, nodes[cells].mean(axis=1))
     exact = build_exact_surfaces(layout)
-    faces, first_body, second_body = find_interfaces(cells, body)
-    on_bodies = np.maximum(first_body, second_body) >= 0
-    faces, first_body, second_body = faces[on_bodies], first_body[on_bodies], second_body[on_bodies]
-    chosen = find_surfaces(exact, points, faces, first_body, second_body)
+    faces, chosen = find_surface_faces(exact, points, cells, body)
     body, faces, chosen = remove_slivers(exact, points, cells, body=body, faces=faces, chosen=chosen)
     member = find_memberships(len(points), faces, chosen, len(exact))
     is_used = body >= 0
@@ -204,4 +193,4 @@ def _finish_mesh(
         straight, cells, faces, chosen, layer = cut.points, cut.cells, cut.faces, cut.chosen, cut.layer
         body, is_beyond = body[cut.parent], is_beyond[cut.parent]
     quadratic, elements = curve_mesh(straight, cells, exact, faces=faces, chosen=chosen, keep=_MIN_KEPT_QUALITY)
-    return TetMesh(quadratic, elements, body, is_beyond, np.where(body < TISSUE_BODY, 0, layer), layout.half)
+    return TetMesh(quadratic, elements, body, is_beyond, np.where(body < MeshBody.TISSUE, 0, layer), layout.half)

@@ -17,7 +17,7 @@ from geometry.common.arrays import Points
 from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.smoothing import compute_mean_ratios, smooth, undo_inversions
 from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
-from geometry.tetra.tet_mesh import AIR_LABEL, EDGE_CORNERS, MIRROR_LABEL
+from geometry.tetra.tet_mesh import EDGE_CORNERS, MeshBody
 
 Indices = NDArray[np.int64]
 _MAX_MOVE_TO_PLANE = 0.3  # of the shortest edge that crosses a plane: how far its corners move onto the plane
@@ -206,11 +206,11 @@ def find_body_faces(
     faces, first_body, second_body = find_interfaces(cells, body)
     # outer faces of a half mesh in the plane of symmetry, y = 0, have the mirror image behind them, not air
     in_symmetry_plane = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
-    second_body = np.where(in_symmetry_plane & (second_body == AIR_LABEL) & layout.half, MIRROR_LABEL, second_body)
+    second_body = np.where(in_symmetry_plane & (second_body == MeshBody.AIR) & layout.half, MeshBody.MIRROR, second_body)
     chosen = find_surfaces(surfaces, points, faces, first_body, second_body)
     if not layout.interfaces:
         return faces, chosen
-    layer_faces, upper_layer, lower_layer = find_interfaces(cells, np.where(body >= 0, layer, AIR_LABEL))
+    layer_faces, upper_layer, lower_layer = find_interfaces(cells, np.where(body >= 0, layer, MeshBody.AIR))
     # a face with a corner on the tissue's surface, z = 0, is none between layers
     layer_faces = layer_faces[(upper_layer >= 0) & (lower_layer >= 0) & (points[layer_faces, 2].max(axis=1) < 0)]
     first = len(surfaces) - len(layout.interfaces)  # the planes between layers are the last surfaces

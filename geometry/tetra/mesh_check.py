@@ -13,17 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from geometry.common.errors import SolveError
 from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.surface_files import Sheet
-from geometry.tetra.tet_mesh import (
-    BEYOND_BODY,
-    FACE_CORNERS,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    OUTER_BODY,
-    TISSUE_BODY,
-    TetMesh,
-    compute_volumes,
-)
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, compute_volumes, match_faces
 
 Indices = NDArray[np.int64]
 _RELATIVE_TOLERANCE = 0.01  # relative
@@ -43,7 +33,9 @@ def check_mesh(mesh: TetMesh, layout: BodyLayout) -> None:
     for name, error in compute_errors(mesh, layout).items():
         if not abs(error) <= (_FILE_RELATIVE_TOLERANCE if name in file_names else _RELATIVE_TOLERANCE):
             raise SolveError(f"volume mesh: {name} is {error:+.2%} off{_describe_cause(name, layout)}")
-    inner, outer = (np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([INNER_BODY], [OUTER_BODY, GROOVE_BODY]))
+    inner, outer = (
+        np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([MeshBody.INNER], [MeshBody.OUTER, MeshBody.GROOVE])
+    )
     if len(np.intersect1d(inner, outer)):
         raise SolveError("volume mesh: the gap is bridged")
     for label in np.unique(mesh.body):
@@ -91,34 +83,34 @@ def compute_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
 def compute_volume_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
     """Return the relative errors of all volumes that the scene determines, by name."""
     volumes = compute_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
-    is_tissue, tissue_area = mesh.body >= TISSUE_BODY, _compute_tissue_area(layout)
+    is_tissue, tissue_area = mesh.body >= MeshBody.TISSUE, _compute_tissue_area(layout)
     cut = 0.0 if layout.groove is None else _compute_footprint(layout) * layout.groove[1]
     tube = math.pi * (layout.tube**2 - layout.hole**2) * layout.outer_height
     selections = {
-        "the inner block's volume": (mesh.body == INNER_BODY, math.pi * layout.inner**2 * layout.inner_height),
-        "the outer block's volume": (mesh.body == OUTER_BODY, tube - cut),
+        "the inner block's volume": (mesh.body == MeshBody.INNER, math.pi * layout.inner**2 * layout.inner_height),
+        "the outer block's volume": (mesh.body == MeshBody.OUTER, tube - cut),
         "the tissue's volume with its inclusions": (is_tissue, tissue_area * layout.depth),
     }
     if cut:
-        selections["the groove's volume"] = (mesh.body == GROOVE_BODY, cut)
+        selections["the groove's volume"] = (mesh.body == MeshBody.GROOVE, cut)
     for index, (top, bottom) in enumerate(pairwise((0.0, *layout.interfaces))):
         selections[f"tissue.layer[{index}]'s volume"] = (mesh.layer == index + 1, tissue_area * (bottom - top))
     if layout.wall is not None:
         selections["the reference cylinder's volume"] = (is_tissue & ~mesh.beyond, math.pi * layout.wall**2 * layout.depth)
     for index, body in enumerate(layout.inclusions):
-        selections[_name_inclusion(index)] = (mesh.body == FIRST_INCLUSION_BODY + index, body.volume)
+        selections[_name_inclusion(index)] = (mesh.body == MeshBody.FIRST_INCLUSION + index, body.volume)
     return {name: float(volumes[rows].sum()) / expected - 1 for name, (rows, expected) in selections.items()}
 
 
 def _compute_area_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
     """Return the relative errors of the areas of the blocks' ends and of the tissue's top, by name."""
     disc, ring = math.pi * layout.inner**2, math.pi * (layout.tube**2 - layout.hole**2)
-    tissue_bodies = np.unique(mesh.body[mesh.body >= TISSUE_BODY]).tolist()
+    tissue_bodies = np.unique(mesh.body[mesh.body >= MeshBody.TISSUE]).tolist()
     ends = {
-        "the inner block's film end": ([INNER_BODY], layout.inner_height, disc),
-        "the outer block's film end": ([OUTER_BODY, GROOVE_BODY], layout.outer_height, ring),
-        "the inner block's end on the tissue": ([INNER_BODY], 0.0, disc),
-        "the outer block's end on the tissue": ([OUTER_BODY], 0.0, ring),
+        "the inner block's film end": ([MeshBody.INNER], layout.inner_height, disc),
+        "the outer block's film end": ([MeshBody.OUTER, MeshBody.GROOVE], layout.outer_height, ring),
+        "the inner block's end on the tissue": ([MeshBody.INNER], 0.0, disc),
+        "the outer block's end on the tissue": ([MeshBody.OUTER], 0.0, ring),
         "the tissue's top": (tissue_bodies, 0.0, _compute_tissue_area(layout)),
     }
     return {name: _measure_area(mesh, bodies, height) / expected - 1 for name, (bodies, height, expected) in ends.items()}
@@ -162,17 +154,13 @@ def _compute_tissue_area(layout: BodyLayout) -> float:
 
 def _count_pieces(tetrahedra: Indices) -> int:
     """Count the connected pieces of a mesh; tetrahedra connect by common faces."""
-    faces = np.sort(tetrahedra[:, FACE_CORNERS].reshape(-1, 3), axis=1)
-    owner = np.repeat(np.arange(len(tetrahedra)), 4)
-    order = np.lexsort(faces.T)
-    matches = np.flatnonzero((faces[order[1:]] == faces[order[:-1]]).all(axis=1))
-    first, second = owner[order[matches]], owner[order[matches + 1]]
+    first, second = match_faces(tetrahedra)[1] // 4
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(tetrahedra),) * 2)
     return int(connected_components(graph, directed=False)[0])
 
 
 def _may_be_split(layout: BodyLayout, label: int) -> bool:
     """Return whether a body may be in several pieces: a surface from a file, or tissue outside the reference cylinder."""
-    return label == BEYOND_BODY or (
-        label >= FIRST_INCLUSION_BODY and not isinstance(layout.inclusions[label - FIRST_INCLUSION_BODY], Ellipsoid)
+    return label == MeshBody.BEYOND or (
+        label >= MeshBody.FIRST_INCLUSION and not isinstance(layout.inclusions[label - MeshBody.FIRST_INCLUSION], Ellipsoid)
     )

@@ -21,17 +21,7 @@ from geometry.tetra.sizing import TetraFineness, choose_space, compute_sizes, co
 from geometry.tetra.smoothing import smooth
 from geometry.tetra.snapping import build_exact_surfaces, curve_mesh, find_memberships, snap
 from geometry.tetra.stretched_space import choose_mesh_space
-from geometry.tetra.tet_mesh import (
-    AIR_LABEL,
-    BEYOND_BODY,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    MIRROR_LABEL,
-    OUTER_BODY,
-    TISSUE_BODY,
-    TetMesh,
-)
+from geometry.tetra.tet_mesh import MeshBody, TetMesh
 
 Indices = NDArray[np.int64]
 _TETRAHEDRA_PER_CUBE = 6 * 2**0.5  # regular tetrahedra in the cube of their edge
@@ -171,29 +161,29 @@ def _build_cubes(layout: BodyLayout, fineness: TetraFineness) -> SizeCubes:
 def label_points(layout: BodyLayout, points: Points) -> Indices:
     """Return three labels of points (n, 3), (n, 3): the body, whether it is outside the reference cylinder, and the layer.
 
-    The body may be ``AIR_LABEL`` or ``MIRROR_LABEL``; layers are as in ``TetMesh``.
+    The body may be ``MeshBody.AIR`` or ``MeshBody.MIRROR``; layers are as in ``TetMesh``.
 
     Surfaces from files are left out: what is inside them counts as the tissue or ellipsoid about them.
     """
     x, y, z = points.T
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
-    body = np.full(len(points), AIR_LABEL)
-    body[(z > 0) & (z < layout.inner_height) & (radius < layout.inner)] = INNER_BODY
+    body = np.full(len(points), MeshBody.AIR)
+    body[(z > 0) & (z < layout.inner_height) & (radius < layout.inner)] = MeshBody.INNER
     outer = (z > 0) & (z < layout.outer_height) & (radius >= layout.hole) & (radius < layout.tube)
-    body[outer] = OUTER_BODY
+    body[outer] = MeshBody.OUTER
     if layout.groove is not None:
         width, depth = layout.groove
-        body[outer & (z > layout.outer_height - depth) & (x > 0) & (np.abs(y) < width)] = GROOVE_BODY
+        body[outer & (z > layout.outer_height - depth) & (x > 0) & (np.abs(y) < width)] = MeshBody.GROOVE
     tissue = (z < 0) & (z > -layout.depth) & (radius < layout.compute_side_distance(angle))
-    body[tissue] = TISSUE_BODY
+    body[tissue] = MeshBody.TISSUE
     is_beyond = tissue & (radius > (np.inf if layout.wall is None else layout.wall))
-    body[is_beyond] = BEYOND_BODY
+    body[is_beyond] = MeshBody.BEYOND
     for index, inclusion in enumerate(layout.inclusions):
         if isinstance(inclusion, Ellipsoid):
-            body[tissue & (inclusion.level(points) < 1)] = FIRST_INCLUSION_BODY + index
+            body[tissue & (inclusion.level(points) < 1)] = MeshBody.FIRST_INCLUSION + index
     if layout.half:
-        body[y < 0] = MIRROR_LABEL
-    return np.column_stack([body, is_beyond, np.where(body < TISSUE_BODY, 0, find_layers(layout, z))])
+        body[y < 0] = MeshBody.MIRROR
+    return np.column_stack([body, is_beyond, np.where(body < MeshBody.TISSUE, 0, find_layers(layout, z))])
 
 
 def _choose_by_majority(piece: Indices, labels: Indices, volumes: Points) -> Indices:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from geometry.common.arrays import Points
-from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
-from geometry.tetra.tet_mesh import AIR_LABEL
+from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surface_faces, snap
+from geometry.tetra.tet_mesh import MeshBody
 
 Indices = NDArray[np.int64]
 _REGULAR_INVERSE = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
@@ -166,11 +166,8 @@ def remove_slivers(
         if len(slivers) == 0:
             break
         body = body.copy()
-        body[slivers] = AIR_LABEL
-        faces, first_body, second_body = find_interfaces(tetrahedra, body)
-        on_bodies = np.maximum(first_body, second_body) >= 0
-        faces = faces[on_bodies]
-        chosen = find_surfaces(surfaces, points, faces, first_body[on_bodies], second_body[on_bodies])
+        body[slivers] = MeshBody.AIR
+        faces, chosen = find_surface_faces(surfaces, points, tetrahedra, body)
     return body, faces, chosen
 
 

@@ -15,20 +15,7 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
 from geometry.tetra.body_layout import BodyLayout
-from geometry.tetra.tet_mesh import (
-    AIR_LABEL,
-    BEYOND_BODY,
-    EDGE_CORNERS,
-    FACE_CORNERS,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    MIRROR_LABEL,
-    OUTER_BODY,
-    TISSUE_BODY,
-    build_quadratic,
-    compute_scaled_jacobians,
-)
+from geometry.tetra.tet_mesh import EDGE_CORNERS, FACE_CORNERS, MeshBody, build_quadratic, compute_scaled_jacobians, match_faces
 
 Indices = NDArray[np.int64]
 Level = Callable[[Points], tuple[Points, Points]]  # approximate distances (n,) of points (n, 3), and their gradients (n, 3)
@@ -47,7 +34,7 @@ class Surface:
     level
         Function that is zero on it, with its gradient.
     separates
-        Function that returns between which pairs of bodies (n,), (n,) it can lie, in this order; ``AIR_LABEL``: what is outside.
+        Function that returns between which pairs of bodies (n,), (n,) it can lie, in this order; air is what is outside.
     permanent
         Whether its nodes stay on it even where an element had to be put back to its place before snapping.
     """
@@ -59,53 +46,50 @@ class Surface:
 
 def build_exact_surfaces(layout: BodyLayout) -> list[Surface]:
     """Return all exact surfaces of a scene, the planes between layers last; these separate no bodies, see ``layers.py``."""
-    air = AIR_LABEL
+    air = MeshBody.AIR
     result = [
-        Surface(_build_cylinder(layout.inner), _separates_sets([INNER_BODY], [air])),
-        Surface(_build_plane((0, 0, 1), layout.inner_height), _separates_sets([INNER_BODY], [air]), True),
-        Surface(_build_cylinder(layout.hole), _separates_sets([OUTER_BODY, GROOVE_BODY], [air])),
-        Surface(_build_cylinder(layout.tube), _separates_sets([OUTER_BODY, GROOVE_BODY], [air])),
-        Surface(_build_plane((0, 0, 1), layout.outer_height), _separates_sets([OUTER_BODY, GROOVE_BODY], [air]), True),
-        Surface(_build_plane((0, 0, 1), 0.0), _separates_sets([TISSUE_BODY, BEYOND_BODY], [air, INNER_BODY, OUTER_BODY]), True),
-        Surface(_build_plane((0, 0, 1), -layout.depth), _separates_sets([TISSUE_BODY, BEYOND_BODY], [air]), True),
+        Surface(_build_cylinder(layout.inner), _separates_sets([MeshBody.INNER], [air])),
+        Surface(_build_plane((0, 0, 1), layout.inner_height), _separates_sets([MeshBody.INNER], [air]), True),
+        Surface(_build_cylinder(layout.hole), _separates_sets([MeshBody.OUTER, MeshBody.GROOVE], [air])),
+        Surface(_build_cylinder(layout.tube), _separates_sets([MeshBody.OUTER, MeshBody.GROOVE], [air])),
+        Surface(_build_plane((0, 0, 1), layout.outer_height), _separates_sets([MeshBody.OUTER, MeshBody.GROOVE], [air]), True),
+        Surface(
+            _build_plane((0, 0, 1), 0.0),
+            _separates_sets([MeshBody.TISSUE, MeshBody.BEYOND], [air, MeshBody.INNER, MeshBody.OUTER]),
+            True,
+        ),
+        Surface(_build_plane((0, 0, 1), -layout.depth), _separates_sets([MeshBody.TISSUE, MeshBody.BEYOND], [air]), True),
     ]
     if layout.groove is not None:
         width, depth = layout.groove
         planes = [((0, 1, 0), width), ((0, 1, 0), -width), ((0, 0, 1), layout.outer_height - depth)]
         result += [
-            Surface(_build_plane(direction, position), _separates_sets([OUTER_BODY], [GROOVE_BODY]))
+            Surface(_build_plane(direction, position), _separates_sets([MeshBody.OUTER], [MeshBody.GROOVE]))
             for direction, position in planes
         ]
     result += [
-        Surface(side, _separates_sets([TISSUE_BODY, BEYOND_BODY], [air]), layout.tissue_radius is None)
+        Surface(side, _separates_sets([MeshBody.TISSUE, MeshBody.BEYOND], [air]), layout.tissue_radius is None)
         for side in _list_sides(layout)
     ]
     if layout.wall is not None:
-        result.append(Surface(_build_cylinder(layout.wall), _separates_exactly(TISSUE_BODY, BEYOND_BODY)))
+        result.append(Surface(_build_cylinder(layout.wall), _separates_exactly(MeshBody.TISSUE, MeshBody.BEYOND)))
     for index, body in enumerate(layout.inclusions):
-        result.append(Surface(body.find_level, _separates_body(FIRST_INCLUSION_BODY + index)))
-    result.append(Surface(_build_plane((0, 1, 0), 0.0), _separates_body(MIRROR_LABEL), True))
+        result.append(Surface(body.find_level, _separates_body(MeshBody.FIRST_INCLUSION + index)))
+    result.append(Surface(_build_plane((0, 1, 0), 0.0), _separates_body(MeshBody.MIRROR), True))
     return [*result, *(Surface(_build_plane((0, 0, 1), -depth), _separates_none, True) for depth in layout.interfaces)]
 
 
 def find_interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
     """Return the faces between different bodies: corners (f, 3) and the bodies (f,) on both sides.
 
-    ``AIR_LABEL`` outside the mesh.
+    ``MeshBody.AIR`` outside the mesh.
     """
-    faces = tetrahedra[:, FACE_CORNERS].reshape(-1, 3)
-    owner = np.repeat(np.arange(len(tetrahedra)), 4)
-    # sorted by their corners, the two copies of a face that two tetrahedra share follow each other
-    order = np.lexsort(np.sort(faces, axis=1).T)
-    ordered = np.sort(faces, axis=1)[order]
-    is_pair = (ordered[1:] == ordered[:-1]).all(axis=1)
-    pairs = np.flatnonzero(is_pair)
-    alone = np.setdiff1d(np.arange(len(faces)), np.concatenate([pairs, pairs + 1]))
-    first_owner = np.concatenate([owner[order[pairs]], owner[order[alone]]])
-    second_body = np.concatenate([body[owner[order[pairs + 1]]], np.full(len(alone), AIR_LABEL)])
-    corners = faces[order[np.concatenate([pairs, alone])]]
-    differ = body[first_owner] != second_body
-    return corners[differ], body[first_owner][differ], second_body[differ]
+    faces, (first, second), alone = match_faces(tetrahedra)
+    chosen = np.concatenate([first, alone])
+    first_body = body[chosen // 4]  # each tetrahedron has four faces
+    second_body = np.concatenate([body[second // 4], np.full(len(alone), MeshBody.AIR)])
+    differ = first_body != second_body
+    return faces[chosen[differ]], first_body[differ], second_body[differ]
 
 
 def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first_body: Indices, second_body: Indices) -> Indices:
@@ -136,6 +120,14 @@ def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first
         a, b = first_body[chosen < 0][0], second_body[chosen < 0][0]
         raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
     return chosen
+
+
+def find_surface_faces(surfaces: list[Surface], points: Points, tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices]:
+    """Return the faces (f, 3) between bodies, or between a body and the outside, and the indices (f,) of their surfaces."""
+    faces, first_body, second_body = find_interfaces(tetrahedra, body)
+    on_bodies = np.maximum(first_body, second_body) >= 0
+    faces = faces[on_bodies]
+    return faces, find_surfaces(surfaces, points, faces, first_body[on_bodies], second_body[on_bodies])
 
 
 def find_memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> NDArray[np.bool_]:
@@ -246,7 +238,7 @@ def _separates_exactly(first: int, second: int) -> Callable[[Indices, Indices], 
 
 def _separates_body(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
     """Return a test for faces between ``body`` and any other body, except the plane of symmetry."""
-    return lambda a, b: (a == body) & ((b != MIRROR_LABEL) if body != MIRROR_LABEL else (b >= 0))
+    return lambda a, b: (a == body) & ((b != MeshBody.MIRROR) if body != MeshBody.MIRROR else (b >= 0))
 
 
 def _separates_none(a: Indices, b: Indices) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,21 @@ from geometry.common.arrays import Points
 
 Indices = NDArray[np.int64]
 
-INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY = range(6)
-AIR_LABEL, MIRROR_LABEL = -1, -2  # outside all bodies; behind the plane of symmetry
 EDGE_CORNERS = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])  # with a node at the middle, in VTK's order
 FACE_CORNERS = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # opposite each corner, their normals pointing out
+
+
+class MeshBody(IntEnum):
+    """The bodies of a volume mesh; inclusions follow the first by their index in the scene."""
+
+    MIRROR = -2  # behind the plane of symmetry
+    AIR = -1  # outside all bodies
+    INNER = 0
+    OUTER = 1
+    GROOVE = 2
+    TISSUE = 3
+    BEYOND = 4  # tissue outside the reference cylinder
+    FIRST_INCLUSION = 5
 
 
 @dataclass(frozen=True)
@@ -28,10 +40,9 @@ class TetMesh:
     elements
         (t, 10) indices of nodes in VTK's order: four corners, then the middles of ``EDGE_CORNERS``.
     body
-        (t,) ``INNER_BODY``, ``OUTER_BODY``, ``GROOVE_BODY`` (the groove), ``TISSUE_BODY``, ``BEYOND_BODY`` (tissue outside the
-        reference cylinder) or ``FIRST_INCLUSION_BODY`` + the inclusion's index in the scene.
+        (t,) ``MeshBody``, from ``FIRST_INCLUSION`` on plus the inclusion's index in the scene.
     beyond
-        (t,) whether the element lies outside the reference cylinder: all of ``BEYOND_BODY``, and inclusions there.
+        (t,) whether the element lies outside the reference cylinder: all of ``MeshBody.BEYOND``, and inclusions there.
     layer
         (t,) the layer of tissue that the element lies in, or whose place an inclusion takes: 1 for the first below the surface
         and so on, 0 for the tissue's own material and the blocks.
@@ -57,50 +68,60 @@ class TetMesh:
         Each has three corners, in the order that makes its normal point out, then the middles of its edges.
         """
         chosen = self.elements[np.isin(self.body, labels)]
-        faces = np.concatenate(
-            [chosen[:, [*corners, *middles]] for corners, middles in zip(FACE_CORNERS, FACE_MIDDLES, strict=True)]
-        )
-        _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
-        result: Indices = faces[np.sort(index[count == 1])]
-        return result
+        return np.asarray(chosen[:, ELEMENT_FACES].reshape(-1, 6)[match_faces(chosen[:, :4])[2]])
 
 
-def find_boundary(cells: Indices) -> Indices:
-    """Return the faces (f, 3) that belong to one of the tetrahedra (t, 4) only, their normals pointing out."""
+def match_faces(cells: Indices) -> tuple[Indices, Indices, Indices]:
+    """Match the faces of tetrahedra (t, 4).
+
+    Returns
+    -------
+    tuple
+        The corners of all faces, four for each tetrahedron in turn, (4 t, 3); the indices of the two that are the same face of
+        neighbours, (2, m); and those of faces that belong to one tetrahedron only, (n,).
+    """
     faces = cells[:, FACE_CORNERS].reshape(-1, 3)
-    _, index, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    return np.asarray(faces[np.sort(index[count == 1])])
+    corners = np.sort(faces, axis=1)
+    # sorted by their corners, the two copies of a face that two tetrahedra share follow each other
+    order = np.lexsort(corners.T)
+    pairs = np.flatnonzero((corners[order[1:]] == corners[order[:-1]]).all(axis=1))
+    shared = np.stack([order[pairs], order[pairs + 1]])
+    return faces, shared, np.setdiff1d(np.arange(len(faces)), shared)
 
 
-def _number_face_middles() -> Indices:
-    """Return for each of the faces ``FACE_CORNERS`` which of an element's ten nodes are the middles of its edges, (4, 3)."""
+def _number_element_faces() -> Indices:
+    """Return which of an element's ten nodes lie on each of the faces ``FACE_CORNERS``, corners first, then middles, (4, 6)."""
     number = {frozenset(edge): 4 + k for k, edge in enumerate(EDGE_CORNERS.tolist())}
     return np.array(
-        [[number[frozenset((a, b))] for a, b in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))] for f in FACE_CORNERS.tolist()]
+        [[a, b, c, *(number[frozenset(edge)] for edge in ((a, b), (b, c), (c, a)))] for a, b, c in FACE_CORNERS.tolist()]
     )
 
 
-FACE_MIDDLES = _number_face_middles()
+ELEMENT_FACES = _number_element_faces()
 
 
-def compute_shape_gradients(points: Points) -> Points:
-    """Return the derivatives of the ten shape functions at barycentric points (q, 3) of the reference element: (q, 10, 3)."""
-    # barycentric coordinates and their derivatives; a corner's function is b (2 b - 1), an edge's 4 b_i b_j
-    b = np.column_stack([1 - points.sum(axis=1), points])
-    d = np.vstack([-np.ones(3), np.eye(3)])
-    corners = (4 * b[:, :, None] - 1) * d
-    middles = [4 * (b[:, i, None] * d[j] + b[:, j, None] * d[i]) for i, j in EDGE_CORNERS]
-    result: Points = np.concatenate([corners, np.stack(middles, axis=1)], axis=1)
-    return result
+def evaluate_quadratic_functions(points: Points, edge_corners: Indices = EDGE_CORNERS) -> tuple[Points, Points]:
+    """Return values (q, s) and derivatives (q, s, d) of the quadratic functions of a triangle, d = 2, or tetrahedron, d = 3.
+
+    The functions are those of the corners and then of the edges, whose corners ``edge_corners`` (e, 2) names; ``points`` are
+    (q, d), in the simplex between the origin and the unit vectors.
+    """
+    bary = np.column_stack([1 - points.sum(axis=1), points])
+    derivative = np.vstack([-np.ones(points.shape[1]), np.eye(points.shape[1])])  # of the barycentric coordinates
+    a, b = edge_corners.T
+    values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
+    corner = (4 * bary - 1)[:, :, None] * derivative
+    edge = 4 * (bary[:, a, None] * derivative[b] + bary[:, b, None] * derivative[a])
+    return values, np.concatenate([corner, edge], axis=1)
 
 
 _REFERENCE_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
-_GRADIENTS_AT_NODES = compute_shape_gradients(
-    np.vstack([_REFERENCE_CORNERS, [(_REFERENCE_CORNERS[i] + _REFERENCE_CORNERS[j]) / 2 for i, j in EDGE_CORNERS]])
-)
+_GRADIENTS_AT_NODES = evaluate_quadratic_functions(
+    np.vstack([_REFERENCE_CORNERS, _REFERENCE_CORNERS[EDGE_CORNERS].mean(axis=1)])
+)[1]
 # the four Gauss points of degree 2 in a tetrahedron
 _A, _B = 0.25 * (1 - 5**-0.5), 0.25 * (1 + 3 * 5**-0.5)
-_GRADIENTS_AT_GAUSS_POINTS = compute_shape_gradients(np.array([(_A, _A, _A), (_B, _A, _A), (_A, _B, _A), (_A, _A, _B)]))
+_GRADIENTS_AT_GAUSS_POINTS = evaluate_quadratic_functions(np.array([(_A, _A, _A), (_B, _A, _A), (_A, _B, _A), (_A, _A, _B)]))[1]
 
 
 def compute_volumes(nodes: Points, elements: Indices) -> Points:

@@ -8,26 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import (
-    BEYOND_BODY,
-    FACE_CORNERS,
-    FACE_MIDDLES,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    OUTER_BODY,
-    TISSUE_BODY,
-)
+from geometry.tetra.tet_mesh import ELEMENT_FACES, MeshBody
 from solver.solid.base_states import SolidFields, average_at_nodes
 from solver.solid.problem import PLANE_TOLERANCE_RELATIVE, Problem
 from solver.solid.regions import Region
 
-REGION_NAMES = {
-    INNER_BODY: "inner",
-    OUTER_BODY: "outer",
-    GROOVE_BODY: "groove",
-    TISSUE_BODY: "tissue",
-    BEYOND_BODY: "tissue beyond",
+REGION_NAMES: dict[int, str] = {
+    MeshBody.INNER: "inner",
+    MeshBody.OUTER: "outer",
+    MeshBody.GROOVE: "groove",
+    MeshBody.TISSUE: "tissue",
+    MeshBody.BEYOND: "tissue beyond",
 }
 FLAT_TRIANGLES = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones
 TRIANGLE_SIDES = np.array([(0, 3), (3, 1), (1, 4), (4, 2), (2, 5), (5, 0)])  # the sides of its six-node triangle, as pairs
@@ -35,7 +26,6 @@ FLAT_TETRAHEDRA = np.array(
     [(0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3), (6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)]
 )
 SECTION_OFFSET_RELATIVE = 3.3e-6  # offset of the section from y = 0 over the size of the mesh, so that it meets no node
-_TETRAHEDRON_FACES = np.hstack([FACE_CORNERS, FACE_MIDDLES])
 
 
 @dataclass(frozen=True)
@@ -66,10 +56,13 @@ class Faces:
 def name_region(number: int) -> str:
     """Return the name of a region, such as ``tissue.layer[k]``, ``inclusion[i] in tissue.layer[k]``, ``inclusion[i] beyond``."""
     body, layer, is_beyond = Region.from_number(number)
-    region_name, layer_name = REGION_NAMES.get(body) or f"inclusion[{body - FIRST_INCLUSION_BODY}]", f"tissue.layer[{layer - 1}]"
+    region_name, layer_name = (
+        REGION_NAMES.get(body) or f"inclusion[{body - MeshBody.FIRST_INCLUSION}]",
+        f"tissue.layer[{layer - 1}]",
+    )
     if layer:
         region_name = (
-            region_name.replace("tissue", layer_name) if body < FIRST_INCLUSION_BODY else f"{region_name} in {layer_name}"
+            region_name.replace("tissue", layer_name) if body < MeshBody.FIRST_INCLUSION else f"{region_name} in {layer_name}"
         )
     return f"{region_name} beyond" if is_beyond else region_name
 
@@ -117,8 +110,8 @@ def cut_section(problem: Problem, fields: SolidFields) -> Faces:
 def _extract_faces(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
     """Return the four quadratic faces of the t elements of some bodies, shape (4 t, 6), and their bodies (4 t,)."""
     is_selected = np.isin(problem.solid.body, bodies)
-    faces = problem.solid.elements[is_selected][:, _TETRAHEDRON_FACES].reshape(-1, 6)
-    return faces, np.repeat(problem.solid.body[is_selected], len(_TETRAHEDRON_FACES))
+    faces = problem.solid.elements[is_selected][:, ELEMENT_FACES].reshape(-1, 6)
+    return faces, np.repeat(problem.solid.body[is_selected], len(ELEMENT_FACES))
 
 
 def _flatten_faces(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
@@ -152,7 +145,7 @@ def _slice_elements(nodes: Floats, elements: Ints, body: int, values: Mapping[st
     import pyvista
 
     origin = (0.0, SECTION_OFFSET_RELATIVE * float(np.ptp(nodes, axis=0).max()), 0.0)
-    sides = elements[:, _TETRAHEDRON_FACES].reshape(-1, 6)
+    sides = elements[:, ELEMENT_FACES].reshape(-1, 6)
     _, first = np.unique(np.sort(sides[:, :3], axis=1), axis=0, return_index=True)
     grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: elements[:, FLAT_TETRAHEDRA].reshape(-1, 4)}, nodes)
     triangles = sides[first][:, FLAT_TRIANGLES].reshape(-1, 3)

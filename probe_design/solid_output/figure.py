@@ -16,7 +16,7 @@ from matplotlib.ticker import EngFormatter
 from geometry.cad.solids import PART_COLOURS
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
+from geometry.tetra.tet_mesh import MeshBody
 from probe_design.reporting.picture_files import check_format, save_figure
 from probe_design.solid_output.faces import Faces, cut_section, extract_skin, list_bodies, name_region
 from probe_design.solid_output.render import render_faces
@@ -49,7 +49,11 @@ class MeshSizes:
     def from_problem(cls, problem: Problem) -> MeshSizes:
         """Return the sizes, measured at the nodes of the mesh."""
         nodes, solid = problem.solid.nodes, problem.solid
-        radius, core, ring = np.hypot(nodes[:, 0], nodes[:, 1]), solid.find_nodes([INNER_BODY]), solid.find_nodes([OUTER_BODY])
+        radius, core, ring = (
+            np.hypot(nodes[:, 0], nodes[:, 1]),
+            solid.find_nodes([MeshBody.INNER]),
+            solid.find_nodes([MeshBody.OUTER]),
+        )
         return cls(radius[core].max(), radius[ring].min(), radius[ring].max(), nodes[core | ring, 2].max())
 
 
@@ -96,17 +100,17 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
 def find_colour(number: int) -> tuple[float, float, float]:
     """Return the colour of the region with a number: red, green and blue from 0 to 1."""
     body, layer, _ = Region.from_number(number)
-    if body >= FIRST_INCLUSION_BODY:
-        return INCLUSION_COLOURS[(body - FIRST_INCLUSION_BODY) % len(INCLUSION_COLOURS)]
+    if body >= MeshBody.FIRST_INCLUSION:
+        return INCLUSION_COLOURS[(body - MeshBody.FIRST_INCLUSION) % len(INCLUSION_COLOURS)]
     if layer:
         return LAYER_COLOURS[(layer - 1) % len(LAYER_COLOURS)]
     return {
-        INNER_BODY: PART_COLOURS["inner"],
-        OUTER_BODY: PART_COLOURS["outer"],
-        GROOVE_BODY: (0.45, 0.66, 0.82),
-        TISSUE_BODY: TISSUE_COLOUR,
-        BEYOND_BODY: OUTER_TISSUE_COLOUR,
-    }[body]
+        MeshBody.INNER: PART_COLOURS["inner"],
+        MeshBody.OUTER: PART_COLOURS["outer"],
+        MeshBody.GROOVE: (0.45, 0.66, 0.82),
+        MeshBody.TISSUE: TISSUE_COLOUR,
+        MeshBody.BEYOND: OUTER_TISSUE_COLOUR,
+    }[MeshBody(body)]
 
 
 def _format_title(states: SolidStates, motion: Floats) -> str:
@@ -167,7 +171,8 @@ def _draw_gap(axes: Axes, cut: Faces, sizes: MeshSizes) -> None:
 def _find_window(cut: Faces, sizes: MeshSizes) -> tuple[float, float, float, float]:
     """Return the window of the stress panels, m: left, right, bottom, top; it shows the probe and the inclusions near it."""
     inclusions = np.isin(
-        cut.body, [number for number in np.unique(cut.body).tolist() if Region.from_number(number).body >= FIRST_INCLUSION_BODY]
+        cut.body,
+        [number for number in np.unique(cut.body).tolist() if Region.from_number(number).body >= MeshBody.FIRST_INCLUSION],
     )
     inclusion_points = cut.points[np.unique(cut.triangles[inclusions])]
     inclusion_points = inclusion_points[

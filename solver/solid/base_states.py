@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.tetra.tet_mesh import TISSUE_BODY
+from geometry.tetra.tet_mesh import MeshBody
 from solver.linalg.cholesky import Factor
 from solver.linalg.conjugate_gradients import (
     TARGET_RESIDUAL,
@@ -177,9 +177,9 @@ def factorise_problem(problem: Problem, like: MatrixAnalysis | None = None) -> F
         return problem.matrix.factor(like=like)
     limited_laws = dict(problem.laws)
     # the softest tissue's modulus
-    tissue = min(law.youngs_modulus for body, law in limited_laws.items() if Region.from_number(body).body == TISSUE_BODY)
+    tissue = min(law.youngs_modulus for body, law in limited_laws.items() if Region.from_number(body).body == MeshBody.TISSUE)
     for body, law in problem.laws.items():
-        if Region.from_number(body).body >= TISSUE_BODY:
+        if Region.from_number(body).body >= MeshBody.TISSUE:
             modulus = float(np.clip(law.youngs_modulus, tissue / MAX_MODULUS_RATIO, tissue * MAX_MODULUS_RATIO))
             if modulus != law.youngs_modulus:
                 limited_laws[body] = replace(law, youngs_modulus=modulus)

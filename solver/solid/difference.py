@@ -17,7 +17,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from geometry.tetra.mesh_check import find_max_file_error
-from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
+from geometry.tetra.tet_mesh import MeshBody, TetMesh
 from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.materials.linear import Elastic, Isotropic
@@ -157,7 +157,7 @@ def _choose_residual(laws: Mapping[int, Isotropic]) -> float:
 
     There, a relative residual of 1e-6 left an error of 18 % in a soft tumour's ratio.
     """
-    poisson = max(law.poisson_ratio for body, law in laws.items() if Region.from_number(body).body >= TISSUE_BODY)
+    poisson = max(law.poisson_ratio for body, law in laws.items() if Region.from_number(body).body >= MeshBody.TISSUE)
     return float(
         np.clip(
             MAX_RESIDUAL / INCOMPRESSIBLE_SHEAR_RATIO * 1.5 * (1 - 2 * poisson) / (1 + poisson), TARGET_RESIDUAL, MAX_RESIDUAL
@@ -192,7 +192,7 @@ def _compute_products(states: FactorisedStates, scene: Scene, target: int | None
     """
     if target is None:
         return states.products[None], np.zeros((1, *states.products.shape))
-    bodies = tuple(b for b in states.energies if Region.from_number(b).body == FIRST_INCLUSION_BODY + target)
+    bodies = tuple(b for b in states.energies if Region.from_number(b).body == MeshBody.FIRST_INCLUSION + target)
     if moduli is None:
         return states.products[None], states.compute_modulus_derivative(bodies)[None]
     multiples = moduli / scene.inclusion[target].youngs_modulus

@@ -19,16 +19,13 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY
+from geometry.tetra.tet_mesh import EDGE_CORNERS, ELEMENT_FACES, MeshBody, evaluate_quadratic_functions
 from solver.multiple_scattering.stack_motion import compute_stack_motion
 from solver.solid.domain import Domain
 from solver.solid.problem import PLANE_TOLERANCE_RELATIVE, Solid
-from solver.solid.tetrahedron import EDGE_CORNERS, evaluate_quadratic_functions
 
-ENDS = ((INNER_BODY,), (OUTER_BODY, GROOVE_BODY))  # bodies of the inner and of the outer block
+ENDS = ((MeshBody.INNER,), (MeshBody.OUTER, MeshBody.GROOVE))  # bodies of the inner and of the outer block
 POINTS_PER_SIDE = 12  # of the quadrature on a triangle, which must resolve the layers at the blocks' edges
-# the corners of a tetrahedron's four faces
-FACE_CORNERS = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
 
 
 def build_end_motion(domain: Domain, solid: Solid) -> Floats:
@@ -53,13 +50,8 @@ def _find_end_faces(nodes: Floats, elements: Ints, tolerance: float) -> Ints:
     Middles follow in the order of the edges 01, 12, 02. Nodes within ``tolerance`` of the end, m, lie on it.
     """
     top = nodes[elements[:, :4], 2].max() - tolerance
-    middle = {frozenset(pair): 4 + k for k, pair in enumerate(EDGE_CORNERS.tolist())}
-    faces = []
-    for a, b, c in FACE_CORNERS.tolist():
-        order = [a, b, c, *(middle[frozenset(pair)] for pair in ((a, b), (b, c), (a, c)))]
-        face = elements[:, order]
-        faces.append(face[(nodes[face[:, :3], 2] > top).all(axis=1)])
-    return np.concatenate(faces)
+    faces = elements[:, ELEMENT_FACES].reshape(-1, 6)
+    return np.asarray(faces[(nodes[faces[:, :3], 2] > top).all(axis=1)])
 
 
 def _project(evaluate: Callable[[Floats], Floats], places: Floats, faces: Ints) -> Floats:

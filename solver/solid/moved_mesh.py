@@ -27,14 +27,7 @@ from geometry.tetra.layers import find_body_faces
 from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.sizing import TetraFineness, choose_space, compute_sizes
 from geometry.tetra.snapping import build_exact_surfaces, curve_mesh, find_memberships, snap
-from geometry.tetra.tet_mesh import (
-    BEYOND_BODY,
-    FIRST_INCLUSION_BODY,
-    TISSUE_BODY,
-    TetMesh,
-    compute_scaled_jacobians,
-    compute_volumes,
-)
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, compute_scaled_jacobians, compute_volumes
 
 MIN_CURVED_QUALITY = 0.2  # of an element's quality, when its edges are curved; as in ``geometry.tetra.regular_mesh``
 MAX_OVERSIZE_GROWTH = 1.2  # maximum growth of large tetrahedra relative to the wanted size
@@ -143,10 +136,10 @@ def _compute_displacement(
     Floats
         Displacements, m, shape (n, 3).
     """
-    cells, free = mesh.elements[:, :4], np.isin(mesh.body, [TISSUE_BODY, BEYOND_BODY])
+    cells, free = mesh.elements[:, :4], np.isin(mesh.body, [MeshBody.TISSUE, MeshBody.BEYOND])
     u, given = _move_tumours(mesh, points, old_layout, new_layout)
     _set_surface_displacements(u, given, points, member, (old_layout, new_layout))
-    given[np.unique(cells[mesh.body < TISSUE_BODY])] = True  # blocks stay
+    given[np.unique(cells[mesh.body < MeshBody.TISSUE])] = True  # blocks stay
     given[np.setdiff1d(np.arange(len(points)), cells[free])] = True
     matrix = _assemble_conductance(points, cells[free])
     for k in range(3):
@@ -164,7 +157,7 @@ def _move_tumours(
     u, given = np.zeros_like(points), np.zeros(points.shape, dtype=bool)
     for k, (old, new) in enumerate(zip(old_layout.inclusions, new_layout.inclusions, strict=True)):
         if isinstance(old, Ellipsoid) and isinstance(new, Ellipsoid):
-            corners = np.unique(mesh.elements[mesh.body == FIRST_INCLUSION_BODY + k, :4])
+            corners = np.unique(mesh.elements[mesh.body == MeshBody.FIRST_INCLUSION + k, :4])
             u[corners] = new.centre + (points[corners] - old.centre) @ np.linalg.solve(old.axes.T, new.axes.T) - points[corners]
             given[corners] = True
     return u, given
@@ -226,7 +219,7 @@ def _is_good(mesh: TetMesh, result: TetMesh, old_layout: BodyLayout, new_layout:
 
 def _compute_oversize(mesh: TetMesh, layout: BodyLayout, fineness: TetraFineness) -> float:
     """Return the edge length of large tetrahedra in tissue and tumours relative to the wanted length (``LARGE_QUANTILE``)."""
-    inside = mesh.body >= TISSUE_BODY
+    inside = mesh.body >= MeshBody.TISSUE
     middles = mesh.nodes[mesh.elements[inside, :4]].mean(axis=1)
     edges = np.cbrt(PER_EDGE * compute_volumes(mesh.nodes, mesh.elements[inside]))
     return float(np.quantile(edges / compute_sizes(layout, fineness, choose_space(layout, fineness), middles), LARGE_QUANTILE))

@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY, TetMesh
+from geometry.tetra.tet_mesh import MeshBody, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
 from solver.materials.linear import Isotropic
 from solver.solid.body_stiffness import Part, assemble, integrate_part
@@ -32,7 +32,7 @@ from solver.solid.regions import number_elements
 
 STATE_NAMES = ("inner", "outer", "tilt")
 PLANE_TOLERANCE_RELATIVE = 1e-7  # of the mesh's size: nodes closer to a plane lie in it
-BLOCK_BODIES = (INNER_BODY, OUTER_BODY, GROOVE_BODY)
+BLOCK_BODIES = (MeshBody.INNER, MeshBody.OUTER, MeshBody.GROOVE)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Supports:
         The blocks' tops and the tissue's bottom are fixed and, on a half mesh, the plane of symmetry y = 0 in y.
         """
         nodes, tolerance = solid.nodes, PLANE_TOLERANCE_RELATIVE * float(np.ptp(solid.nodes, axis=0).max())
-        inner, outer = solid.find_nodes([INNER_BODY]), solid.find_nodes({OUTER_BODY, GROOVE_BODY} & set(bodies))
+        inner, outer = solid.find_nodes([MeshBody.INNER]), solid.find_nodes({MeshBody.OUTER, MeshBody.GROOVE} & set(bodies))
         fixed = np.zeros(nodes.shape, dtype=bool)
         for block in (inner, outer):
             fixed[block & (nodes[:, 2] > nodes[block, 2].max(initial=-np.inf) - tolerance)] = True

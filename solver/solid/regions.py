@@ -11,13 +11,13 @@ from geometry.common.arrays import Ints
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import MAX_INCLUSIONS
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
+from geometry.tetra.tet_mesh import MeshBody, TetMesh
 from solver.materials.linear import Elastic, Isotropic
 
 GROOVE_MODULUS_RELATIVE = (
     0.05  # of the tube's modulus: 30 steps on groove-over-tumour, where 1, 0.1, 0.03 and 0.01 take 45, 32, 30 and 31
 )
-NUMBERS_PER_LAYER = FIRST_INCLUSION_BODY + MAX_INCLUSIONS  # numbers reserved for one layer
+NUMBERS_PER_LAYER = MeshBody.FIRST_INCLUSION + MAX_INCLUSIONS  # numbers reserved for one layer
 
 
 class Region(NamedTuple):
@@ -53,7 +53,7 @@ class Region(NamedTuple):
 def number_elements(mesh: TetMesh) -> Ints:
     """Return the number of each element's region, (t,)."""
     inside = mesh.body + NUMBERS_PER_LAYER * mesh.layer
-    return np.where((mesh.body >= FIRST_INCLUSION_BODY) & mesh.beyond, -1 - inside, inside)
+    return np.where((mesh.body >= MeshBody.FIRST_INCLUSION) & mesh.beyond, -1 - inside, inside)
 
 
 def find_layer_material(scene: Scene, layer: int) -> Material:
@@ -66,24 +66,20 @@ def find_material_at_depth(scene: Scene, depth: float) -> Material:
     return (*scene.tissue.layer, scene.tissue)[bisect_right(scene.tissue.interfaces, depth)]
 
 
-def find_scene_material(scene: Scene, number: int) -> Material | None:
+def find_scene_material(scene: Scene, number: int) -> Elastic | None:
     """Return a region's material in the scene; None for the groove."""
-    region, probe = Region.from_number(number), scene.probe
-    if region.body >= FIRST_INCLUSION_BODY:
-        return scene.inclusion[region.body - FIRST_INCLUSION_BODY]
-    return {INNER_BODY: probe.inner, OUTER_BODY: probe.outer, GROOVE_BODY: None}.get(
-        region.body, find_layer_material(scene, region.layer)
-    )
+    body = Region.from_number(number).body
+    if body >= MeshBody.FIRST_INCLUSION:
+        return scene.inclusion[body - MeshBody.FIRST_INCLUSION]
+    return None if body == MeshBody.GROOVE else find_base_material(scene, number)
 
 
-def find_reference_material(scene: Scene, number: int) -> Material | None:
+def find_reference_material(scene: Scene, number: int) -> Elastic | None:
     """Return a region's material in the reference: tissue in inclusions, tube in the groove; None outside the cylinder."""
-    region, probe = Region.from_number(number), scene.probe
-    if region.outside or region.body == BEYOND_BODY:
+    region = Region.from_number(number)
+    if region.outside or region.body == MeshBody.BEYOND:
         return None
-    if region.body >= TISSUE_BODY:
-        return find_layer_material(scene, region.layer)
-    return probe.inner if region.body == INNER_BODY else probe.outer
+    return scene.probe.outer if region.body == MeshBody.GROOVE else find_base_material(scene, number)
 
 
 def find_base_material(scene: Scene, number: int) -> Elastic:
@@ -92,8 +88,8 @@ def find_base_material(scene: Scene, number: int) -> Elastic:
     The iterations of both solutions grow with the groove's contrast: the scene has nothing there, the reference the tube.
     """
     region, probe = Region.from_number(number), scene.probe
-    if region.body == GROOVE_BODY:
+    if region.body == MeshBody.GROOVE:
         return Isotropic(GROOVE_MODULUS_RELATIVE * probe.outer.youngs_modulus, probe.outer.poisson_ratio)
-    if region.body >= TISSUE_BODY:
+    if region.body >= MeshBody.TISSUE:
         return find_layer_material(scene, region.layer)
-    return probe.inner if region.body == INNER_BODY else probe.outer
+    return probe.inner if region.body == MeshBody.INNER else probe.outer

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
+from geometry.tetra.tet_mesh import EDGE_CORNERS, evaluate_quadratic_functions
 
-EDGE_CORNERS = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 CHUNK_ELEMENTS = 8192  # elements at once: 60 MB of matrices
 STRAIGHT_TOLERANCE_RELATIVE = 1e-6  # of the longest edge: smaller offsets of mid-edge nodes are neglected
 
@@ -49,26 +49,6 @@ class Rule:
     derivatives: Floats
 
 
-def evaluate_functions(points: Floats) -> tuple[Floats, Floats]:
-    """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3) of ``Rule``'s tetrahedron."""
-    return evaluate_quadratic_functions(points, EDGE_CORNERS)
-
-
-def evaluate_quadratic_functions(points: Floats, edge_corners: Ints) -> tuple[Floats, Floats]:
-    """Return values (q, s) and derivatives (q, s, d) of the quadratic functions of a triangle, d = 2, or tetrahedron, d = 3.
-
-    The functions are those of the corners and then of the edges, whose corners ``edge_corners`` (e, 2) names; ``points`` are
-    (q, d), in the simplex between the origin and the unit vectors.
-    """
-    bary = np.column_stack([1 - points.sum(axis=1), points])
-    derivative = np.vstack([-np.ones(points.shape[1]), np.eye(points.shape[1])])  # of the barycentric coordinates
-    a, b = edge_corners.T
-    values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
-    corner = (4 * bary - 1)[:, :, None] * derivative
-    edge = 4 * (bary[:, a, None] * derivative[b] + bary[:, b, None] * derivative[a])
-    return values, np.concatenate([corner, edge], axis=1)
-
-
 @cache
 def build_rule(curved: bool) -> Rule:
     """Return the quadrature rule: 4 points, degree 2, exact for straight elements; 14 points, degree 5, for curved ones.
@@ -89,7 +69,7 @@ def build_rule(curved: bool) -> Rule:
         parts.append(middle)
         weights_of.append(np.full(6, 0.042546020777081466438 / 6))
         bary, weights = np.vstack(parts), np.concatenate(weights_of)
-    return Rule(weights, *evaluate_functions(bary[:, 1:]))
+    return Rule(weights, *evaluate_quadratic_functions(bary[:, 1:]))
 
 
 def find_curved(corners_and_middles: Floats) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
-from geometry.tetra.tet_mesh import BEYOND_BODY, TetMesh, compute_volumes
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, compute_volumes
 from solver.solid.domain import Domain, choose_domain, compute_reach
 from tests.support.paths import MESHES, REFERENCE
 
@@ -33,7 +33,7 @@ def stored_mesh(name: str) -> TetMesh:
     data = np.load(MESHES / f"{name}.npz")
     body = data["body"].astype(np.int64)
     layer = data["layer"].astype(np.int64) if "layer" in data else np.zeros(len(body), dtype=np.int64)
-    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND_BODY, layer, bool(data["half"]))
+    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == MeshBody.BEYOND, layer, bool(data["half"]))
 
 
 def scene_mesh(scene_domain: Domain, fineness: TetraFineness, name: str = SCENE) -> TetMesh:
@@ -59,7 +59,7 @@ def main() -> None:
         scene_domain = choose_domain(scene, compute_reach(scene), None)
         for fineness, name in FINENESS.items():
             mesh, _ = mesh_layout(_layout(scene_domain), fineness)
-            assert np.array_equal(mesh.beyond, mesh.body == BEYOND_BODY)
+            assert np.array_equal(mesh.beyond, mesh.body == MeshBody.BEYOND)
             small = {"elements": mesh.elements.astype(np.uint16)} | {
                 key: getattr(mesh, key).astype(np.int8) for key in ("body", "layer")
             }

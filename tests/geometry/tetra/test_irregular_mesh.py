@@ -9,16 +9,7 @@ from geometry.tetra.layout import build_layout
 from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.mesher import TETWILD_MESHER, _try_mesher, estimate_elements
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, choose_space
-from geometry.tetra.tet_mesh import (
-    AIR_LABEL,
-    BEYOND_BODY,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    MIRROR_LABEL,
-    OUTER_BODY,
-    TISSUE_BODY,
-)
+from geometry.tetra.tet_mesh import MeshBody
 from tests.support.scenes import block_scene as scene
 
 COVER = 1e-3  # of the sphere above the bottom
@@ -70,20 +61,20 @@ def test_what_lies_in_a_body_is_labelled_by_it(half, hole, tmp_path):
     y, top = 0.1e-3, layout.outer_height - depth / 2
     ring = (layout.hole + layout.tube) / 2
     places = {
-        (1e-3, y, 1e-3): INNER_BODY,
-        (-ring, y, 1e-3): OUTER_BODY,
-        (ring, y, top): GROOVE_BODY,
-        (ring, 1.5 * width, top): OUTER_BODY,
-        (-(layout.inner + layout.hole) / 2, y, 1e-3): AIR_LABEL,
-        (1e-3, y, -1e-3): TISSUE_BODY,
-        (0.999 * layout.wall + 0.5e-3, y, -1e-3): BEYOND_BODY,
-        (-4e-3, y, -9e-3): FIRST_INCLUSION_BODY + (not half),
-        (1e-3, -1e-3, -1e-3): MIRROR_LABEL if half else TISSUE_BODY,
-        (1e-3, y, -layout.depth - 1e-3): AIR_LABEL,
-    } | ({} if half else {(4e-3, y, -9e-3): FIRST_INCLUSION_BODY})
+        (1e-3, y, 1e-3): MeshBody.INNER,
+        (-ring, y, 1e-3): MeshBody.OUTER,
+        (ring, y, top): MeshBody.GROOVE,
+        (ring, 1.5 * width, top): MeshBody.OUTER,
+        (-(layout.inner + layout.hole) / 2, y, 1e-3): MeshBody.AIR,
+        (1e-3, y, -1e-3): MeshBody.TISSUE,
+        (0.999 * layout.wall + 0.5e-3, y, -1e-3): MeshBody.BEYOND,
+        (-4e-3, y, -9e-3): MeshBody.FIRST_INCLUSION + (not half),
+        (1e-3, -1e-3, -1e-3): MeshBody.MIRROR if half else MeshBody.TISSUE,
+        (1e-3, y, -layout.depth - 1e-3): MeshBody.AIR,
+    } | ({} if half else {(4e-3, y, -9e-3): MeshBody.FIRST_INCLUSION})
     body, is_beyond = _label_cells(layout, space, soup.enclosures, space.to_mesh(np.array(list(places))))
     assert body.tolist() == list(places.values())
-    assert (is_beyond == (body == BEYOND_BODY)).all()
+    assert (is_beyond == (body == MeshBody.BEYOND)).all()
 
 
 EDGE = {

@@ -12,7 +12,7 @@ from geometry.tetra.layout import build_layout
 from geometry.tetra.mesh_check import compute_errors
 from geometry.tetra.mesher import estimate_elements, mesh_layout
 from geometry.tetra.sizing import ROUGH_FINENESS
-from geometry.tetra.tet_mesh import FACE_CORNERS, FIRST_INCLUSION_BODY, TISSUE_BODY, compute_volumes
+from geometry.tetra.tet_mesh import FACE_CORNERS, MeshBody, compute_volumes
 from tests.support.scenes import block_scene as scene
 
 SKIN = {"thickness": "1.5 mm", "youngs_modulus": "56 kPa", "poisson_ratio": 0.45}
@@ -92,7 +92,7 @@ def test_a_body_from_a_file_across_an_interface_is_whole(tmp_path):
     body = {"surface": str(tmp_path / "ball.stl"), "depth": "9 mm", "x": "2 mm"} | stiff
     layout = build_layout(layered_scene(SKIN, FAT, inclusion=[body]), False, 0.1, None)
     mesh, _ = mesh_layout(layout, ROUGH_FINENESS)
-    inside = mesh.body == FIRST_INCLUSION_BODY
+    inside = mesh.body == MeshBody.FIRST_INCLUSION
     parts = compute_volumes(mesh.nodes, mesh.elements)
     assert parts[inside].sum() == pytest.approx(layout.inclusions[0].volume, rel=0.02)
     cap_volume = parts[inside & (mesh.layer == 0)].sum()  # a ball's cap under a plane 0.5 mm below its centre
@@ -106,9 +106,9 @@ def test_layers_across_inclusion_groove_and_wall_have_the_scenes_volumes():
     names = {f"tissue.layer[{k}]'s volume" for k in (0, 1)}
     assert names < compute_errors(mesh, layout).keys()
     assert max(abs(compute_errors(mesh, layout)[name]) for name in names) < 3e-3
-    crossed = np.unique(mesh.layer[mesh.body == FIRST_INCLUSION_BODY])
+    crossed = np.unique(mesh.layer[mesh.body == MeshBody.FIRST_INCLUSION])
     assert len(crossed) > 1  # the inclusion's parts know which layers' places they take
-    low, high = (mesh.nodes[mesh.elements[(mesh.layer == 2) & (mesh.body >= TISSUE_BODY)], 2].min(), -1.5e-3)
+    low, high = (mesh.nodes[mesh.elements[(mesh.layer == 2) & (mesh.body >= MeshBody.TISSUE)], 2].min(), -1.5e-3)
     assert low == pytest.approx(-9.5e-3, abs=1e-9)
     assert mesh.nodes[mesh.elements[mesh.layer == 2], 2].max() == pytest.approx(high, abs=1e-9)
     assert 0.6 < len(mesh.elements) / estimate_elements(layout, ROUGH_FINENESS) < 1.8

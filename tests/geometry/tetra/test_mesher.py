@@ -13,16 +13,7 @@ from geometry.tetra.mesh_check import MIN_QUALITY, check_mesh, compute_errors, f
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS
 from geometry.tetra.stretched_space import choose_mesh_space
-from geometry.tetra.tet_mesh import (
-    BEYOND_BODY,
-    FIRST_INCLUSION_BODY,
-    GROOVE_BODY,
-    INNER_BODY,
-    OUTER_BODY,
-    TISSUE_BODY,
-    build_quadratic,
-    compute_volumes,
-)
+from geometry.tetra.tet_mesh import MeshBody, build_quadratic, compute_volumes
 from tests.support.scenes import block_scene as scene
 
 
@@ -41,10 +32,19 @@ def test_every_volume_and_area_is_the_scenes(grooved):
 
 def test_bodies_are_labelled_and_apart(grooved):
     mesh, _, _ = grooved
-    assert set(mesh.body.tolist()) == {INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY}
-    inner, outer = (np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([INNER_BODY], [OUTER_BODY, GROOVE_BODY]))
+    assert set(mesh.body.tolist()) == {
+        MeshBody.INNER,
+        MeshBody.OUTER,
+        MeshBody.GROOVE,
+        MeshBody.TISSUE,
+        MeshBody.BEYOND,
+        MeshBody.FIRST_INCLUSION,
+    }
+    inner, outer = (
+        np.unique(mesh.elements[np.isin(mesh.body, bodies)]) for bodies in ([MeshBody.INNER], [MeshBody.OUTER, MeshBody.GROOVE])
+    )
     assert len(np.intersect1d(inner, outer)) == 0
-    assert (mesh.beyond == (mesh.body == BEYOND_BODY)).all()
+    assert (mesh.beyond == (mesh.body == MeshBody.BEYOND)).all()
 
 
 def test_a_rough_mesh_is_small_and_no_element_folds(grooved):
@@ -56,7 +56,7 @@ def test_a_rough_mesh_is_small_and_no_element_folds(grooved):
 
 def test_nodes_lie_on_the_exact_surfaces(grooved):
     mesh, _, layout = grooved
-    faces = mesh.boundary(INNER_BODY)
+    faces = mesh.boundary(MeshBody.INNER)
     r, z = np.hypot(*mesh.nodes[faces][..., :2].T).T, mesh.nodes[faces][..., 2]
     wall = ((z > 1e-9) & (z < layout.inner_height - 1e-9)).any(axis=1) & (mesh.nodes[faces][..., 1] > 1e-9).any(axis=1)
     assert np.percentile(np.abs(r[wall] - layout.inner), 95) < 1e-9
@@ -65,7 +65,7 @@ def test_nodes_lie_on_the_exact_surfaces(grooved):
 
 def test_a_mesh_that_is_not_the_scenes_is_refused(grooved):
     mesh, _, layout = grooved
-    lost = replace(mesh, body=np.where(mesh.body == FIRST_INCLUSION_BODY, TISSUE_BODY, mesh.body))
+    lost = replace(mesh, body=np.where(mesh.body == MeshBody.FIRST_INCLUSION, MeshBody.TISSUE, mesh.body))
     with pytest.raises(SolveError, match=r"inclusion\[0\]'s volume"):
         check_mesh(lost, layout)
     squeezed = mesh.nodes.copy()

@@ -12,7 +12,7 @@ from geometry.tetra.mesh_check import MIN_QUALITY, check_mesh, compute_errors
 from geometry.tetra.mesher import estimate_elements, is_regular, mesh_layout
 from geometry.tetra.regular_mesh import build_shapes, mesh_regular_layout
 from geometry.tetra.sizing import ROUGH_FINENESS
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
+from geometry.tetra.tet_mesh import MeshBody
 from tests.support.scenes import block_scene as scene
 
 SOFT = {"youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
@@ -47,28 +47,28 @@ def test_tetrahedra_lie_in_the_bodies_they_are_labelled_by(meshed):
     mesh, layout = meshed
     x, y, z = mesh.nodes[mesh.elements[:, :4]].mean(axis=1).T
     r, margin = np.hypot(x, y), 0.2e-3
-    inside_block = {INNER_BODY: r < layout.inner, OUTER_BODY: (r > layout.hole - margin) & (r < layout.tube)}
-    inside_block[TISSUE_BODY] = (z < 0) & (r < (layout.wall or np.inf))
-    inside_block[BEYOND_BODY] = (z < 0) & (r > (layout.wall or np.inf) - 1e-3)
-    inside_block[GROOVE_BODY] = inside_block[OUTER_BODY] & (x > 0)
+    inside_block = {MeshBody.INNER: r < layout.inner, MeshBody.OUTER: (r > layout.hole - margin) & (r < layout.tube)}
+    inside_block[MeshBody.TISSUE] = (z < 0) & (r < (layout.wall or np.inf))
+    inside_block[MeshBody.BEYOND] = (z < 0) & (r > (layout.wall or np.inf) - 1e-3)
+    inside_block[MeshBody.GROOVE] = inside_block[MeshBody.OUTER] & (x > 0)
     if layout.groove is not None:
         width, depth = layout.groove
-        inside_block[GROOVE_BODY] &= (np.abs(y) < width) & (z > layout.outer_height - depth)
+        inside_block[MeshBody.GROOVE] &= (np.abs(y) < width) & (z > layout.outer_height - depth)
     for label, inside in inside_block.items():
         assert inside[mesh.body == label].all()
     for index, body in enumerate(layout.inclusions):
         level = body.level(np.column_stack([x, y, z]))
-        assert (level[mesh.body == FIRST_INCLUSION_BODY + index] < 1).all()
-        assert (level[mesh.body == TISSUE_BODY] > 0.8).all()
+        assert (level[mesh.body == MeshBody.FIRST_INCLUSION + index] < 1).all()
+        assert (level[mesh.body == MeshBody.TISSUE] > 0.8).all()
     bounds = -np.array([0.0, *layout.interfaces, layout.depth])
     layer = np.where(mesh.layer == 0, len(layout.interfaces) + 1, mesh.layer)
-    in_tissue = mesh.body >= TISSUE_BODY
+    in_tissue = mesh.body >= MeshBody.TISSUE
     assert ((z < bounds[layer - 1]) & (z > bounds[layer]))[in_tissue].all()
 
 
 def test_nodes_lie_on_the_exact_surfaces(meshed):
     mesh, layout = meshed
-    faces = mesh.boundary(INNER_BODY)
+    faces = mesh.boundary(MeshBody.INNER)
     r, z = np.hypot(*mesh.nodes[faces][..., :2].T).T, mesh.nodes[faces][..., 2]
     wall = ((z > 1e-9) & (z < layout.inner_height - 1e-9)).any(axis=1)
     if layout.half:

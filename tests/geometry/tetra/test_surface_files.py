@@ -10,13 +10,12 @@ from geometry import InputError, Refusal, SolveError
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.processes.child import Failure, TooLong
 from geometry.tetra import surface_files
-from geometry.tetra.body_layout import compute_distances
 from geometry.tetra.layout import build_layout
 from geometry.tetra.mesh_check import check_mesh, compute_errors, find_max_file_error
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import ROUGH_FINENESS
-from geometry.tetra.surface_files import read_surface
-from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh, build_quadratic
+from geometry.tetra.surface_files import Sheet, read_surface
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, build_quadratic
 from tests.support.meshes import body_volumes
 from tests.support.scenes import block_scene as scene
 from tests.support.slow import slow_unless
@@ -40,7 +39,7 @@ def mesh_with(volume):
     """A mesh of one tetrahedron, which is all that there is of the inclusion."""
     corners = np.vstack([np.zeros(3), np.eye(3) * (6 * volume) ** (1 / 3)])
     nodes, elements, _ = build_quadratic(corners, np.array([[0, 1, 2, 3]]))
-    return TetMesh(nodes, elements, np.array([FIRST_INCLUSION_BODY]), np.array([False]), np.array([1]), False)
+    return TetMesh(nodes, elements, np.array([MeshBody.FIRST_INCLUSION]), np.array([False]), np.array([1]), False)
 
 
 def with_file(path, *others, depth="9 mm", x="2 mm"):
@@ -134,11 +133,11 @@ def test_dirty_surfaces_are_meshed(tmp_path, fault):
         dirty = merged.flip_faces()
     layout = build_layout(with_file(saved(tmp_path, dirty)), False, 0.02, None)
     mesh, _ = mesh_layout(layout, ROUGH_FINENESS)
-    volume = body_volumes(mesh)[FIRST_INCLUSION_BODY]
+    volume = body_volumes(mesh)[MeshBody.FIRST_INCLUSION]
     min_volume = whole.volume * 1e-9
     assert min_volume * 0.97 < volume < (1.02 if fault == "hole" else 1.5) * min_volume
     assert max(abs(e) for name, e in compute_errors(mesh, layout).items() if "inclusion" not in name) < 0.01
-    leaking = replace(mesh, body=np.where(mesh.body == FIRST_INCLUSION_BODY, TISSUE_BODY, mesh.body))
+    leaking = replace(mesh, body=np.where(mesh.body == MeshBody.FIRST_INCLUSION, MeshBody.TISSUE, mesh.body))
     with pytest.raises(SolveError, match=r"inclusion\[0\]'s volume.* it is open" if fault == "hole" else r"triangles may cross"):
         check_mesh(leaking, layout)
 
@@ -221,5 +220,7 @@ def test_distances_to_triangles_are_those_of_many_points_on_them():
     a, b = (part.ravel() for part in np.meshgrid(np.linspace(0, 1, 150), np.linspace(0, 1, 150)))
     share = np.column_stack([a, b, 1 - a - b])[a + b <= 1]
     sampled = np.linalg.norm(np.einsum("sk,tkj->tsj", share, corners), axis=2).min(axis=1)
-    assert compute_distances(corners) == pytest.approx(sampled, abs=0.02)
-    assert (compute_distances(corners) <= sampled + 1e-12).all()
+    sheets = [Sheet(triangle, np.array([[0, 1, 2]]), np.zeros(3)) for triangle in corners]
+    distances = np.array([np.linalg.norm(sheet.find_nearest(np.zeros((1, 3)))) for sheet in sheets])
+    assert distances == pytest.approx(sampled, abs=0.02)
+    assert (distances <= sampled + 1e-12).all()

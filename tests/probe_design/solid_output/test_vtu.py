@@ -14,7 +14,7 @@ import pyvista
 from matplotlib.image import imread
 
 from geometry.common.errors import InputError, MissingLibrary
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
+from geometry.tetra.tet_mesh import MeshBody, TetMesh
 from probe_design.solid_output import render as solid_space
 from probe_design.solid_output.faces import Faces, cut_section, extract_skin, name_region
 from probe_design.solid_output.figure import draw_solid
@@ -35,10 +35,10 @@ def material(modulus: float, ratio: float = 0.45) -> Isotropic:
 
 
 MATERIALS = {
-    INNER_BODY: material(1e6),
-    OUTER_BODY: material(8e4),
-    TISSUE_BODY: material(6e3),
-    FIRST_INCLUSION_BODY: material(6e4),
+    MeshBody.INNER: material(1e6),
+    MeshBody.OUTER: material(8e4),
+    MeshBody.TISSUE: material(6e3),
+    MeshBody.FIRST_INCLUSION: material(6e4),
 }  # a groove cut out
 
 
@@ -71,7 +71,12 @@ class TestFile:
         """To rounding; VTK, which takes quadratic tetrahedra as eight flat ones, misses up to 3 % of a sphere this coarse."""
         assert set(grid.celltypes) == {pyvista.CellType.QUADRATIC_TETRA}
         names = dict(zip(grid.field_data["body_number"].tolist(), grid.field_data["body_name"], strict=True))
-        assert names == {INNER_BODY: "inner", OUTER_BODY: "outer", TISSUE_BODY: "tissue", FIRST_INCLUSION_BODY: "inclusion[0]"}
+        assert names == {
+            MeshBody.INNER: "inner",
+            MeshBody.OUTER: "outer",
+            MeshBody.TISSUE: "tissue",
+            MeshBody.FIRST_INCLUSION: "inclusion[0]",
+        }
         nodes, elements = np.asarray(grid.points), grid.cells.reshape(-1, 11)[:, 1:]
         zeros = np.zeros(len(elements), dtype=np.int64)
         read = TetMesh(nodes, elements, np.asarray(grid["body"]), zeros.astype(bool), zeros, half=True)
@@ -90,7 +95,7 @@ class TestFile:
 
     def test_stresses(self, grid: pyvista.UnstructuredGrid) -> None:
         """Pressure is positive and about the film's; von Mises stress follows from the tensor in VTK's order."""
-        inner = grid["body"] == INNER_BODY
+        inner = grid["body"] == MeshBody.INNER
         volume = np.abs(grid.compute_cell_sizes(length=False, area=False)["Volume"])
         force = grid.field_data["film_forces"][0]
         assert force == pytest.approx(states().forces[0].sum() * 1e-5)
@@ -105,7 +110,7 @@ class TestFile:
     def test_shear_stands_where_vtk_expects_it(self, grid: pyvista.UnstructuredGrid) -> None:
         """About the axis of a probe on the axis xz shear goes with x, yz with y; xy with neither but their product."""
         centre = grid.cell_centers().points
-        deep = (grid["body"] == TISSUE_BODY) & (np.hypot(*centre[:, :2].T) < 0.008) & (centre[:, 2] > -0.003)
+        deep = (grid["body"] == MeshBody.TISSUE) & (np.hypot(*centre[:, :2].T) < 0.008) & (centre[:, 2] > -0.003)
         xz, yz = grid["stress"][deep, 5], grid["stress"][deep, 4]
         assert np.corrcoef(xz, centre[deep, 0])[0, 1] > 0.3
         assert abs(np.corrcoef(yz, centre[deep, 0])[0, 1]) < 0.3
@@ -142,12 +147,12 @@ class TestCut:
             )
         cut = cut_section(problem, field_values)
         assert np.abs(cut.points[:, 1]).max() < 2e-7
-        assert area(cut, cut.body == INNER_BODY) == pytest.approx(24e-6, rel=1e-3)
-        assert area(cut, cut.body == OUTER_BODY) == pytest.approx(2 * 1.9e-3 * 3e-3 - 1.9e-6, rel=1e-3)
-        assert area(cut, cut.body == FIRST_INCLUSION_BODY) == pytest.approx(np.pi * 2.5e-3**2, rel=0.02)  # a polygon
+        assert area(cut, cut.body == MeshBody.INNER) == pytest.approx(24e-6, rel=1e-3)
+        assert area(cut, cut.body == MeshBody.OUTER) == pytest.approx(2 * 1.9e-3 * 3e-3 - 1.9e-6, rel=1e-3)
+        assert area(cut, cut.body == MeshBody.FIRST_INCLUSION) == pytest.approx(np.pi * 2.5e-3**2, rel=0.02)  # a polygon
         top = cut.points[:, 2] > 0.003 - 1e-9
         assert cut.values["displacement"][top, 2] == pytest.approx(-1e-5 * np.ones(top.sum()))
-        inner = np.unique(cut.triangles[cut.body == INNER_BODY])
+        inner = np.unique(cut.triangles[cut.body == MeshBody.INNER])
         assert 0 < np.median(cut.values["pressure"][inner]) < cut.values["pressure"].max()
         assert cut.lines.max() < len(cut.points)
 
@@ -155,8 +160,8 @@ class TestCut:
         mesh = replace(whole(), nodes=whole().nodes + np.array([0, 0.003, 0]))
         still = SolidFields(np.zeros(mesh.nodes.shape), np.zeros((len(mesh.elements), 6)))
         cut = cut_section(Problem.assemble(Solid.from_mesh(mesh), MATERIALS), still)
-        assert set(cut.body.tolist()) == {INNER_BODY, OUTER_BODY, TISSUE_BODY}
-        assert area(cut, cut.body == INNER_BODY) == pytest.approx(3e-3 * 2 * 7**0.5 * 1e-3, rel=0.01)
+        assert set(cut.body.tolist()) == {MeshBody.INNER, MeshBody.OUTER, MeshBody.TISSUE}
+        assert area(cut, cut.body == MeshBody.INNER) == pytest.approx(3e-3 * 2 * 7**0.5 * 1e-3, rel=0.01)
 
     def test_skin_closes(self) -> None:
         """The skin's normals add up to nothing, and each side has two triangles."""
@@ -168,15 +173,15 @@ class TestCut:
         assert np.abs(normals.sum(axis=0)).max() < 1e-12 * np.abs(normals).sum()
 
     def test_names(self) -> None:
-        bodies = (GROOVE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY + 1, -1 - FIRST_INCLUSION_BODY)
+        bodies = (MeshBody.GROOVE, MeshBody.BEYOND, MeshBody.FIRST_INCLUSION + 1, -1 - MeshBody.FIRST_INCLUSION)
         assert [name_region(body) for body in bodies] == [
             "groove", "tissue beyond", "inclusion[1]", "inclusion[0] beyond",
         ]  # fmt: skip
         layered = [
-            Region(TISSUE_BODY, 1),
-            Region(BEYOND_BODY, 2),
-            Region(FIRST_INCLUSION_BODY, 1),
-            Region(FIRST_INCLUSION_BODY, 2, True),
+            Region(MeshBody.TISSUE, 1),
+            Region(MeshBody.BEYOND, 2),
+            Region(MeshBody.FIRST_INCLUSION, 1),
+            Region(MeshBody.FIRST_INCLUSION, 2, True),
         ]
         assert [name_region(region.number) for region in layered] == [
             "tissue.layer[0]", "tissue.layer[1] beyond",

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
+from geometry.tetra.tet_mesh import EDGE_CORNERS
 from solver.materials.linear import VOIGT_PAIRS, Isotropic
 from solver.solid.body_stiffness import integrate_part
 from solver.solid.cached_mesh import compute_modulus_spread
-from solver.solid.tetrahedron import EDGE_CORNERS
 
 
 @dataclass(frozen=True)

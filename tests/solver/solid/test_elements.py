@@ -15,7 +15,7 @@ import pytest
 
 from geometry.common.errors import SolveError
 from geometry.scenes.scene_file import scene_from_dict
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, evaluate_quadratic_functions
 from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.linalg import conjugate_gradients as solid_factor
 from solver.linalg.conjugate_gradients import Stiffness, solve
@@ -25,7 +25,7 @@ from solver.solid.base_states import SolidStates, average_at_nodes, compute_fiel
 from solver.solid.body_stiffness import assemble, integrate_part
 from solver.solid.problem import Problem, Solid
 from solver.solid.regions import Region
-from solver.solid.tetrahedron import evaluate_functions, find_curved, iterate_quadrature
+from solver.solid.tetrahedron import find_curved, iterate_quadrature
 from tests.support.meshes import stored_mesh
 from tests.support.slow import slow_unless
 
@@ -36,8 +36,8 @@ def material(modulus: float, ratio: float = 0.45) -> Isotropic:
 
 def materials(sphere: float, ratio: float = 0.45) -> dict[int, Isotropic]:
     """The reference where the sphere's modulus is the tissue's."""
-    blocks = {INNER_BODY: material(1e6, 0.48), OUTER_BODY: material(8e4, 0.48), GROOVE_BODY: material(8e4, 0.48)}
-    return {**blocks, TISSUE_BODY: material(6e3, ratio), FIRST_INCLUSION_BODY: material(sphere, ratio)}
+    blocks = {MeshBody.INNER: material(1e6, 0.48), MeshBody.OUTER: material(8e4, 0.48), MeshBody.GROOVE: material(8e4, 0.48)}
+    return {**blocks, MeshBody.TISSUE: material(6e3, ratio), MeshBody.FIRST_INCLUSION: material(sphere, ratio)}
 
 
 @cache
@@ -53,7 +53,7 @@ def states(sphere: float = 6e4, frictionless: bool = False, ratio: float = 0.45)
 class TestElements:
     def test_functions_add_up_to_one_and_are_one_at_their_node(self) -> None:
         places = np.random.default_rng(1).dirichlet(np.ones(4), 20)[:, 1:]
-        values, derivatives = evaluate_functions(places)
+        values, derivatives = evaluate_quadratic_functions(places)
         assert values.sum(axis=1) == pytest.approx(np.ones(20))
         assert derivatives.sum(axis=1) == pytest.approx(np.zeros((20, 3)), abs=1e-12)
 
@@ -71,7 +71,7 @@ class TestElements:
         linear = m.nodes @ random.normal(size=(3, 3)) + random.normal(size=3)
         turn = np.cross(m.nodes, random.normal(size=3)) + random.normal(size=3)
         forces = piece.compute_forces(material(1.0, 0.3), np.stack([linear.ravel(), turn.ravel()], axis=1)).reshape(-1, 3, 2)
-        inside = np.setdiff1d(np.arange(len(m.nodes)), m.boundary(TISSUE_BODY))
+        inside = np.setdiff1d(np.arange(len(m.nodes)), m.boundary(MeshBody.TISSUE))
         assert np.abs(forces[..., 0]).max() > 1e-3
         assert forces[inside, :, 0] == pytest.approx(np.zeros((len(inside), 3)), abs=1e-13)
         assert forces[..., 1] == pytest.approx(np.zeros((len(forces), 3)), abs=1e-13)
@@ -122,7 +122,7 @@ class TestStates:
         for body, stuff in problem.laws.items():
             total += s.parts[body].compute_forces(stuff, problem.compute_displacements(solution.v, body))
         vertical, z = 2 * total.reshape(-1, 3, 3)[:, 2], s.nodes[:, 2]
-        for film, block in enumerate(([INNER_BODY], [OUTER_BODY, GROOVE_BODY])):
+        for film, block in enumerate(([MeshBody.INNER], [MeshBody.OUTER, MeshBody.GROOVE])):
             top = s.find_nodes(block) & (z > 0.003 - 1e-9)
             assert -vertical[top].sum(axis=0) == pytest.approx(solution.reactions[film], rel=1e-7)
         assert vertical[z < -0.016 + 1e-9].sum(axis=0) == pytest.approx(solution.reactions[:2].sum(axis=0), rel=1e-7)
@@ -159,7 +159,7 @@ class TestStates:
             )
             rests.append(
                 np.abs(
-                    moved.reactions - solution.reactions - h * solution.compute_modulus_derivative([FIRST_INCLUSION_BODY])
+                    moved.reactions - solution.reactions - h * solution.compute_modulus_derivative([MeshBody.FIRST_INCLUSION])
                 ).max()
             )
         assert np.log2(rests[0] / rests[1]) == pytest.approx(2, abs=0.1)
@@ -178,27 +178,27 @@ class TestStates:
         early, late = (solve_states(problem, factor=known.factor, start=known.v, target=target) for target in (1e-6, 1e-11))
         assert early.residual > 1e-8
         assert early.forces == pytest.approx(late.forces, rel=1e-9)
-        assert early.compute_modulus_derivative([FIRST_INCLUSION_BODY]) == pytest.approx(
-            late.compute_modulus_derivative([FIRST_INCLUSION_BODY]), rel=1e-4, abs=1e-5 * late.forces.max()
+        assert early.compute_modulus_derivative([MeshBody.FIRST_INCLUSION]) == pytest.approx(
+            late.compute_modulus_derivative([MeshBody.FIRST_INCLUSION]), rel=1e-4, abs=1e-5 * late.forces.max()
         )
 
     def test_absent_bodies(self) -> None:
         """A groove takes stiffness away, tissue beyond adds some; another choice of bodies is another system."""
-        cut = solve_states(Problem.assemble(solid(), {k: v for k, v in materials(6e4).items() if k != GROOVE_BODY}))
-        wide = solve_states(Problem.assemble(solid(), {**materials(6e4), BEYOND_BODY: material(6e3)}))
+        cut = solve_states(Problem.assemble(solid(), {k: v for k, v in materials(6e4).items() if k != MeshBody.GROOVE}))
+        wide = solve_states(Problem.assemble(solid(), {**materials(6e4), MeshBody.BEYOND: material(6e3)}))
         assert cut.factor is not states().factor
         assert cut.forces.sum() < states().forces.sum() < wide.forces.sum()
 
     def test_an_inclusion_beyond_the_reference_is_a_body_of_its_own(self) -> None:
         m = stored_mesh("probe")
-        across = replace(m, body=np.where(m.body == BEYOND_BODY, FIRST_INCLUSION_BODY, m.body))
+        across = replace(m, body=np.where(m.body == MeshBody.BEYOND, MeshBody.FIRST_INCLUSION, m.body))
         assert set(Solid.from_mesh(across).parts) == {
-            INNER_BODY,
-            OUTER_BODY,
-            GROOVE_BODY,
-            TISSUE_BODY,
-            FIRST_INCLUSION_BODY,
-            Region(FIRST_INCLUSION_BODY, outside=True).number,
+            MeshBody.INNER,
+            MeshBody.OUTER,
+            MeshBody.GROOVE,
+            MeshBody.TISSUE,
+            MeshBody.FIRST_INCLUSION,
+            Region(MeshBody.FIRST_INCLUSION, outside=True).number,
         }
 
 
@@ -215,14 +215,14 @@ def axisymmetric(interface: str) -> np.ndarray:
 class TestCurve:
     @pytest.mark.parametrize("ratio", slow_unless((0.45).__eq__, [0.45, 0.4999]))
     def test_twelve_decades_from_one_factor(self, ratio: float) -> None:
-        curve = compute_solid_response(states(6e4, ratio=ratio), (FIRST_INCLUSION_BODY,), 1e-7, 1e5)
+        curve = compute_solid_response(states(6e4, ratio=ratio), (MeshBody.FIRST_INCLUSION,), 1e-7, 1e5)
         for t in (1e-7, 1.0, 30.0, 1e5):
             alone = states(6e4 * t, ratio=ratio)
             reactions, derivatives = curve.evaluate(np.array([t]))
             assert np.abs(reactions[0] / alone.reactions - 1)[:2, :2].max() < 1e-7
             assert reactions[0] == pytest.approx(alone.reactions, abs=1e-7 * alone.forces.max())
             assert derivatives[0] == pytest.approx(
-                alone.compute_modulus_derivative([FIRST_INCLUSION_BODY]), abs=1e-6 * np.abs(alone.forces).max()
+                alone.compute_modulus_derivative([MeshBody.FIRST_INCLUSION]), abs=1e-6 * np.abs(alone.forces).max()
             )
 
 
@@ -231,7 +231,7 @@ class TestFields:
         """Mean stress zz of a block's upper layer is about its film's stress; nothing strains a rigidly held part."""
         solution, motion = states(), np.array([1e-6, 1e-6, 0.0])
         field_values, centre = compute_fields(solution, motion), solid().nodes[solid().elements].mean(axis=1)
-        inner = (solid().body == INNER_BODY) & (centre[:, 2] > 0.002)
+        inner = (solid().body == MeshBody.INNER) & (centre[:, 2] > 0.002)
         pressure = solution.forces.sum(axis=1)[0] * 1e-6 / (np.pi * 16e-6)
         assert np.mean(field_values.vertical_stress[inner]) == pytest.approx(pressure, rel=0.3)
         assert field_values.von_mises.min() >= 0

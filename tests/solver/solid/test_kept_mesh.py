@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
+from geometry.tetra.tet_mesh import MeshBody, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.linalg.workspace import Workspace, use_workspace
 from solver.materials.linear import Isotropic
@@ -19,19 +19,25 @@ from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid
 from tests.support.meshes import stored_mesh
 
-WHOLE = (INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY)
-SCENE = (INNER_BODY, OUTER_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY)  # the groove is air
-REFERENCE = (INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, FIRST_INCLUSION_BODY)  # nothing beyond the cylinder
+WHOLE = (MeshBody.INNER, MeshBody.OUTER, MeshBody.GROOVE, MeshBody.TISSUE, MeshBody.BEYOND, MeshBody.FIRST_INCLUSION)
+SCENE = (MeshBody.INNER, MeshBody.OUTER, MeshBody.TISSUE, MeshBody.BEYOND, MeshBody.FIRST_INCLUSION)  # the groove is air
+REFERENCE = (
+    MeshBody.INNER,
+    MeshBody.OUTER,
+    MeshBody.GROOVE,
+    MeshBody.TISSUE,
+    MeshBody.FIRST_INCLUSION,
+)  # nothing beyond the cylinder
 
 
 def materials(bodies: tuple[int, ...], sphere: float = 6e3, tissue: float = 6e3, ratio: float = 0.45) -> dict[int, Isotropic]:
     moduli = {
-        INNER_BODY: 1e6,
-        OUTER_BODY: 8e4,
-        GROOVE_BODY: 8e4,
-        TISSUE_BODY: tissue,
-        BEYOND_BODY: tissue,
-        FIRST_INCLUSION_BODY: sphere,
+        MeshBody.INNER: 1e6,
+        MeshBody.OUTER: 8e4,
+        MeshBody.GROOVE: 8e4,
+        MeshBody.TISSUE: tissue,
+        MeshBody.BEYOND: tissue,
+        MeshBody.FIRST_INCLUSION: sphere,
     }
     return {body: Isotropic(moduli[body], ratio) for body in bodies}
 

@@ -12,7 +12,7 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.sizing import ROUGH_FINENESS
-from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh, compute_volumes
+from geometry.tetra.tet_mesh import MeshBody, TetMesh, compute_volumes
 from solver.linalg.workspace import Workspace
 from solver.solid.body_stiffness import Part
 from solver.solid.domain import choose_domain, compute_reach
@@ -46,7 +46,7 @@ def test_the_tumour_is_where_the_scene_says(changed: dict[str, float]) -> None:
     assert mesh_found is not None
     assert body.diameter is not None
     radius = body.diameter / 2
-    tumour_elements = mesh_found.elements[mesh_found.body == FIRST_INCLUSION_BODY]
+    tumour_elements = mesh_found.elements[mesh_found.body == MeshBody.FIRST_INCLUSION]
     volumes = compute_volumes(mesh_found.nodes, tumour_elements)
     assert volumes.sum() == pytest.approx(2 / 3 * np.pi * radius**3, rel=0.005)
     corners = mesh_found.nodes[tumour_elements[:, :4]].mean(axis=1)  # of curved elements nearly their centroids
@@ -58,7 +58,7 @@ def test_all_but_tissue_and_tumour_stays_and_hangs_together_as_before() -> None:
     mesh_found, mesh = moved(FLANK, "flank-rough", depth=8e-3), stored_mesh("flank-rough")
     assert mesh_found is not None
     assert np.array_equal(mesh_found.elements, mesh.elements)
-    blocks = np.unique(mesh.elements[~np.isin(mesh.body, [TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY])])
+    blocks = np.unique(mesh.elements[~np.isin(mesh.body, [MeshBody.TISSUE, MeshBody.BEYOND, MeshBody.FIRST_INCLUSION])])
     assert mesh_found.nodes[blocks] == pytest.approx(mesh.nodes[blocks], abs=1e-12)
     whole = [compute_volumes(tetrahedra.nodes, tetrahedra.elements).sum() for tetrahedra in (mesh_found, mesh)]
     assert whole[0] == pytest.approx(whole[1], rel=1e-4)  # the outside's planes and cylinders
@@ -91,7 +91,7 @@ def test_tissue_becomes_wider_and_blocks_stay() -> None:
     assert mesh_found is not None
     assert np.hypot(*mesh_found.nodes[:, :2].T).max() == pytest.approx(1.05 * own_layout.tissue_radius)
     assert mesh_found.nodes[:, 2].min() == pytest.approx(-1.02 * own_layout.depth)
-    blocks = np.unique(mesh.elements[mesh.body < TISSUE_BODY])
+    blocks = np.unique(mesh.elements[mesh.body < MeshBody.TISSUE])
     assert mesh_found.nodes[blocks] == pytest.approx(mesh.nodes[blocks], abs=1e-12)
 
 
@@ -122,7 +122,7 @@ def test_bodies_that_stay_are_not_integrated_again() -> None:
     continued = Solid.from_mesh(moved_tetrahedra, like=original)
     kept = [body for body in continued.parts if continued.parts[body] is original.parts[body]]
     assert kept
-    assert FIRST_INCLUSION_BODY not in kept
+    assert MeshBody.FIRST_INCLUSION not in kept
     for body, part in continued.parts.items():
         assert_alike(part, moved_solid.parts[body])
 
