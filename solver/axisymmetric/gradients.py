@@ -19,6 +19,7 @@ from solver.axisymmetric.modulus_response import StateCurve, compute_tangent
 from solver.axisymmetric.sample import MeshSample
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
+FORCE_NAMES = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")  # in the order of ``CHARGE_NAMES``
 CHARGE_NAMES = ("charge_ratio", "charge_inner", "charge_outer", "charge_log_sensitivity")  # of samples with charges
 UPPER_LENGTHS = {"inner_height", "outer_height", *(body.name.lower() for stack in STACKS for body in stack)}
 BODIES_OF_MATERIAL: dict[str, tuple[Body, ...]] = {
@@ -65,39 +66,78 @@ def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] |
     InputError
         A name is not one of the scene's variables.
     """
-    allowed = list_differentiable(scene, sample.states.model)
-    chosen = allowed if names is None else names
-    unknown = [name for name in chosen if name not in allowed]
-    if unknown:
-        raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
+    chosen = choose_variables(scene, sample.states.model, names)
+    outputs = compute_outputs(scene, sample.totals, sample.log_sensitivities)
     if not chosen:
-        outputs = _compute_outputs(scene, sample)
         return Gradients((), outputs, {name: np.zeros((len(values), 0)) for name, values in outputs.items()})
     chain = np.array([differentiate_by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
-    logs = differentiate_by_section(sample)
-    totals, f = sample.totals[:, :2], logs.totals  # (k, 2), (k, section variables, 2)
-    areas = differentiate_areas(scene, sample.states.model)
-    # a given force: the indentation is force over stiffness
-    log_indentation = -_differentiate_stiffness(totals, f) if scene.load.indentation is None else np.zeros(f.shape[:2])
-    log_stress = f - areas + log_indentation[..., None]
-    logarithmic = {
-        "ratio": log_stress[..., 0] - log_stress[..., 1],
-        "stress_inner": log_stress[..., 0],
-        "stress_outer": log_stress[..., 1],
-        "stiffness": _differentiate_stiffness(totals, f),
-    }
-    sensitivities = {"log_sensitivity": logs.sensitivity}
-    if logs.charges is not None:
-        log_charge = logs.charges.totals + log_indentation[..., None]
-        logarithmic |= {"charge_inner": log_charge[..., 0], "charge_outer": log_charge[..., 1]}
-        logarithmic["charge_ratio"] = (log_charge - areas) @ [1.0, -1.0]
-        sensitivities["charge_log_sensitivity"] = logs.charges.sensitivity
-    outputs = _compute_outputs(scene, sample)
-    derivatives = {name: outputs[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
-    derivatives |= {name: change @ chain.T for name, change in sensitivities.items()}
+    forces = differentiate_by_section(sample)
+    parts = (forces,) if forces.charges is None else (forces, forces.charges)
+    derivatives = differentiate_outputs(
+        scene,
+        outputs,
+        sample.totals,
+        logs=np.concatenate([chain @ part.totals for part in parts], axis=-1),
+        sensitivities=np.stack([part.sensitivity @ chain.T for part in parts], axis=-1),
+        log_areas=chain @ differentiate_areas(scene, sample.states.model),
+    )
     for change in derivatives.values():  # the variable is each value's own modulus, not that of the states
         change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.modulus_ratios[:, None]
     return Gradients(chosen, outputs, derivatives)
+
+
+def choose_variables(scene: Scene, model: MeridianModel, names: tuple[str, ...] | None) -> tuple[str, ...]:
+    """Return the names of variables, None for all that have a derivative; raise ``InputError`` for one that has none."""
+    allowed = list_differentiable(scene, model)
+    unknown = [name for name in names or () if name not in allowed]
+    if unknown:
+        raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
+    return allowed if names is None else names
+
+
+def compute_outputs(scene: Scene, totals: Floats, sensitivities: Floats) -> dict[str, Floats]:
+    """Return the outputs by name at the scene's load, (k,) each, from films' totals (k, s) and log-sensitivities (k, s / 2)."""
+    stiffness, ends = totals[:, :2].sum(axis=1), np.array([scene.probe.inner_area, scene.probe.outer_area])
+    indentation = scene.load.find_indentation(stiffness)[:, None]
+    outputs = {"stiffness": stiffness}
+    for k, (ratio, inner, outer, sensitivity) in enumerate((FORCE_NAMES, CHARGE_NAMES)[: totals.shape[1] // 2]):
+        pair = totals[:, 2 * k : 2 * k + 2]
+        outputs[ratio] = pair[:, 0] / pair[:, 1] * ends[1] / ends[0]
+        outputs[inner], outputs[outer] = (pair * indentation * (1 / ends if k == 0 else CHARGE_UNIT)).T
+        outputs[sensitivity] = sensitivities[:, k]
+    return {name: outputs[name] for name in (*OUTPUT_NAMES, *CHARGE_NAMES) if name in outputs}
+
+
+def differentiate_outputs(
+    scene: Scene, outputs: dict[str, Floats], totals: Floats, *, logs: Floats, sensitivities: Floats, log_areas: Floats
+) -> dict[str, Floats]:
+    """Return derivatives of the outputs by v variables, by name, shape (k, v) each.
+
+    Parameters
+    ----------
+    scene
+        Supplies the kind of load.
+    outputs
+        What ``compute_outputs`` returns.
+    totals
+        Of the films, shape (k, s).
+    logs, sensitivities
+        Derivatives of ln of the totals, shape (k, v, s), and of the log-sensitivities, shape (k, v, s / 2).
+    log_areas
+        Derivatives of ln of the areas of both blocks' ends, shape (v, 2).
+    """
+    log_stiffness = (logs[..., :2] * totals[:, None, :2]).sum(axis=-1) / outputs["stiffness"][:, None]
+    # a given force: the indentation is force over stiffness
+    log_indentation = -log_stiffness if scene.load.indentation is None else np.zeros_like(log_stiffness)
+    derivatives = {"stiffness": outputs["stiffness"][:, None] * log_stiffness}
+    for k, (ratio, *films, sensitivity) in enumerate((FORCE_NAMES, CHARGE_NAMES)[: totals.shape[1] // 2]):
+        pair = logs[..., 2 * k : 2 * k + 2]
+        derivatives[ratio] = outputs[ratio][:, None] * ((pair - log_areas) @ [1.0, -1.0])
+        for film, name in enumerate(films):
+            log_load = log_indentation - (log_areas[:, film] if k == 0 else 0.0)  # charges are not divided by the areas
+            derivatives[name] = outputs[name][:, None] * (pair[..., film] + log_load)
+        derivatives[sensitivity] = sensitivities[..., k]
+    return {name: derivatives[name] for name in outputs}
 
 
 def list_differentiable(scene: Scene, model: MeridianModel) -> tuple[str, ...]:
@@ -198,14 +238,6 @@ def list_lift_variables(model: MeridianModel) -> list[int]:
     return [*range(len(model.section.lengths)), *range(len(names) - len(CHARGE_VARIABLES), len(names))]
 
 
-def _differentiate_stiffness(totals: Floats, logs: Floats) -> Floats:
-    """Return derivatives of ln of the stiffness, the sum of both totals, by v variables, shape (k, v).
-
-    ``totals`` are the films' forces per unit displacement, shape (k, 2), ``logs`` the derivatives of their logarithms, (k, v, 2).
-    """
-    return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
-
-
 def differentiate_areas(scene: Scene, model: MeridianModel) -> Floats:
     """Return derivatives of ln of the areas of both blocks' tissue ends by the section's variables, shape (v, 2).
 
@@ -246,20 +278,3 @@ def _list_stack_bodies(scene: Scene, name: str) -> list[Body]:
     """Return the layers on the blocks that a number of the scene's films or bonds, by its key, belongs to; none for others."""
     part, blocks = find_film_part(scene.probe.film, name)
     return [Body[f"{block}_{part}".upper()] for block in blocks]
-
-
-def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
-    """Return the outputs by name at the scene's load, shape (k,) each."""
-    totals, ends = sample.totals[:, :2], np.array([scene.probe.inner_area, scene.probe.outer_area])
-    stiffness = totals.sum(axis=1)
-    indentation = scene.load.find_indentation(stiffness)
-    stress = totals * indentation[:, None] / ends
-    ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
-    columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivities[:, 0])
-    outputs = dict(zip(OUTPUT_NAMES, columns, strict=True))
-    if sample.products.shape[1] == 2:
-        return outputs
-    charge = CHARGE_UNIT * sample.totals[:, 2:] * indentation[:, None]
-    charge_ratio = sample.totals[:, 2] / sample.totals[:, 3] * ends[1] / ends[0]
-    charges = (charge_ratio, charge[:, 0], charge[:, 1], sample.log_sensitivities[:, 1])
-    return outputs | dict(zip(CHARGE_NAMES, charges, strict=True))

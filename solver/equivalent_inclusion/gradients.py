@@ -21,21 +21,20 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import InputError, describe_choices
 from geometry.meridian.mesh_lines import Kind, MeridianFineness
 from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.base_states import BaseStates, MeridianModel, build_model, solve_base_states
 from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
-from solver.axisymmetric.film_states import CHARGE_UNIT, COMPLEX_STEP, differentiate_film_lift
+from solver.axisymmetric.film_states import COMPLEX_STEP, differentiate_film_lift
 from solver.axisymmetric.gradients import (
-    CHARGE_NAMES,
-    OUTPUT_NAMES,
     Gradients,
+    choose_variables,
+    compute_outputs,
     differentiate_areas,
     differentiate_by_scene,
-    list_differentiable,
+    differentiate_outputs,
     list_lift_variables,
 )
 from solver.axisymmetric.sections import Sections
@@ -44,7 +43,6 @@ from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES, get_ti
 from solver.inclusions.eshelby import compute_strengths
 from solver.inclusions.tumours import Strata, Tumours
 
-FORCE_NAMES = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")  # in the order of ``CHARGE_NAMES``
 Strengths = tuple[Any, Any]  # k_v and k_d of every tumour
 
 
@@ -199,10 +197,7 @@ def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[st
     InputError
         A name is none of the scene's variables.
     """
-    allowed = list_differentiable(scene, solution.states.model)
-    unknown = [name for name in names if name not in allowed]
-    if unknown:
-        raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
+    names = choose_variables(scene, solution.states.model, names)
     values_now = solution.compute_forms()
     values_now[0] += solution.states.products
     model = solution.states.model
@@ -321,31 +316,16 @@ def _build_outputs(
     chain
         Derivatives of the section's variables with respect to these, shape (n, v).
     """
-    totals, derivatives = now.sum(axis=2)
-    # logarithmic derivatives of the totals and of the stiffness
-    logs, stiffness = changes[:, 0] / totals, changes[:, 0, :2].sum(axis=1) / totals[:2].sum()
-    log_areas = chain @ differentiate_areas(scene, solution.states.model)
-    sensitivity = derivatives / totals
+    totals, slopes = now.sum(axis=2)
+    logs, sensitivity = changes[:, 0] / totals, slopes / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs
-    ends, imposed = np.array([scene.probe.inner_area, scene.probe.outer_area]), scene.load.indentation
-    indentation = scene.load.find_indentation(totals[:2].sum())
-    # at a given force a stiffer scene is indented less
-    log_indentation = -stiffness[:, None] if imposed is None else np.zeros((len(names), 1))
-    outputs: dict[str, tuple[Any, Any]] = {"stiffness": (totals[:2].sum(), totals[:2].sum() * stiffness)}
-    for low, films, factors, log_factors in (
-        (0, FORCE_NAMES, indentation / ends, log_indentation - log_areas),
-        (2, CHARGE_NAMES, CHARGE_UNIT * indentation * np.ones(2), log_indentation),
-    )[: len(totals) // 2]:
-        pair = slice(low, low + 2)
-        (ratio_name, *film_names, sensitivity_name), values, change = films, totals[pair] * factors, logs[:, pair] + log_factors
-        for k, name in enumerate(film_names):
-            outputs[name] = values[k], values[k] * change[:, k]
-        ratio = totals[low] / totals[low + 1] * ends[1] / ends[0]
-        outputs[ratio_name] = ratio, ratio * ((logs[:, pair] - log_areas) @ [1.0, -1.0])
-        outputs[sensitivity_name] = sensitivity[pair] @ [1.0, -1.0], d_sensitivity[:, pair] @ [1.0, -1.0]
-    ordered = [name for name in (*OUTPUT_NAMES, *CHARGE_NAMES) if name in outputs]
-    return Gradients(
-        names,
-        {name: np.array([outputs[name][0]]) for name in ordered},
-        {name: np.asarray(outputs[name][1])[None] for name in ordered},
+    outputs = compute_outputs(scene, totals[None], (sensitivity[::2] - sensitivity[1::2])[None])
+    derivatives = differentiate_outputs(
+        scene,
+        outputs,
+        totals[None],
+        logs=logs[None],
+        sensitivities=(d_sensitivity[:, ::2] - d_sensitivity[:, 1::2])[None],
+        log_areas=chain @ differentiate_areas(scene, solution.states.model),
     )
+    return Gradients(names, outputs, derivatives)
