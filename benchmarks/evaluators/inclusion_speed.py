@@ -25,7 +25,7 @@ from solver.equivalent_inclusion.readings import REFLECTION_TOLERANCE_RELATIVE, 
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.exchange import Exchange, Reflector
-from solver.multiple_scattering.lockstep import run_steps
+from solver.multiple_scattering.lockstep import run_in_lockstep
 from solver.multiple_scattering.solve import arrange_spheres, iterate_scattering
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"
@@ -158,7 +158,7 @@ def _reflections(base: Undisturbed, repeats: int, progress: Callable[[str], None
             alone = stiff_scene.select(0)
             tolerance = REFLECTION_TOLERANCE_RELATIVE * base.accuracy
             steps = iterate_scattering(base.field, base.choose_reflector(alone), base.strata, alone, tolerance)
-            scattering = run_steps(steps, often=False)
+            scattering = run_in_lockstep([steps])[0]
             bound = float(compute_readings(base, stiff_scene, reflect=True).error_estimate[0])
             batch = replace(stiff_scene, youngs_modulus=modulus * np.linspace(0.9, 1.1, BATCH)[:, None])
             compute_readings(base, batch, reflect=True)  # finds each order's matrix
@@ -183,7 +183,7 @@ def _limits(base: Undisturbed, repeats: int, progress: Callable[[str], None]) ->
             mine = stiff_scene.select(0)
             reflector = base.choose_reflector(mine)
             tolerance = REFLECTION_TOLERANCE_RELATIVE * base.accuracy
-            scattering = run_steps(iterate_scattering(base.field, reflector, base.strata, mine, tolerance), often=False)
+            scattering = run_in_lockstep([iterate_scattering(base.field, reflector, base.strata, mine, tolerance)])[0]
             compute_readings(base, stiff_scene, reflect=True)
             matrices = [np.array(reflector.find_response(m)._matrix) for m in range(scattering.orders)]
             column = np.ones(len(matrices[-1]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any, Self
@@ -207,6 +208,20 @@ class Film(Frozen):
     def stack_height(self) -> float:
         """Height of film and bonds together, m."""
         return sum(layer.thickness for layer in self.stack)
+
+    @property
+    def slips(self) -> tuple[float, float]:
+        """How far the film slips on block and base per shear traction, m/Pa: by the bond's t / G and a third of the film's."""
+        share = self.thickness * 2 * (1 + self.poisson_ratio) / self.youngs_modulus / 3
+        to_block, to_base = (
+            bond.thickness * 2 * (1 + (bond.poisson_ratio or 0.0)) / (bond.youngs_modulus or math.inf) for bond in self.bonds
+        )
+        return to_block + share, to_base + share
+
+    @property
+    def shear_length(self) -> float:
+        """Length over which the film takes up stress from the base, m: that of a membrane on springs, l of eq. CF.25."""
+        return math.sqrt(self.youngs_modulus * self.thickness / (1 - self.poisson_ratio**2) * self.slips[1])
 
     @property
     def charge_per_force(self) -> float:

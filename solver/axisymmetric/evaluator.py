@@ -14,10 +14,9 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.shared_designs import solve_shared_designs
 from solver.linalg.memory import keep_freed
-from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
-from solver.results.refusals import GEOMETRY_KINDS, find_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal, refuse_unsolvable
 
 
 @dataclass(frozen=True)
@@ -70,19 +69,16 @@ class Axisymmetric(FilmEvaluator):
         Refusal
             See ``solve``.
         """
-        reason = self.refusal(scene)
-        if reason is not None:
-            raise Refusal("evaluator", self.name, reason)
+        self.check(scene)
         keep_freed()
-        with limit_to_one_thread():
+        with refuse_unsolvable("evaluator", self.name):
             try:
                 return compute_converged_forces(scene, accuracy, moduli)
             except SolveError as fault:
-                if moduli is not None and "curve from" in str(fault):
-                    span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"
-                    raise Refusal("youngs_modulus", span, f"a narrower range ({fault})") from fault
-                extremes = "scenes whose sizes and moduli lie closer together"
-                raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault
+                if moduli is None or "curve from" not in str(fault):
+                    raise
+                span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"
+                raise Refusal("youngs_modulus", span, f"a narrower range ({fault})") from fault
 
 
 def create_evaluator(progress: ProgressCallback | None = None) -> Axisymmetric:

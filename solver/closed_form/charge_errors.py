@@ -16,7 +16,6 @@ import math
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from solver.closed_form.designs import Shape
 from solver.closed_form.error_quantile import CHARGE_CLASSES, StatedErrors, classify, compute_features, read_quantiles
@@ -71,7 +70,7 @@ def _bound_glue_errors(scene: Scene) -> Floats:
     probe = scene.probe
     widths, added = (probe.inner_radius, probe.tube_radius - probe.hole_radius), []
     for width, film in zip(widths, () if probe.film is None else probe.film.by_block, strict=True):
-        bond, decay = film.bonds[0], _compute_slips(film)[0]
+        bond, decay = film.bonds[0], film.shear_length
         modulus = bond.youngs_modulus if bond.youngs_modulus is not None and bond.youngs_modulus >= MIN_GLUE_MODULUS else 0.0
         stiffness = bond.thickness * modulus / (film.thickness * film.youngs_modulus)
         added.append(math.log1p(GLUE_ERROR_FACTOR * stiffness * decay / (width + decay)))
@@ -103,7 +102,7 @@ def compute_charge_features(
     heights = probe.core_height, probe.tube_height
     for k, (name, block_film) in enumerate(zip(("inner", "outer"), film.by_block, strict=True)):
         width, modulus = widths[k], blocks[k].youngs_modulus
-        decay, slip = _compute_slips(block_film)
+        decay, slip = block_film.shear_length, block_film.slips[0]
         floor = 1e-300 + abs(totals[k])
         opposed = (np.abs(charges[k]).sum() + abs(block_film.d33) * forces[k]) / floor
         in_plane = block_film.thickness * block_film.youngs_modulus
@@ -117,16 +116,3 @@ def compute_charge_features(
         }
     features["target"] = math.log(1e-7 + float(np.abs(derivatives[2:].sum(axis=1) / np.where(totals == 0, 1e-300, totals)).sum()))
     return features
-
-
-def _compute_slips(film: Film) -> tuple[float, float]:
-    """Return the decay length l of eq. CF.25, m, and the shear compliance of the bond to the block, m/Pa."""
-    block_bond, _, base_bond = film.stack
-    film_slip = film.thickness * 2 * (1 + film.poisson_ratio) / film.youngs_modulus / 3
-    slips = []
-    for bond in (block_bond, base_bond):
-        has_layer = bond.thickness > 0 and bond.youngs_modulus is not None and bond.poisson_ratio is not None
-        layer = bond.thickness * 2 * (1 + (bond.poisson_ratio or 0.0)) / (bond.youngs_modulus or 1.0) if has_layer else 0.0
-        slips.append(layer + film_slip)
-    stiffness = film.youngs_modulus * film.thickness / (1 - film.poisson_ratio**2)
-    return math.sqrt(stiffness * slips[1]), slips[0]

@@ -103,7 +103,7 @@ class ClosedForm(FilmEvaluator):
         Refusal
             The scene is of another kind, or the formulas break down.
         """
-        scenes = [scene] if moduli is None else [_replace_target_modulus(scene, item) for item in moduli.tolist()]
+        scenes = [scene] if moduli is None else [scene.with_modulus(scene.target or 0, item) for item in moduli.tolist()]
         solutions = []
         for item in self.compute_films(scenes):
             if isinstance(item, InputError):
@@ -269,14 +269,6 @@ def _explain_incompressible_refusal(scene: Scene) -> str | None:
         if body.poisson_ratio > limit:
             return f"{key}.poisson_ratio up to {limit:.12g}, or another evaluator"
     return None
-
-
-def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
-    """Return the scene with another Young's modulus of its target, Pa."""
-    bodies = list(scene.inclusion)
-    target = scene.target or 0  # without a target, the first inclusion
-    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": modulus})
-    return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
 def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal
 from geometry.common.percent import format_percent
 from geometry.scenes.scene import Scene
 from solver.equivalent_inclusion.ellipsoids import check_ellipsoids, correct_for_ellipsoids
@@ -61,9 +60,7 @@ class EquivalentInclusion(FilmEvaluator):
         else:
             read = compute_readings(base, tumours.with_moduli(moduli, target), target, sensitive=True)
             for k, modulus in enumerate(moduli if any(body.diameter is None for body in scene.inclusion) else ()):
-                body = scene.inclusion[target].model_copy(update={"youngs_modulus": float(modulus)})
-                bodies = (*scene.inclusion[:target], body, *scene.inclusion[target + 1 :])
-                other_scene, sets = scene.model_copy(update={"inclusion": bodies}), np.array([k])
+                other_scene, sets = scene.with_modulus(target, float(modulus)), np.array([k])
                 read.store(sets, correct_for_ellipsoids(base, other_scene, read.select(sets)))
         films = tuple(build_film_forces(read, k, scene.target is not None) for k in range(len(read.forces)))
         errors = read.compute_max_error(scene)
@@ -98,9 +95,7 @@ class EquivalentInclusion(FilmEvaluator):
 
     def check(self, scene: Scene) -> None:
         """Raise ``Refusal`` for a scene of another kind."""
-        reason = self.refusal(scene)
-        if reason is not None:
-            raise Refusal("evaluator", self.name, reason)
+        super().check(scene)
         check_ellipsoids(scene)
 
 

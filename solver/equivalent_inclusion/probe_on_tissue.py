@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import Refusal, SolveError
+from geometry.common.errors import Refusal
 from geometry.common.limits import format_maximum_mm
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import LAYERS, Body, Section
@@ -29,6 +26,7 @@ from solver.inclusions.tumours import Strata, Tumours
 from solver.linalg.workspace import get_workspace, keep_within_limits
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
+from solver.results.refusals import refuse_unsolvable
 from solver.results.result import Decision
 from solver.results.warnings import Note, select_notes
 
@@ -261,7 +259,7 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     section = replace(previous.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})
     materials: Materials = {**previous.materials, Body.TISSUE: scene.tissue, **layers}
     layout = previous.mesh.layout
-    with _refuse_unsolvable():
+    with refuse_unsolvable("evaluator", "equivalent-inclusion"):
         interface = get_tied_interface(scene)
         states = solve_base_states(
             build_model(section, materials, interface, layout.fineness, kind=layout.kind, films=base.actuators)
@@ -275,7 +273,7 @@ def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
 def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
     """Solve the base states of a scene without tumours; ``shallow`` says that one will be shallow, which needs the finer mesh."""
     fine, films = int(accuracy < FINE_MESH_ACCURACY or shallow), _solve_alone(scene, accuracy)
-    with _refuse_unsolvable():
+    with refuse_unsolvable("evaluator", "equivalent-inclusion"):
         section = _truncate_half_space(scene, films.section)
         fineness = _refine_in_layers(FIELD_FINENESSES[fine], section)
         if any(section.stacks) and not fine:
@@ -289,19 +287,8 @@ def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undistur
 @keep_within_limits
 def _solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
     """Solve the film forces of a scene without tumours."""
-    with _refuse_unsolvable():
+    with refuse_unsolvable("evaluator", "equivalent-inclusion"):
         return ProbeAlone.from_converged(scene, accuracy, compute_converged_forces(scene, FILM_ACCURACY_SHARE * accuracy))
-
-
-@contextmanager
-def _refuse_unsolvable() -> Iterator[None]:
-    """Run the block of a ``with`` statement in one thread, and convert a ``SolveError`` to a ``Refusal``."""
-    with threadpool_limits(1, user_api="blas"):
-        try:
-            yield
-        except SolveError as fault:
-            text = f"scenes whose sizes and moduli lie closer together ({fault})"
-            raise Refusal("evaluator", "equivalent-inclusion", text) from fault
 
 
 def _refine_in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness:

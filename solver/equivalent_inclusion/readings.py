@@ -15,7 +15,7 @@ from solver.equivalent_inclusion.first_order import bound_first_order_error, bou
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, add_bounds
 from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import limit_to_one_thread
-from solver.multiple_scattering.lockstep import run_in_lockstep, run_steps
+from solver.multiple_scattering.lockstep import run_in_lockstep
 from solver.multiple_scattering.solve import Scattered, iterate_scattering
 from solver.results.film_forces import FilmForces, choose_observable, compute_sensitivity_tolerance
 
@@ -349,7 +349,7 @@ def _add_reflections(
             )
             for tumour_set in tumour_sets
         ]
-        solutions = [run_steps(steps[0], often)] if len(steps) == 1 else run_in_lockstep(steps)
+        solutions = run_in_lockstep(steps, often)
     except SolveError as fault:
         sets = f"set {numbers[0]}" if len(numbers) == 1 else f"one of the sets {numbers[0]} to {numbers[-1]}"
         raise Refusal("inclusion", sets, f"tumours whose reflections can be computed ({fault})") from fault

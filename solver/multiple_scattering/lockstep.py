@@ -27,18 +27,7 @@ T = TypeVar("T")
 Steps = Generator[OrderRequest, Floats, T]
 
 
-def run_steps(steps: Steps[T], often: bool) -> T:
-    """Run the steps of one set and return its result; ``often`` as in ``BoundaryResponse.apply``."""
-    try:
-        response, data = next(steps)
-        while True:
-            response, data = steps.send(response.apply(data, often))
-    except StopIteration as end:
-        result: T = end.value
-        return result
-
-
-def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
+def run_in_lockstep(all_steps: Sequence[Steps[T]], often: bool = False) -> list[T]:
     """Run the steps of all sets together and return their results, in order.
 
     Each turn solves the order for which most sets wait, for all of these at once.
@@ -62,7 +51,7 @@ def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
         largest_group = max(groups.values(), key=len)
         requests = [waiting.pop(k) for k in largest_group]
         ends = np.cumsum([data.shape[1] for _, data in requests])[:-1]
-        solutions = requests[0][0].apply(np.concatenate([data for _, data in requests], axis=1), False)  # one solve
+        solutions = requests[0][0].apply(np.concatenate([data for _, data in requests], axis=1), often)  # one solve
         for k, solution in zip(largest_group, np.split(solutions, ends, axis=1), strict=True):
             advance(k, solution)
     return [results[k] for k in range(len(all_steps))]

@@ -98,7 +98,7 @@ def iterate_scattering(
 ) -> Steps[Scattered]:
     """Solve eq. MS.8 for a set of t spheres until the remainder is below ``tolerance`` of each film's force and charge.
 
-    These are steps for ``lockstep``: ``run_steps`` carries them out for one set.
+    These are steps for ``lockstep``: ``run_in_lockstep`` carries them out.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal, SolveError
+from geometry.common.errors import SolveError
 from geometry.common.json_types import JsonObject
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.walls import GapWalls
@@ -38,6 +38,7 @@ from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_ne
 from solver.planning.tumour_effects import add_tumours, adjust_rule
 from solver.results.detail_compliance import FILM_DETAIL, iterate_details
 from solver.results.film_forces import Bound, FilmForces
+from solver.results.refusals import refuse_unsolvable
 from solver.results.result import Effect
 
 FILM_MESH = MeridianFineness(0.7, 1, 3)  # of 34 probes on tape: forces within 0.5 %, walls' approach 1.3 %, eq. PL.14 about 0.1 %
@@ -86,13 +87,10 @@ class CoarseModel:
         """
         bare = remove_tumours(scene)
         plain = build_sections(bare)
-        try:
+        with refuse_unsolvable("scene", "too extreme for a plan"):
             sections, coarse = _solve_coarsely(bare, plain)
             alike = replace(sections, films=None), select_base_states(coarse)
             return cls(bare, coarse, _bound_details(bare, *alike) if details else ())
-        except SolveError as fault:
-            reason = f"scenes whose sizes and moduli lie closer together ({fault})"
-            raise Refusal("scene", "too extreme for a plan", reason) from fault
 
     @property
     def forces(self) -> Floats:
@@ -204,10 +202,8 @@ def compute_charge_per_force(scene: Scene) -> Floats:
     if film.uses_psi:
         return np.array([block_film.charge_per_force for block_film in film.by_block])
     layered = add_details(bare, build_sections(bare))
-    try:
+    with refuse_unsolvable("scene", "too extreme for a plan", "films and bonds of less extreme sizes and moduli"):
         totals = solve_on_mesh(layered.section, layered, bare, MESH_LEVELS[0]).totals[0]
-    except SolveError as fault:
-        raise Refusal("scene", "too extreme for a plan", f"films and bonds of less extreme sizes and moduli ({fault})") from fault
     return np.asarray(CHARGE_UNIT * totals[2:] / totals[:2])
 
 

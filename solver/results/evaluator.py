@@ -151,6 +151,16 @@ class FilmEvaluator:
     name: str
     workspace: Workspace = field(default_factory=get_workspace, compare=False, repr=False)
 
+    def refusal(self, scene: Scene) -> str | None:
+        """See ``Evaluator``."""
+        raise NotImplementedError
+
+    def check(self, scene: Scene) -> None:
+        """Raise ``Refusal`` for a scene that this evaluator does not take."""
+        reason = self.refusal(scene)
+        if reason is not None:
+            raise Refusal("evaluator", self.name, reason)
+
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Compute film forces at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
         raise NotImplementedError

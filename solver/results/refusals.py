@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal
 
+from geometry.common.errors import Refusal, SolveError
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
@@ -75,3 +77,15 @@ def is_round(scene: Scene) -> bool:
         and centred
         and all(body.diameter is not None for body in scene.inclusion)
     )
+
+
+@contextmanager
+def refuse_unsolvable(key: str, value: str, allowed: str = "scenes whose sizes and moduli lie closer together") -> Iterator[None]:
+    """Run the block of a ``with`` statement in one thread, and convert a ``SolveError`` to the refusal of a value."""
+    from solver.linalg.threads import limit_to_one_thread
+
+    with limit_to_one_thread():
+        try:
+            yield
+        except SolveError as fault:
+            raise Refusal(key, value, f"{allowed} ({fault})") from fault

@@ -179,9 +179,7 @@ def _replace_modulus(scene: Scene, target: int, modulus: float) -> Scene:
     """Return the scene with another Young's modulus of inclusion number ``target``, Pa, limited to a range about the tissue's."""
     tissue = find_material_at_depth(scene, scene.inclusion[target].depth).youngs_modulus
     limited_modulus = float(np.clip(modulus, tissue / MAX_TARGET_RATIO, tissue * MAX_TARGET_RATIO))
-    bodies = list(scene.inclusion)
-    bodies[target] = bodies[target].model_copy(update={"youngs_modulus": limited_modulus})
-    return scene.model_copy(update={"inclusion": tuple(bodies)})
+    return scene.with_modulus(target, limited_modulus)
 
 
 def _compute_products(states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:

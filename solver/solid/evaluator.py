@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import Refusal, SolveError, Words
+from geometry.common.errors import Refusal, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, OutOfReach, ProgressCallback, ignore_progress
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
-from solver.results.refusals import find_refusal, is_round
+from solver.results.refusals import find_refusal, is_round, refuse_unsolvable
 from solver.results.result import Result
 from solver.results.warnings import Note, select_notes
 from solver.solid.domain import is_coaxial
@@ -99,19 +98,14 @@ class SolidEvaluator(FilmEvaluator):
         InputError, Refusal
             See ``solve``.
         """
-        reason = self.refusal(scene)
-        if reason is not None:
-            raise Refusal("evaluator", self.name, reason)
+        self.check(scene)
         if abs(scene.placement.tilt) > MAX_TILT_RAD:
             raise Refusal(
                 "placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), "-10 to 10 deg: small rotations"
             )
         _check_sizes(scene)
-        with limit_to_one_thread():
-            try:
-                return compute_solid_forces(scene, accuracy, moduli, self.progress)
-            except SolveError as fault:
-                raise Refusal("evaluator", self.name, f"scenes that can be meshed and solved ({fault})") from fault
+        with refuse_unsolvable("evaluator", self.name, "scenes that can be meshed and solved"):
+            return compute_solid_forces(scene, accuracy, moduli, self.progress)
 
 
 def _check_sizes(scene: Scene) -> None:

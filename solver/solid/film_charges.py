@@ -27,7 +27,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.percent import format_percent
-from geometry.scenes.film import Film
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.film_states import CHARGE_UNIT
 from solver.multiple_scattering.stack_motion import compute_stack_motion
@@ -150,18 +149,9 @@ def estimate_cut_changes(scene: Scene, symmetric: FilmForces) -> Floats:
         changes.append(CUT_MARGIN_FACTOR * edge * (1 - freedom) * abs(stretched / per_force))
     outer = film.by_block[1]
     width, circumference = probe.tube_radius - probe.hole_radius, np.pi * (probe.tube_radius + probe.hole_radius)
-    relieved = 2 * min(_compute_stress_length(outer), width) / circumference
+    relieved = 2 * min(outer.shear_length, width) / circumference
     lateral_share = abs(1 - outer.d33 * float(symmetric.totals[1] / charges.totals[1]))
     return np.array([changes[0], max(changes[1], relieved * lateral_share)])
-
-
-def _compute_stress_length(film: Film) -> float:
-    """Return the length over which the bond to the base takes stress from a film, m: lambda of a membrane on shear springs."""
-    bond, nu = film.bond_to_base, film.poisson_ratio
-    compliance = film.thickness * 2 * (1 + nu) / (3 * film.youngs_modulus)
-    if bond is not None and bond.thickness > 0 and bond.youngs_modulus is not None and bond.poisson_ratio is not None:
-        compliance += bond.thickness * 2 * (1 + bond.poisson_ratio) / bond.youngs_modulus
-    return float(np.sqrt(film.youngs_modulus * film.thickness / (1 - nu**2) * compliance))
 
 
 def widen_charge_bound(films: FilmForces, sample: ChargeSample, k: int, cut: Floats) -> FilmForces:

@@ -19,7 +19,7 @@ from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluation import plan
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Reflector
-from solver.multiple_scattering.lockstep import run_steps
+from solver.multiple_scattering.lockstep import run_in_lockstep
 from solver.multiple_scattering.solve import iterate_scattering
 from solver.results.refusals import find_refusal
 from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, add_layers, forces
@@ -122,7 +122,7 @@ def test_both_ways_of_reflection_agree(scene):
     base, spheres = LEVEL.prepare(scene, 1e-2), Tumours.from_scene(scene).flatten()
     ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
     steps = (iterate_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
-    iterated, eliminated = (run_steps(set_steps, often=False) for set_steps in steps)
+    iterated, eliminated = (run_in_lockstep([set_steps])[0] for set_steps in steps)
     agree(np.array([iterated.products, *iterated.by_log_modulus]), np.array([eliminated.products, *eliminated.by_log_modulus]))
 
 

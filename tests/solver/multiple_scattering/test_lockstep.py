@@ -13,7 +13,7 @@ from geometry.common.errors import SolveError
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
-from solver.multiple_scattering.lockstep import Steps, run_in_lockstep, run_steps
+from solver.multiple_scattering.lockstep import Steps, run_in_lockstep
 from tests.solver.axisymmetric.test_layers import add_layers
 
 
@@ -41,7 +41,7 @@ def test_sets_of_different_length_find_what_they_find_alone_from_fewer_solutions
     rng = np.random.default_rng(0)
     orders, data = [Matrix(item) for item in rng.standard_normal((4, 5, 5))], rng.standard_normal((3, 5, 2))
     lengths = (3, 1, 4)
-    expected = [run_steps(walk(orders, item, rounds), False) for item, rounds in zip(data, lengths, strict=True)]
+    expected = [run_in_lockstep([walk(orders, item, rounds)])[0] for item, rounds in zip(data, lengths, strict=True)]
     separate_calls = sum(len(item.requests) for item in orders)
     answers = run_in_lockstep([walk(orders, item, rounds) for item, rounds in zip(data, lengths, strict=True)])
     np.testing.assert_allclose(answers, expected, rtol=1e-12)
