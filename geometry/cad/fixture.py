@@ -19,7 +19,7 @@ from geometry.cad.parts_check import PartMeasures
 from geometry.cad.stamp import Stamp, build_stamp
 from geometry.common.errors import InputError
 from geometry.scenes.base_sizes import find_base_faces, find_base_sizes
-from geometry.scenes.probe import Probe, format_mm
+from geometry.scenes.probe import Probe, compute_groove_footprint, format_mm
 from geometry.scenes.units import MM_PER_M
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def compute_expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
 def _compute_expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
     """Compute the measures of the sleeve: a tube whose slot removes |y| < a, x > 0 from the carrier's top upwards."""
     a, inner, outer, low = sizes.slot / 2, sizes.bore, sizes.bore + SLEEVE_WALL_MM, -CARRIER_RISE_MM - SLEEVE_GRIP_MM
-    strip = 2 * (_compute_half_strip_area(outer, a) - _compute_half_strip_area(inner, a))
+    strip = compute_groove_footprint(inner, outer, a)
     annulus = math.pi * (outer**2 - inner**2)
     high = sizes.sleeve - SLEEVE_GRIP_MM
     x_i, x_o = math.sqrt(inner**2 - a**2), math.sqrt(outer**2 - a**2)
@@ -143,20 +143,15 @@ def _compute_expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
     return PartMeasures(annulus * sizes.sleeve - strip * high, ends, (inner, outer), ((-a, *wall), (a, *wall)))
 
 
-def _compute_half_strip_area(radius: float, a: float) -> float:
-    """Return the area of the strip 0 < y < a, x > 0 of a disc."""
-    return (a * math.sqrt(radius**2 - a**2) + radius**2 * math.asin(a / radius)) / 2
-
-
 def _build_pin(sizes: FixtureSizes) -> cadquery.Solid:
     """Build the pin, which presses on the inner block, on its carrier."""
-    return _revolve([*_build_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)])
+    return solids.revolve([*_build_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)], 1.0)
 
 
 def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
     """Build the ring, which presses on the outer block, on its carrier."""
     inner, outer = sizes.ring
-    return _revolve(
+    return solids.revolve(
         [
             *_build_carrier_profile(sizes),
             (outer, -CARRIER_RISE_MM),
@@ -164,13 +159,9 @@ def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
             (inner, 0.0),
             (inner, -CARRIER_RISE_MM),
             (0.0, -CARRIER_RISE_MM),
-        ]
+        ],
+        1.0,
     )
-
-
-def _revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
-    """Build the solid of revolution about z of a polygon (r, z) in mm."""
-    return solids.revolve([(radius / MM_PER_M, height / MM_PER_M) for radius, height in profile])
 
 
 def _build_carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:
@@ -189,7 +180,7 @@ def _build_sleeve(sizes: FixtureSizes) -> cadquery.Solid:
     """Build the sleeve where it centres: gripping the carrier below, the base above."""
     cq, low, outer = solids.load_cadquery(), -CARRIER_RISE_MM - SLEEVE_GRIP_MM, sizes.bore + SLEEVE_WALL_MM
     top = low + sizes.sleeve
-    tube = _revolve([(sizes.bore, low), (outer, low), (outer, top), (sizes.bore, top)])
+    tube = solids.revolve([(sizes.bore, low), (outer, low), (outer, top), (sizes.bore, top)], 1.0)
     tool = cq.Solid.makeBox(2 * outer, sizes.slot, sizes.sleeve, cq.Vector(0.0, -sizes.slot / 2, -CARRIER_RISE_MM))
     (piece,) = tube.cut(tool).Solids()
     return piece

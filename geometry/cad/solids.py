@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import warnings
 from functools import partial
-from itertools import pairwise
 from types import ModuleType
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
@@ -23,11 +22,13 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.units import MM_PER_M
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Sequence
 
     import cadquery
 
 T = TypeVar("T")
+Corner = tuple[float, float] | tuple[float, float, float]
+QUARTER_BULGE = math.tan(math.pi / 8)  # bulge of a quarter of a circle, to the left
 
 PART_COLOURS = {
     "inner": (0.86, 0.47, 0.20),
@@ -189,32 +190,31 @@ def _build_block(inner: float, outer: float, top: float, edge: float) -> cadquer
     """Build a ring that stands on z = 0, its lower edges rounded with radius ``edge``; a disc, of ``inner`` 0, has one edge."""
     if edge == 0:
         return _build_ring(inner, outer, 0.0, top)
-    cq, hole, middle = load_cadquery(), edge if inner > 0 else 0.0, edge * (1 - math.sqrt(0.5))
-    arcs = [[(outer - edge, 0.0), (outer - middle, middle), (outer, edge)]]
-    arcs += [[(inner, edge), (inner + middle, middle), (inner + edge, 0.0)]] if inner > 0 else []
-    lines = pairwise([(outer, edge), (outer, top), (inner, top), (inner, hole)])
-    sides = [*lines, ((inner + hole, 0.0), (outer - edge, 0.0))]
-    edges = [cq.Edge.makeLine(*_to_vectors(side)) for side in sides] + [
-        cq.Edge.makeThreePointArc(*_to_vectors(arc)) for arc in arcs
-    ]
-    return _revolve_wire(cq.Wire.assembleEdges(edges))
+    foot: list[Corner] = [(inner, edge, QUARTER_BULGE), (inner + edge, 0.0)] if inner > 0 else [(0.0, 0.0)]
+    return revolve([*foot, (outer - edge, 0.0, QUARTER_BULGE), (outer, edge), (outer, top), (inner, top)])
 
 
-def revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
-    """Build one solid of revolution about z from its (r, z) polygon in m."""
-    return _revolve_wire(load_cadquery().Wire.makePolygon(_to_vectors(profile), close=True))
+def revolve(profile: Sequence[Corner], scale: float = MM_PER_M, side: int = 1) -> cadquery.Solid:
+    """Build one solid of revolution about z from its closed profile: exact where booleans would leave tolerances.
 
-
-def _to_vectors(profile: Iterable[tuple[float, float]]) -> list[cadquery.Vector]:
-    """Return vectors in mm of (r, z) in m, on +x side, so that the groove removes the surfaces' seam."""
-    cq = load_cadquery()
-    return [cq.Vector(radius * MM_PER_M, 0, height * MM_PER_M) for radius, height in profile]
-
-
-def _revolve_wire(wire: cadquery.Wire) -> cadquery.Solid:
-    """Build one solid of revolution about z from its closed profile: exact where booleans would leave tolerances."""
-    cq = load_cadquery()
-    return cq.Solid.revolve(cq.Face.makeFromWires(wire), 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
+    Parameters
+    ----------
+    profile
+        Corners (r, z), some with the bulge of the arc to the next corner, tan(angle/4), positive to the left.
+    scale
+        Millimetres of their unit of length.
+    side
+        Whether the surfaces' seam lies at +x (1), where a groove removes it, or at -x (-1).
+    """
+    cq, edges = load_cadquery(), []
+    points = [(scale * corner[0], scale * corner[1]) for corner in profile]
+    for corner, (r, z), (next_r, next_z) in zip(profile, points, [*points[1:], points[0]], strict=True):
+        bulge = corner[2] if len(corner) == 3 else 0.0
+        middle = (r + next_r + bulge * (next_z - z)) / 2, (z + next_z - bulge * (next_r - r)) / 2
+        start, halfway, end = (cq.Vector(side * x, 0, y) for x, y in ((r, z), middle, (next_r, next_z)))
+        edges.append(cq.Edge.makeThreePointArc(start, halfway, end) if bulge else cq.Edge.makeLine(start, end))
+    face = cq.Face.makeFromWires(cq.Wire.assembleEdges(edges))
+    return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
 def _cut_groove(tube: cadquery.Solid, probe: Probe, bottom: float, top: float) -> cadquery.Solid:

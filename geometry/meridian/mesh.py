@@ -83,7 +83,7 @@ class Topology:
 def build_topology(kind: Kind, fineness: MeridianFineness) -> Topology:
     """Return the elements that all meshes of a kind have in common: their cells by numbers of lines, no coordinates."""
     layout = MeshTopology(kind, fineness)
-    singular, tips = dict(list_singular_corners(layout)), layout.crossed.tips if layout.crossed is not None else {}
+    singular, tips = dict(list_singular_corners(layout)), layout.box.tips if layout.box is not None else {}
     cut = [cut_layers(cell, layout, singular, tips) for cell in list_cells(layout)]
     shape, body, vertices, circles = (np.array(column) for column in zip(*(cell for cell, _ in cut), strict=True))
     repeat = np.array([len(quads) for _, quads in cut])

@@ -52,10 +52,8 @@ def _list_tissue_cells(layout: MeshTopology) -> Iterator[Cell]:
             if a >= first and not {a, b} & ended:
                 yield from _list_grid_cells(_find_layer(layout, top), (a, b), (top - 1, top))
         radii = [line for line in radii if line not in ended]
-    if layout.crossed is not None:
-        yield from _list_crossed_cells(layout, layout.crossed)
-    elif "box" in layout.column:
-        yield from _list_sphere_cells(layout, layout.box_lines)
+    if layout.box is not None:
+        yield from _list_box_cells(layout, layout.box)
 
 
 def _list_merging_cells(body: Body, columns: tuple[int, ...], top: int, middle: int) -> Iterator[Cell]:
@@ -74,21 +72,11 @@ def _find_layer(layout: MeshTopology, top: int) -> Body:
     return LAYERS[layer] if layer < len(layout.interfaces) else Body.TISSUE
 
 
-def _list_sphere_cells(layout: MeshTopology, radii: Sequence[int]) -> Iterator[Cell]:
-    """Yield the cells of the box: rings on its three sides (each counted so that cells are right-handed) and the core."""
-    edge, low, high = radii[-1], layout.row["low"], layout.row["high"]
-    sides = [(_find_layer(layout, high), ((a, high), (b, high)) * 2) for a, b in pairwise(radii)]
-    sides += [(_find_layer(layout, d), ((edge, d), (edge, c)) * 2) for c, d in pairwise(range(low, high + 1))]
-    sides += [(_find_layer(layout, low + 1), ((b, low), (a, low)) * 2) for a, b in pairwise(radii)]
-    for shape, count in zip((OUTSIDE, INSIDE), layout.rings, strict=True):
-        for (body, side), circle in product(sides, range(count)):
-            yield shape, body if shape == OUTSIDE else Body.INCLUSION, side, (circle, circle + 1)
-    for _, body, vertices, circles in _list_grid_cells(Body.INCLUSION, radii, range(low, high + 1)):
-        yield CORE, body, vertices, circles
+def _list_box_cells(layout: MeshTopology, box: CrossedBox) -> Iterator[Cell]:
+    """Yield the cells of the box: rings on its three sides (each counted so that cells are right-handed) and the core.
 
-
-def _list_crossed_cells(layout: MeshTopology, box: CrossedBox) -> Iterator[Cell]:
-    """Yield the cells of a box that interfaces cross: rings and core as in ``_list_sphere_cells``, and those between columns."""
+    Where interfaces cross the box, cells between columns follow.
+    """
     edge, (lower, upper), lines = box.lines[-1], box.caps, box.lines
     low, high = lower.last, upper.last
     sides = [
@@ -156,14 +144,14 @@ def list_singular_corners(layout: MeshTopology) -> Iterator[tuple[Place, int]]:
         yield ((column["tube"], layout.base[layout.step]), False), layers
     if layout.kind.base:
         yield ((layout.bridge[len(layout.bridge) // 2], layout.boss[-1]), False), layers
-    if layout.crossed is None:
+    if layout.box is None:
         return
-    for level in layout.crossed.sides:
+    for level in layout.box.sides:
         yield ((column["box"], level), True), layers
-    for cap in layout.crossed.caps:
+    for cap in layout.box.caps:
         for start, level in zip(cap.starts, cap.rows, strict=True):
-            line = layout.crossed.lines[start]
-            max_layers = min(layers, layout.crossed.tips[line, level])
+            line = layout.box.lines[start]
+            max_layers = min(layers, layout.box.tips[line, level])
             yield ((line, cap.last), True), max_layers
             yield ((line, level), False), max_layers
 

@@ -187,7 +187,8 @@ class MeshTopology:
         top = self._number_levels(self.row["surface"] + 1)
         self.merged = self._find_merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
-        self.crossed = self._build_crossed_box() if kind.layers[1] else None
+        self.box = self._build_box() if kind.box is not None else None
+        self.crossed = self.box if kind.layers[1] else None
 
     @property
     def layer_ends(self) -> set[int]:
@@ -234,19 +235,16 @@ class MeshTopology:
             return {first - 1: wide}
         return {first: [(inner, inner + 1, inner + 2, hole)], first - 1: [(inner - 1, inner, hole, hole + 1), *wide]}
 
-    @property
-    def box_lines(self) -> tuple[int, ...]:
-        """Numbers of the radii in the sphere's box, below rows in which lines end."""
-        ended = {line for groups in self.merged.values() for group in groups for line in group[1:-1]}
-        return tuple(line for line in range(self.column["box"] + 1) if line not in ended)
-
-    def _build_crossed_box(self) -> CrossedBox:
-        """Return the box round a sphere that interfaces cross; see ``geometry.meridian.crossed_sphere``.
+    def _build_box(self) -> CrossedBox:
+        """Return the box round the sphere, perhaps crossed by interfaces; see ``geometry.meridian.crossed_sphere``.
 
         Some interfaces begin on the sphere at a column near a pole (``caps``), the others are rays to the box's side.
         """
         interfaces_above, interfaces_across, _ = self.kind.layers
-        lines, rows = self.box_lines, self.interfaces[interfaces_above : interfaces_above + interfaces_across]
+        ended = {line for groups in self.merged.values() for group in groups for line in group[1:-1]}
+        # below rows in which lines end
+        lines = tuple(line for line in range(self.column["box"] + 1) if line not in ended)
+        rows = self.interfaces[interfaces_above : interfaces_above + interfaces_across]
         ends, caps = np.cumsum([0, *self.columns]), []
         for places, sign, name, levels in zip(self.kind.caps, (-1, 1), ("low", "high"), (rows[::-1], rows), strict=True):
             wanted = [int(np.searchsorted(lines, ends[k] + eighths / 8 * self.columns[k])) for k, eighths, _ in places]

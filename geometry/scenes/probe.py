@@ -259,18 +259,10 @@ class Probe(Frozen):
 
     @property
     def groove_footprint(self) -> float:
-        """Area in m^2 that the groove takes from the outer block's film end; zero without a groove.
-
-        The integral over |y| < a of sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2), with a = width/2, Ri the hole's and Ro the tube's
-        radius (SC.1). Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is S(Ro) - S(Ri).
-        """
+        """Area in m^2 that the groove takes from the outer block's film end, eq. SC.1; zero without a groove."""
         if self.groove is None:
             return 0.0
-        a, inner, outer = self.groove.width / 2, self.hole_radius, self.tube_radius
-        x_inner, x_outer = (math.sqrt((radius - a) * (radius + a)) for radius in (inner, outer))
-        # a (x_o - x_i) written without the difference of two nearly equal roots, for thin walls
-        flat = a * (outer - inner) * (outer + inner) / (x_outer + x_inner)
-        return flat + outer**2 * math.asin(a / outer) - inner**2 * math.asin(a / inner)
+        return compute_groove_footprint(self.hole_radius, self.tube_radius, self.groove.width / 2)
 
 
 def format_mm(length: float) -> Words:
@@ -290,3 +282,16 @@ def _describe_value(probe: Probe, key: str) -> str:
     """Return the value of a key of the probe as text: "missing", a number, or a length in mm."""
     value = getattr(probe, key)
     return "missing" if value is None else f"{value:g}" if key == "area_ratio" else format_mm(value)
+
+
+def compute_groove_footprint(inner: float, outer: float, a: float) -> float:
+    """Return the area of the part |y| < a, x > 0 of the ring between two radii, all of one unit of length.
+
+    The integral over |y| < a of sqrt(Ro^2 - y^2) - sqrt(Ri^2 - y^2), with a half the groove's width, Ri the hole's and Ro the
+    tube's radius (SC.1). Half a chord strip of a disc is S(R) = a sqrt(R^2 - a^2) + R^2 asin(a/R); the footprint is
+    S(Ro) - S(Ri).
+    """
+    x_inner, x_outer = (math.sqrt((radius - a) * (radius + a)) for radius in (inner, outer))
+    # a (x_o - x_i) written without the difference of two nearly equal roots, for thin walls
+    flat = a * (outer - inner) * (outer + inner) / (x_outer + x_inner)
+    return flat + outer**2 * math.asin(a / outer) - inner**2 * math.asin(a / inner)

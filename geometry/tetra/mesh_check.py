@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.common.errors import SolveError
+from geometry.scenes.probe import compute_groove_footprint
 from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.tet_mesh import MeshBody, TetMesh, compute_volumes, match_faces
@@ -84,7 +85,9 @@ def compute_volume_errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]
     """Return the relative errors of all volumes that the scene determines, by name."""
     volumes = compute_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
     is_tissue, tissue_area = mesh.body >= MeshBody.TISSUE, _compute_tissue_area(layout)
-    cut = 0.0 if layout.groove is None else _compute_footprint(layout) * layout.groove[1]
+    cut = 0.0
+    if layout.groove is not None:
+        cut = compute_groove_footprint(layout.hole, layout.tube, layout.groove[0]) * layout.groove[1]
     tube = math.pi * (layout.tube**2 - layout.hole**2) * layout.outer_height
     selections = {
         "the inner block's volume": (mesh.body == MeshBody.INNER, math.pi * layout.inner**2 * layout.inner_height),
@@ -136,15 +139,6 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     """Return the z components of the cross products of vectors (n, 2), (n,)."""
     result: NDArray[np.float64] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return result
-
-
-def _compute_footprint(layout: BodyLayout) -> float:
-    """Return the area that the groove takes from the outer block's film end, m^2, eq. SC.1; 0 without a groove."""
-    if layout.groove is None:
-        return 0.0
-    a = layout.groove[0]
-    strips = [r * r * math.asin(a / r) + a * math.sqrt(r * r - a * a) for r in (layout.tube, layout.hole)]
-    return strips[0] - strips[1]
 
 
 def _compute_tissue_area(layout: BodyLayout) -> float:

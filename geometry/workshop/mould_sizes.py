@@ -18,7 +18,7 @@ import numpy as np
 from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import compute_expected_bodies
 from geometry.common.errors import InputError, Words
-from geometry.scenes.probe import Probe
+from geometry.scenes.probe import Probe, compute_groove_footprint
 from geometry.workshop.outlines import Millimetres, convert_to_mm
 
 DEFAULT_SHRINKAGE = 0.001
@@ -187,15 +187,9 @@ def compute_rib_volume(mould: MouldSizes) -> float:
         mould.depth
         / 2
         * sum(
-            w * _compute_groove_footprint(*mould.compute_radii(z), mould.half_width)
-            for z, w in zip(heights, weights, strict=True)
+            w * compute_groove_footprint(*mould.compute_radii(z), mould.half_width) for z, w in zip(heights, weights, strict=True)
         )
     )
-
-
-def _compute_groove_footprint(inner: float, outer: float, a: float) -> float:
-    """Return the area of the ring between two radii within |y| < a, x > 0, eq. SC.1."""
-    return sum(sign * (a * math.sqrt((r - a) * (r + a)) + r**2 * math.asin(a / r)) for r, sign in ((outer, 1), (inner, -1)))
 
 
 def compute_holes_volume(mould: MouldSizes) -> float:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,16 +72,13 @@ def check_half(path: Path, name: str, volume: float) -> None:
 
 def build_lower(mould: MouldSizes) -> cadquery.Solid:
     """Build the half with the cavity; its upper face is the parting plane, and the cavity's floor is z = 0."""
-    top, outside = mould.height, mould.outside
+    top, outside, e, (inner, outer) = mould.height, mould.outside, mould.edge, mould.compute_radii(mould.edge)
+    # from the rim of the cavity inwards, and up the pin that forms the tube's hole
+    cavity: list[solids.Corner] = [(outer, e, -solids.QUARTER_BULGE), (outer - e, 0.0)] if e else [(outer, 0.0)]
+    foot: list[solids.Corner] = [(inner + e, 0.0, -solids.QUARTER_BULGE), (inner, e)] if e else [(inner, 0.0)]
+    pin = [*foot, (mould.inner[1], top), (0.0, top)] if inner else [(0.0, 0.0)]
     corners = [(0.0, -FLOOR_THICKNESS_MM), (outside, -FLOOR_THICKNESS_MM), (outside, top), (mould.outer[1], top)]
-    body: cadquery.Shape = _revolve(
-        [
-            *(_list_lines(corners)),
-            *_build_cavity_profile(mould, 0.0),
-            *_build_pin_profile(mould),
-            ((0.0, _find_axis_height(mould)), (0.0, -FLOOR_THICKNESS_MM)),
-        ]
-    )
+    body: cadquery.Shape = _revolve([*corners, *cavity, *pin])
     for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
         # rooted 1 mm below the parting plane, so that pin and body do not merely touch
         body = body.fuse(_build_cylinder(radius, PIN_HEIGHT_MM + 1.0, place, top - 1.0))
@@ -121,58 +118,18 @@ def _build_cylinder(radius: float, height: float, place: Point, z: float) -> cad
     return cq.Solid.makeCylinder(radius, height, cq.Vector(*place, z))
 
 
-def _list_lines(corners: list[Point]) -> list[tuple[Point, ...]]:
-    """Return the lines between successive corners."""
-    return [tuple(pair) for pair in pairwise(corners)]
-
-
-def _build_cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
-    """Return the cavity's wall and floor from the rim inwards: lines of two points (r, z), arcs of three."""
-    e, (inner, outer) = mould.edge, mould.compute_radii(mould.edge)
-    cut = e * (1 - math.sqrt(0.5))  # distance of the arc's middle from wall and floor
-    sides: list[tuple[Point, ...]] = [((mould.outer[1], mould.height), (outer, floor + e))]
-    if e:
-        sides.append(((outer, e), (outer - cut, cut), (outer - e, 0.0)))
-    hole = e if inner else 0.0
-    sides.append(((outer - e, 0.0), (inner + hole, 0.0)))
-    if inner and e:
-        sides.append(((inner + e, 0.0), (inner + cut, cut), (inner, e)))
-    return sides
-
-
-def _build_pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
-    """Return the profile of the pin that forms the tube's hole."""
-    inner, _ = mould.compute_radii(mould.edge)
-    if not inner:
-        return []
-    return _list_lines([(inner, mould.edge), (mould.inner[1], mould.height), (0.0, mould.height)])
-
-
-def _find_axis_height(mould: MouldSizes) -> float:
-    """Return the height at which the profile meets the axis: the pin's top, or the cavity's floor where there is no pin."""
-    return mould.height if mould.inner[1] else 0.0
-
-
 def _build_rib(mould: MouldSizes) -> cadquery.Solid:
     """Build the rib: the part of the cavity's ring within the groove's width and depth, on the side x > 0."""
     cq, low = solids.load_cadquery(), mould.height - mould.depth
     (inner, outer), a = mould.compute_radii(low), mould.half_width
-    ring = _revolve(
-        _list_lines([(inner, low), (outer, low), (mould.outer[1], mould.height), (mould.inner[1], mould.height), (inner, low)])
-    )
+    ring = _revolve([(inner, low), (outer, low), (mould.outer[1], mould.height), (mould.inner[1], mould.height)])
     slab = cq.Solid.makeBox(2 * mould.outside, 2 * a, 3 * mould.depth, cq.Vector(0.0, -a, low - mould.depth))
     return _get_single_solid(ring.intersect(slab))
 
 
-def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
-    """Build the solid of revolution about z of a closed profile: lines of two points (r, z), arcs of three, mm."""
-    cq = solids.load_cadquery()
-    edges = []
-    for side in sides:
-        points = [cq.Vector(-radius, 0.0, z) for radius, z in side]  # puts the seam at -x, away from the rib
-        edges.append(cq.Edge.makeLine(*points) if len(points) == 2 else cq.Edge.makeThreePointArc(*points))
-    face = cq.Face.makeFromWires(cq.Wire.assembleEdges(edges))
-    return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
+def _revolve(profile: Sequence[solids.Corner]) -> cadquery.Solid:
+    """Build the solid of revolution about z of a closed profile in mm, its seam at -x, away from the rib."""
+    return solids.revolve(profile, 1.0, side=-1)
 
 
 def _get_single_solid(shape: cadquery.Shape) -> cadquery.Solid:

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from geometry.cad.solids import QUARTER_BULGE
 from geometry.scenes.base_sizes import find_base_faces, find_base_sizes, find_film_levels
 from geometry.scenes.probe import Probe
 from geometry.scenes.units import MM_PER_M
 from geometry.workshop.sheet import Loop, Point
 
 CHORDS_PER_QUARTER = 32  # chords for a quarter of a circle where arcs have to be polygons
-QUARTER_BULGE = math.tan(math.pi / 8)  # bulge of a quarter of a circle, to the left
 
 
 @dataclass(frozen=True)
