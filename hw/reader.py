@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from hw.common.clock import Clock
+from hw.common.closing import Closing
 from hw.common.drain import Drain
 from hw.common.errors import InvalidSource, Timeout
 from hw.common.limits import ReadLimits
@@ -32,7 +31,7 @@ DEFAULT_COLUMNS = ColumnMap()
 DEFAULT_LIMITS = ReadLimits()
 
 
-class Reader:
+class Reader(Closing):
     """Read a probe; a context manager that releases the device at its end.
 
     Examples
@@ -176,14 +175,6 @@ class Reader:
         if self._drain is not None:
             self._drain.close()
         self.transport.close()
-
-    def __enter__(self) -> Self:
-        """Return the reader."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close the reader."""
-        self.close()
 
 
 def build_decoder(header: Header) -> Decoder:

@@ -16,12 +16,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.common.closing import Closing
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.samples import Floats
@@ -55,7 +55,7 @@ class Dataset:
     is_written: bool
 
 
-class Hdf5File:
+class Hdf5File(Closing):
     """An HDF5 file, read by a child process; a context manager that ends the process.
 
     Parameters
@@ -168,14 +168,6 @@ class Hdf5File:
         self._process.kill()
         with self._process:  # closes its pipes and waits for its end
             pass
-
-    def __enter__(self) -> Self:
-        """Return the file."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """End the process."""
-        self.close()
 
     def _receive(self) -> Any:
         """Return the next reply of the process; a text is the reason of a refusal. Raises ``InvalidSource``."""

@@ -18,9 +18,9 @@ from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, ClassVar, Literal, Self
+from typing import BinaryIO, ClassVar, Literal
 
+from hw.common.closing import Closing
 from hw.common.errors import InvalidSource
 from hw.common.transport import Chunk, FileTransport, Header
 
@@ -33,7 +33,7 @@ WINDOW_BYTES = 1 << 20  # bytes searched at a time
 MAX_SALVAGED_BYTES = 100_000  # bytes: frames are searched for in shorter damage only
 
 
-class Recorder:
+class Recorder(Closing):
     """Write chunks to a new file; an existing file is never overwritten.
 
     Raises
@@ -71,14 +71,6 @@ class Recorder:
                 self._append_record(b"DONE", Chunk(b""))
                 os.fsync(self._file.fileno())
             self._file.close()
-
-    def __enter__(self) -> Self:
-        """Return the recorder."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close the file."""
-        self.close()
 
     def _append_record(self, tag: bytes, chunk: Chunk) -> None:
         """Append a record of a chunk, with its checksum; ``tag`` is READ or DONE."""
