@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
 
 METIS_ORDERING = {1: 2}  # PARDISO's parameter 1: nested dissection
 MINIMUM_DEGREE_ORDERING = {1: 0}  # for meridian meshes a tenth fewer operations than METIS, and ordered in half of the time
@@ -48,10 +48,9 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
     pattern
         The object that all matrices of one mesh share; None for a single matrix.
     """
-    library = load_pardiso()
-    if library is not None:
+    if has_pardiso():
         try:
-            return _Pardiso.from_matrix(library, matrix, pattern)
+            return _Pardiso.from_matrix(matrix, pattern)
         except RuntimeError:  # not positive definite to rounding: SuperLU pivots
             pass
     return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}))
@@ -80,6 +79,30 @@ def load_pardiso() -> Any:
         return import_module("pymklpardiso._mkl_pardiso")
     except ImportError:
         return None
+
+
+def create_solver(options: dict[int, int], starts: Ints, columns: Ints) -> Any:
+    """Return PARDISO's object for symmetric positive definite matrices of one pattern, that of their upper triangle by rows.
+
+    Parameters
+    ----------
+    options
+        PARDISO's parameters, number: value.
+    starts, columns
+        Where each row's entries begin and where the last ends, shape (n + 1,), and the entries' columns.
+    """
+    solver = load_pardiso().PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
+    for key, value in options.items():
+        solver.set_iparm(key, value)
+    solver.set_pattern(ia=starts.astype(np.int64), ja=columns.astype(np.int64), n=len(starts) - 1)
+    return solver
+
+
+def measure_held_bytes(solver: Any) -> int:
+    """Return the bytes that PARDISO holds: analysis and factors (given in kB), and the matrix twice, as given and permuted."""
+    # iparm 15 and 16: kB that stay after the analysis, and of the factors
+    factors = 1024 * int(solver.get_iparm_value(15) + solver.get_iparm_value(16))
+    return factors + 2 * 12 * int(solver.nnz())  # 8 bytes for a value, 4 for its column
 
 
 @dataclass(frozen=True)
@@ -121,10 +144,8 @@ class _PatternAnalysis:
 
     @property
     def foreign_bytes(self) -> int:
-        """Bytes that the library holds: analysis and factors (given in kB), and the matrix twice, as given and permuted."""
-        # iparm 15 and 16: kB that stay after the analysis, and of the factors
-        factors = 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
-        return factors + 2 * 12 * int(self.solver.nnz())  # 8 bytes for a value, 4 for its column
+        """Bytes that the library holds."""
+        return measure_held_bytes(self.solver)
 
 
 @dataclass(frozen=True)
@@ -135,12 +156,12 @@ class _Pardiso:
     values: Floats
 
     @classmethod
-    def from_matrix(cls, library: Any, matrix: Any, pattern: Pattern | None) -> _Pardiso:
+    def from_matrix(cls, matrix: Any, pattern: Pattern | None) -> _Pardiso:
         """Factorise a matrix with the pattern's analysis, made if there is none; see ``factorise``."""
         analysis = None if pattern is None else pattern.analysis
         if analysis is None:
             lower, values = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)), matrix.data
-            solver = _analyse(library, matrix, lower, METIS_ORDERING if pattern is None else MINIMUM_DEGREE_ORDERING)
+            solver = _factorise_lower(matrix, lower, METIS_ORDERING if pattern is None else MINIMUM_DEGREE_ORDERING)
             if pattern is None:  # no other matrix shares the analysis: its values are not needed again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
             analysis = _PatternAnalysis(solver, lower, values)
@@ -165,15 +186,13 @@ class _Pardiso:
             self.analysis.values = self.values
 
 
-def _analyse(library: Any, matrix: Any, lower: NDArray[np.bool_], ordering: dict[int, int]) -> Any:
+def _factorise_lower(matrix: Any, lower: NDArray[np.bool_], ordering: dict[int, int]) -> Any:
     """Analyse and factorise a matrix by PARDISO; return the library's object.
 
     PARDISO reads rows: the lower triangle by columns is the upper one by rows.
 
     Parameters
     ----------
-    library
-        PARDISO's compiled module.
     matrix
         Both triangles in compressed columns, rows sorted.
     lower
@@ -181,10 +200,6 @@ def _analyse(library: Any, matrix: Any, lower: NDArray[np.bool_], ordering: dict
     ordering
         PARDISO's parameters (number: value) that choose the order of elimination.
     """
-    solver = library.PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
-    for key, value in ordering.items():
-        solver.set_iparm(key, value)
-    starts = np.append(0, np.cumsum(lower))[matrix.indptr]
-    solver.set_pattern(ia=starts.astype(np.int64), ja=matrix.indices[lower].astype(np.int64), n=matrix.shape[0])
+    solver = create_solver(ordering, np.append(0, np.cumsum(lower))[matrix.indptr], matrix.indices[lower])
     solver.factor(matrix.data[lower])
     return solver

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
-from solver.linalg.cholesky import METIS_ORDERING, POSITIVE_DEFINITE_TYPE, has_pardiso, load_pardiso
+from solver.linalg.cholesky import METIS_ORDERING, create_solver, has_pardiso, measure_held_bytes
 
 SCHUR_COMPLEMENT_OPTION, FACTORISATION_PHASE = {35: 1}, 22  # PARDISO's: return the Schur complement of the marked unknowns; phase
 MAX_CHECK_ERROR_RELATIVE = 1e-9  # relative, in energy, of the check column; rounding leaves about 1e-15
@@ -30,11 +30,8 @@ class _Analysis:
 
     @property
     def foreign_bytes(self) -> int:
-        """Bytes that the library holds, which Python does not see: analysis and factors, and the matrix twice."""
-        # PARDISO's entries 15 and 16: kB that stay after the analysis, and of the factors
-        library_kilobytes = int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
-        matrix_bytes = 2 * 12 * len(self.order)  # as given and permuted; an entry is a float and a 4-byte index
-        return 1024 * library_kilobytes + matrix_bytes
+        """Bytes that the library holds."""
+        return measure_held_bytes(self.solver)
 
 
 @dataclass
@@ -100,11 +97,8 @@ def _analyse(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
     rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), diagonal])
     columns = np.concatenate([A.indices[lower], n + B.indices, diagonal])
     order = np.lexsort((columns, rows))
-    solver = load_pardiso().PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
-    for key, value in (METIS_ORDERING | SCHUR_COMPLEMENT_OPTION).items():
-        solver.set_iparm(key, value)
     starts = np.searchsorted(rows[order], np.arange(n + k + 1))
-    solver.set_pattern(ia=starts.astype(np.int64), ja=columns[order].astype(np.int64), n=n + k)
+    solver = create_solver(METIS_ORDERING | SCHUR_COMPLEMENT_OPTION, starts, columns[order])
     solver.set_perm((np.arange(n + k) >= n).astype(np.int64))
     solver.set_values(np.zeros(len(order)))
     solver.analyze()
