@@ -39,14 +39,6 @@ class DifferentiableFunction(casadi.Callback):
             self.last = x, self.compute(x)
         return self.last[1]
 
-    def get_n_in(self) -> int:
-        """Return the number of arguments: x alone."""
-        return 1
-
-    def get_n_out(self) -> int:
-        """Return the number of values: y alone."""
-        return 1
-
     def get_sparsity_in(self, i: int) -> casadi.Sparsity:
         """Return the shape of x."""
         return casadi.Sparsity.dense(self.inputs, 1)
@@ -82,10 +74,6 @@ class _Jacobian(casadi.Callback):
     def get_n_in(self) -> int:
         """Return the number of arguments: x and y."""
         return 2
-
-    def get_n_out(self) -> int:
-        """Return the number of values: dy/dx alone."""
-        return 1
 
     def get_sparsity_in(self, i: int) -> casadi.Sparsity:
         """Return the shape of x or of y."""

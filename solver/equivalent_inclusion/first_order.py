@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.strain_products import Energies
-from solver.inclusions.eshelby import compute_strength, place_on_sphere
+from solver.inclusions.eshelby import build_sphere_rule, compute_strength
 from solver.inclusions.tumours import Strata, Tumours
 from solver.materials.linear import Isotropic
 
@@ -165,10 +164,8 @@ def _build_half_sphere(height: int, around: int) -> tuple[Floats, Floats]:
 
     The means are those of a function f, of z f and of x f.
     """
-    heights, weights = leggauss(height)
-    points = place_on_sphere(heights, (np.arange(around) + 0.5) * np.pi / around)
-    point_weights = np.repeat(weights / 2, around) / around
-    return points, np.stack([point_weights, point_weights * points[:, 2], point_weights * points[:, 0]], axis=1)
+    points, weights = build_sphere_rule(height, (np.arange(around) + 0.5) * np.pi / around)
+    return points, np.stack([weights, weights * points[:, 2], weights * points[:, 0]], axis=1)
 
 
 def bound_first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:

@@ -117,7 +117,8 @@ def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
     aspect = float(lengths[0] / lengths[-1])
     if aspect > MAX_ASPECT_RATIO:
         raise Refusal("diameters", f"{aspect:.3g} times as long as wide", f"at most {MAX_ASPECT_RATIO:g} times")
-    points, weights = _build_sphere_points(24 + int(12 * aspect))  # long ellipsoids need more points
+    order = 24 + int(12 * aspect)  # long ellipsoids need more points
+    points, weights = build_sphere_rule(order, (np.arange(2 * order) + 0.5) * np.pi / order)
     n = np.linalg.solve(axes.T, points.T).T
     n /= np.linalg.norm(n, axis=1)[:, None]
     mu, lam = matrix.shear_modulus, matrix.dilation_modulus
@@ -132,11 +133,10 @@ def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
     return np.asarray((transverse - (lam + mu) / (lam + 2 * mu) * longitudinal) / mu)
 
 
-def _build_sphere_points(order: int) -> tuple[Floats, Floats]:
-    """Build q = 2 order^2 points on the unit sphere, (q, 3), with weights that add up to 1: Gauss in z, uniform about z."""
-    heights, weights = leggauss(order)
-    angles = (np.arange(2 * order) + 0.5) * np.pi / order
-    return place_on_sphere(heights, angles), np.repeat(weights, 2 * order) / (4 * order)
+def build_sphere_rule(latitudes: int, angles: Floats) -> tuple[Floats, Floats]:
+    """Build q points on the unit sphere, (q, 3), with weights that add up to 1: Gauss in z, equal at all angles about z."""
+    heights, weights = leggauss(latitudes)
+    return place_on_sphere(heights, angles), np.repeat(weights, len(angles)) / (2 * len(angles))
 
 
 def place_on_sphere(heights: Floats, angles: Floats) -> Floats:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from solver.inclusions.eshelby import place_on_sphere
+from solver.inclusions.eshelby import build_sphere_rule, place_on_sphere
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 
@@ -93,12 +93,12 @@ def build_quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
     They are those of the whole sphere, of its half y > 0 or of one meridian, see ``Projection.points``.
     """
     latitudes, longitudes = _count_points(modes, oversample)
-    x, w = np.polynomial.legendre.leggauss(latitudes)
     if modes.parity == "both":
         phi = 2 * np.pi * np.arange(longitudes) / longitudes
     else:
         phi = np.pi * (np.arange(longitudes) + 0.5) / longitudes * (modes.order > 0)  # axisymmetric modes: phi = 0 alone
-    return place_on_sphere(x, phi), np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
+    points, weights = build_sphere_rule(latitudes, phi)
+    return points, 4 * np.pi * weights
 
 
 def _count_points(modes: Modes, oversample: int) -> tuple[int, int]:

@@ -7,6 +7,7 @@ is divided by diameter^6 / depth^4, with which it varies least.
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -110,7 +111,8 @@ def _build_layer(scene: Scene, cube: TumourCube, sampler: EffectSampler) -> Laye
     values += _interpolate_reflections(sampler, cube, grid, counts)
     _check_decay(values, cube, end, sampler)
     table = _reduce(cube, grid, counts, values)
-    return table.with_errors(*_measure_error(table, outer_radius, sampler))
+    error, scale_error, worst_error = _measure_error(table, outer_radius, sampler)
+    return replace(table, error=error, scale_error=scale_error, worst_error=worst_error)
 
 
 def _choose_counts(cube: TumourCube, counts: tuple[int, ...]) -> tuple[int, int, int]:

@@ -10,7 +10,7 @@ with phi from a singular value decomposition of effects at Chebyshev points, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -54,10 +54,6 @@ class LayerTable:
     error: Floats = field(default_factory=lambda: np.zeros(2))
     scale_error: Floats = field(default_factory=lambda: np.zeros(2))
     worst_error: Floats = field(default_factory=lambda: np.zeros(2))
-
-    def with_errors(self, error: Floats, scale_error: Floats, worst_error: Floats) -> LayerTable:
-        """Return the table with measured errors."""
-        return replace(self, error=error, scale_error=scale_error, worst_error=worst_error)
 
     def compute_effects(self, tumours: Floats, positions: Floats, with_gradients: bool = False) -> tuple[Floats, Floats]:
         """Return e_c of n tumours, (n, 5), at k positions, (n, k, 3), and its gradients by x and y of the probe, (n, k, 2, 3)."""

@@ -61,16 +61,8 @@ class TumourDraws:
 
     def select(self, which: Ints) -> TumourDraws:
         """Return the draws with indices ``which``."""
-        return TumourDraws(
-            self.radius[which],
-            self.depth[which],
-            self.x[which],
-            self.y[which],
-            self.youngs_modulus[which],
-            self.poisson_ratio[which],
-            self.tissue[:, :, which],
-            self.bounded,
-        )
+        arrays = {key: values[..., which] for key, values in vars(self).items() if isinstance(values, np.ndarray)}
+        return TumourDraws(**arrays, bounded=self.bounded)
 
     @property
     def hosts(self) -> tuple[Floats, Floats]:
