@@ -39,6 +39,11 @@ class Geometry:
     weight: Floats
     inverse: Floats
 
+    def turn_derivatives(self, by_x: Floats, by_y: Floats) -> tuple[Floats, Floats]:
+        """Return derivatives by r and z of m fields at the Gauss points from those by x and y of the unit square, (n, q, m)."""
+        (xr, xz), (yr, yz) = (self.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+        return xr * by_x + yr * by_y, xz * by_x + yz * by_y
+
     def select(self, chosen: Ints | slice) -> Geometry:
         """Return the geometry of the elements ``chosen``, by their numbers."""
         return Geometry(self.radius[chosen], self.weight[chosen], self.inverse[chosen])
@@ -183,12 +188,8 @@ def compute_gradients(geometry: Geometry, shapes: Shapes, u: Floats) -> tuple[tu
     tuple
         The four derivatives u_r,r, u_r,z, u_z,r and u_z,z, and the hoop strain u_r / r; shape (n, q, m) each.
     """
-    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
-    derivatives: list[Floats] = []
-    for component in (0, 1):
-        by_x, by_y = (derivative @ u[:, component] for derivative in shapes.derivative)
-        derivatives += [xr * by_x + yr * by_y, xz * by_x + yz * by_y]
-    return tuple(derivatives), (shapes.value @ u[:, 0]) / geometry.radius[..., None]
+    (rr, rz), (zr, zz) = (geometry.turn_derivatives(*(table @ u[:, k] for table in shapes.derivative)) for k in (0, 1))
+    return (rr, rz, zr, zz), (shapes.value @ u[:, 0]) / geometry.radius[..., None]
 
 
 def integrate_matrices(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
@@ -278,15 +279,9 @@ def compute_dilations(geometry: Geometry, shapes: Shapes, m: int = 0) -> Floats:
     azimuth. The matrices act on the coefficients of U, V, W, with div u = U,r + (U + m V) / r + W,z, and give coefficients of the
     pressure functions. In nearly incompressible tissue the projection, not div u itself, enters the equilibrium.
     """
-    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
-    hoop = shapes.value / geometry.radius[..., None]
-    parts = (
-        xr * shapes.derivative[0] + yr * shapes.derivative[1] + hoop,
-        m * hoop,
-        xz * shapes.derivative[0] + yz * shapes.derivative[1],
-    )
+    (by_r, by_z), hoop = geometry.turn_derivatives(*shapes.derivative), shapes.value / geometry.radius[..., None]
     weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
-    moments = weighted @ np.concatenate(parts, axis=2)
+    moments = weighted @ np.concatenate([by_r + hoop, m * hoop, by_z], axis=2)
     coefficients = np.linalg.solve(weighted @ shapes.pressure, moments)
     return np.asarray(coefficients.reshape(*coefficients.shape[:2], 3, -1))
 

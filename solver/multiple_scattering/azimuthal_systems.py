@@ -232,9 +232,7 @@ def _compute_strains(geometry: Geometry, shapes: Shapes, m: int) -> tuple[Floats
 
     rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (MS.3)
     """
-    # derivatives of the unit square's coordinates x, y with respect to r and z
-    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
-    d_r, d_z = xr * shapes.derivative[0] + yr * shapes.derivative[1], xz * shapes.derivative[0] + yz * shapes.derivative[1]
+    d_r, d_z = geometry.turn_derivatives(*shapes.derivative)
     value_over_radius = shapes.value / geometry.radius[..., None]
     n, q, s = d_r.shape
     strain = np.zeros((n, q, 6, 3, s))
