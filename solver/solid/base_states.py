@@ -103,7 +103,7 @@ class SolidStates:
         for body in problem.laws:
             if body in BLOCK_BODIES and body in problem.solid.parts:
                 u = problem.compute_displacements(self.v, body)[:, : len(STATE_NAMES)]
-                charges += film_lift.T @ problem.compute_body_forces(body, u)
+                charges += film_lift.T @ problem.compute_forces([body], u)
         return problem.symmetry_factor * charges
 
 
@@ -222,9 +222,7 @@ def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], lo
 
     def apply_body_stiffness(displacements: Floats) -> Floats:
         """Return K_b times displacements of all nodes (3 n, k), on the unknowns."""
-        return problem.restrict(
-            sum((problem.compute_body_forces(b, displacements) for b in bodies), start=np.zeros_like(displacements))
-        )
+        return problem.restrict(problem.compute_forces(bodies, displacements))
 
     space = BodySpace(
         problem.matrix,

@@ -241,15 +241,15 @@ class Problem:
             [body for body in self.laws if body in self.solid.parts and (body in BLOCK_BODIES) == in_block]
             for in_block in (False, True)
         )
-        forces = sum((self.compute_body_forces(body, lift) for body in tissue), start=np.zeros_like(lift))
+        forces = self.compute_forces(tissue, lift)
         if self.film_lift is not None:
-            film_forces = (self.compute_body_forces(body, self.film_lift) for body in blocks)
-            forces = np.hstack([forces, sum(film_forces, start=np.zeros_like(self.film_lift))])
+            forces = np.hstack([forces, self.compute_forces(blocks, self.film_lift)])
         return self.restrict(-forces)
 
-    def compute_body_forces(self, body: int, displacements: Floats) -> Floats:
-        """Return a body's nodal forces, N, for displacements of all nodes, m, shape (3 n, k) both."""
-        return self.solid.parts[body].compute_forces(self.laws[body], displacements)
+    def compute_forces(self, bodies: Iterable[int], displacements: Floats) -> Floats:
+        """Return the nodal forces of some bodies, N, for displacements of all nodes, m, shape (3 n, k) both."""
+        forces = (self.solid.parts[body].compute_forces(self.laws[body], displacements) for body in bodies)
+        return sum(forces, start=np.zeros_like(displacements))
 
     def expand(self, v: Floats) -> Floats:
         """Expand unknowns (unknowns, k) to all displacements (3 n, k), zero where they are fixed."""
@@ -266,4 +266,4 @@ class Problem:
     def compute_energy(self, body: int, v: Floats) -> Floats:
         """Return v_i^T K_b v_j, twice the elastic energy of pairs of states in one body of the whole solid, shape (k, k)."""
         u = self.compute_displacements(v, body)
-        return np.asarray(self.symmetry_factor * (u.T @ self.compute_body_forces(body, u)))
+        return np.asarray(self.symmetry_factor * (u.T @ self.compute_forces([body], u)))
