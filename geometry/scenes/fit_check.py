@@ -47,6 +47,11 @@ def compute_semi_axes(body: Inclusion) -> Matrix:
     return [[entry * diameter / 2 for entry, diameter in zip(row, diameters, strict=True)] for row in rotation]
 
 
+def compute_offset(scene: SceneTables, body: Inclusion) -> float:
+    """Return the distance of an inclusion's centre from the probe's axis at the tissue's surface, m."""
+    return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)
+
+
 def do_overlap(first: Inclusion, second: Inclusion) -> bool:
     """Return whether two ellipsoids overlap or touch.
 

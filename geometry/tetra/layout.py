@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from geometry.common.errors import Refusal
-from geometry.scenes.fit_check import compute_semi_axes
+from geometry.scenes.fit_check import compute_offset, compute_semi_axes
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.body_layout import BodyLayout, Ellipsoid, check_extent, check_fit
@@ -26,9 +26,9 @@ def find_extent(scene: Scene, tissue_extent: float | None) -> float:
         return tissue_extent
     if scene.tissue.shape != "half-space":
         return math.inf
-    placement = scene.placement
-    reach = [math.hypot(body.x - placement.x, body.y - placement.y) + body.depth + max(body.diameters or (body.diameter or 0.0,))
-             for body in scene.inclusion]  # fmt: skip
+    reach = [
+        compute_offset(scene, body) + body.depth + max(body.diameters or (body.diameter or 0.0,)) for body in scene.inclusion
+    ]
     return max(25 * scene.probe.tube_radius, *(5 * size for size in reach), 0.0)
 
 

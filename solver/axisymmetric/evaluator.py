@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ from solver.axisymmetric.shared_designs import solve_shared_designs
 from solver.linalg.memory import keep_freed
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
-from solver.results.refusals import GEOMETRY_KINDS, find_refusal, refuse_unsolvable
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal, is_round, refuse_unsolvable
 
 
 @dataclass(frozen=True)
@@ -28,18 +27,14 @@ class Axisymmetric(FilmEvaluator):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return which evaluator to use instead if the scene is not rotationally symmetric, and why; None if it is."""
-        placement = scene.placement
         reason = find_refusal(scene, GEOMETRY_KINDS)
         if reason is not None:
             return reason
         if len(scene.inclusion) > 1:
             return "equivalent-inclusion or closed-form for several inclusions"
-        for body in scene.inclusion:
-            if body.diameter is None:
-                return "equivalent-inclusion or solid for an ellipsoid"
-            if math.hypot(body.x - placement.x, body.y - placement.y) > 1e-9 * body.diameter:
-                return "equivalent-inclusion or closed-form for an inclusion off the probe's axis"
-        return None
+        if any(body.diameter is None for body in scene.inclusion):
+            return "equivalent-inclusion or solid for an ellipsoid"
+        return None if is_round(scene) else "equivalent-inclusion or closed-form for an inclusion off the probe's axis"
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.

@@ -16,8 +16,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.film import RIGID_BOND, Film
+from geometry.scenes.fit_check import compute_offset
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_tables import Inclusion
 from solver.closed_form.bessel import Array
 from solver.closed_form.contact import (
     FLOOR_REACH,
@@ -230,7 +230,7 @@ def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Float
     # a half-space has neither depth nor sides: its numbers are not used
     depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, tissue.side_radius)
     values += [depth, side, tissue.youngs_modulus, tissue.poisson_ratio]
-    offsets = [_compute_offset(scene, body) for body in scene.inclusion]
+    offsets = [compute_offset(scene, body) for body in scene.inclusion]
     for body, offset in zip(scene.inclusion, offsets, strict=True):
         values += [(body.diameter or 0.0) / 2, body.depth, offset, body.youngs_modulus, body.poisson_ratio]
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
@@ -281,11 +281,6 @@ def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
         size = body.diameter or 0.0
         reach += [INTEGRAL_REACH / 2 / max(abs(body.depth - face) - 0.4 * size, MIN_FACE_GAP_DIAMETERS * size) for face in faces]
     reach.append(FLOOR_REACH / scene.tissue.bottom)
-    across = scene.probe.tube_radius + max((_compute_offset(scene, body) for body in scene.inclusion), default=0.0)
+    across = scene.probe.tube_radius + max((compute_offset(scene, body) for body in scene.inclusion), default=0.0)
     needed = MIN_WAVE_NODES + NODES_PER_WAVE * max(reach) * across
     return min(MAX_WAVE_NODES, 2 * math.ceil(needed / 2))
-
-
-def _compute_offset(scene: Scene, body: Inclusion) -> float:
-    """Return the distance of an inclusion's centre from the probe's axis, m."""
-    return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -11,7 +10,7 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from solver.published.equations import compute_modulus_corrected, compute_modulus_from_compatibility, compute_modulus_printed
 from solver.results.evaluator import ProgressCallback
-from solver.results.refusals import GEOMETRY_KINDS, find_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal, is_round
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
@@ -43,8 +42,7 @@ class Published:
             return find_refusal(scene, (*GEOMETRY_KINDS, "crossed sphere", "layers"))
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
             return "axisymmetric or closed-form unless there is exactly one sphere: eq. (8) has one diameter, one depth"
-        body, placement = scene.inclusion[0], scene.placement
-        if placement.tilt != 0 or math.hypot(body.x - placement.x, body.y - placement.y) > 1e-9 * scene.inclusion[0].diameter:
+        if not is_round(scene):
             return "closed-form for an inclusion off the axis of an upright probe"
         return None
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Literal
 
 from geometry.common.errors import Refusal, SolveError
-from geometry.scenes.fit_check import compute_semi_axes
+from geometry.scenes.fit_check import compute_offset, compute_semi_axes
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_tables import Inclusion
 
@@ -67,15 +67,10 @@ def is_round(scene: Scene) -> bool:
 
     The tissue is not examined here. Layers keep the symmetry.
     """
-    placement = scene.placement
-    centred = all(
-        math.hypot(body.x - placement.x, body.y - placement.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion
-    )
     return (
-        placement.tilt == 0
+        scene.placement.tilt == 0
         and len(scene.inclusion) <= 1
-        and centred
-        and all(body.diameter is not None for body in scene.inclusion)
+        and all(body.diameter is not None and compute_offset(scene, body) <= 1e-9 * body.diameter for body in scene.inclusion)
     )
 
 
