@@ -47,6 +47,13 @@ def check_part_file(path: Path, name: str, expected: PartMeasures) -> PartMeasur
     return check_body(path.name, shape, expected)
 
 
+def check_volume(path: Path, name: str, volume: float) -> None:
+    """Raise ``ExportError`` unless a file holds one valid closed solid of this name and volume, mm^3."""
+    (_, shape, _), *_ = _read_named(path, [name])
+    _check_solid(path.name, shape)
+    _check_rows(path.name, [("volume", shape.Volume(), volume, volume)])
+
+
 def _check_assembly(path: Path, probe: Probe, expected: dict[str, PartMeasures]) -> None:
     """Compare names, colours, measures and positions of the parts in the assembly's file. Raises ``ExportError``."""
     parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY_NAME}/{name}" for name in expected]), strict=True))
@@ -79,11 +86,7 @@ def _check_apart(file_label: str, first: cadquery.Shape, second: cadquery.Shape)
 
 def check_body(file_label: str, shape: cadquery.Shape, expected: PartMeasures) -> PartMeasures:
     """Raise unless ``shape`` is one valid closed solid with the expected measures; return its measures."""
-    if shape.ShapeType() != "Solid" or not shape.isValid():
-        raise ExportError(f"{file_label}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
-    closed = [shell.wrapped.Closed() for shell in shape.Shells()]
-    if closed != [True]:
-        raise ExportError(f"{file_label}: closed shells = {closed}, expected [True]")
+    _check_solid(file_label, shape)
     measured = _measure(file_label, shape)
     for key in ("ends", "radii", "walls", "edges"):
         count, expected_count = len(getattr(measured, key)), len(getattr(expected, key))
@@ -91,6 +94,15 @@ def check_body(file_label: str, shape: cadquery.Shape, expected: PartMeasures) -
             raise ExportError(f"{file_label}: number of {key} = {count}, expected {expected_count}")
     _check_rows(file_label, _compare_measures(measured, expected))
     return measured
+
+
+def _check_solid(file_label: str, shape: cadquery.Shape) -> None:
+    """Raise ``ExportError`` unless a shape is one valid closed solid."""
+    if shape.ShapeType() != "Solid" or not shape.isValid():
+        raise ExportError(f"{file_label}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
+    closed = [shell.wrapped.Closed() for shell in shape.Shells()]
+    if closed != [True]:
+        raise ExportError(f"{file_label}: closed shells = {closed}, expected [True]")
 
 
 def _compare_measures(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:

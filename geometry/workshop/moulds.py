@@ -9,11 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geometry.cad import solids, step_writer
+from geometry.cad import solids, step_check, step_writer
 from geometry.cad.stamp import Stamp
-from geometry.cad.step_check import RELATIVE_TOLERANCE
-from geometry.cad.step_reader import read_step
-from geometry.common.errors import ExportError
 from geometry.workshop.mould_sizes import (
     FLOOR_THICKNESS_MM,
     LID_THICKNESS_MM,
@@ -56,18 +53,7 @@ def write_half(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
     shape = solids.call_modeller(name, partial({"lower": build_lower, "upper": build_upper}[half], mould))
     with step_writer.silence_messages():
         step_writer.write_step({name: shape}, path, replace(stamp, materials={name: MOULD_MATERIAL}))
-        check_half(path, name, compute_half_volumes(mould)[half])
-
-
-def check_half(path: Path, name: str, volume: float) -> None:
-    """Raise ``ExportError`` unless the STEP file of a mould's half holds one valid closed solid of this name and volume, mm^3."""
-    (solid_name, shape, _), *other_parts = read_step(path)
-    if other_parts or solid_name != name or shape.ShapeType() != "Solid" or not shape.isValid():
-        raise ExportError(f"{path.name}: shape = {solid_name} {shape.ShapeType()}, expected one valid Solid {name}")
-    if not abs(shape.Volume() - volume) <= RELATIVE_TOLERANCE * volume:
-        raise ExportError(
-            f"{path.name}: volume = {shape.Volume():.9g}, expected {volume:.9g} within {RELATIVE_TOLERANCE:g} of it"
-        )
+        step_check.check_volume(path, name, compute_half_volumes(mould)[half])
 
 
 def build_lower(mould: MouldSizes) -> cadquery.Solid:
