@@ -61,6 +61,11 @@ class Numbering:
     vertical: Floats
     pattern: Pattern = field(default_factory=Pattern)
 
+    def take_gather_rows(self, elements: Ints) -> Any:
+        """Return the rows of ``gather`` for some elements, by their numbers: sparse, (8 p elements, unknowns), 12 p if m > 0."""
+        size = self.signs.shape[1]
+        return self.gather[(elements[:, None] * size + np.arange(size)).ravel()]
+
     @property
     def unknowns(self) -> int:
         """Size of the system."""

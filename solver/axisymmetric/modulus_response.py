@@ -105,7 +105,7 @@ def _build_space(states: BaseStates, inside: Ints) -> BodySpace:
     """Return the space of K^-1 K_b with the elements ``inside`` of a body, before its first step."""
     system = states.model.system
     size, stiffness = system.stiffness.shape[1], system.stiffness[inside]
-    gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
+    gather = system.numbering.take_gather_rows(inside)
 
     def assemble_loads(local: Floats) -> Floats:
         """Return the forces K_b u on the unknowns, shape (unknowns, k), from values of the body's e elements, (e, 8 p, k)."""

@@ -106,14 +106,6 @@ class Harmonic:
         """Diagonal of the matrix, the largest entry of every row and column."""
         return np.asarray(self.matrix.diagonal())
 
-    def take_gather_rows(self, elements: Ints) -> Any:
-        """Return the rows of ``numbering.gather``, which maps unknowns to elements' values, for some elements.
-
-        The result is sparse, (4 c p elements, unknowns): elements have c components of 4 p functions on corners and edges.
-        """
-        size = self.stiffness.shape[1]
-        return self.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
-
     def compute_values(self, edge: Floats, recovery: Floats) -> Floats:
         """Return all values U, V, W of e elements for k solutions, shape (e, 3, s, k), with s functions per element.
 

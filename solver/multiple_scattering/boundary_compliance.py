@@ -231,7 +231,7 @@ class _System:
         blocks, ends = harmonic.stiffness, np.arange(len(harmonic.stiffness) + 1)
         strained = sp.bsr_array((blocks, ends[:-1], ends)).tocsr() @ boundary.values
         half = boundary.values.T @ (strained / 2 + boundary.forces / 2)
-        pressed = harmonic.take_gather_rows(harmonic.boundary).T @ (boundary.forces + strained)
+        pressed = harmonic.numbering.take_gather_rows(harmonic.boundary).T @ (boundary.forces + strained)
         return cls(harmonic, pressed.tocsr(), (half + half.T).tocsr())
 
     def compute_work(self, data: Floats) -> Floats:

@@ -49,7 +49,7 @@ class Interior:
     @cached_property
     def _force_assembly(self) -> Any:
         """Sparse matrix that assembles forces on the boundary elements' values, (unknowns, 4 c p elements)."""
-        return self.harmonic.take_gather_rows(self.harmonic.boundary).T.tocsr()
+        return self.harmonic.numbering.take_gather_rows(self.harmonic.boundary).T.tocsr()
 
     @cached_property
     def _tables(self) -> dict[tuple[str, str], tuple[Ints, Ints, Floats]]:
@@ -118,7 +118,7 @@ class Interior:
         elements
             The elements.
         """
-        edge_values = (self.harmonic.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])
+        edge_values = (self.harmonic.numbering.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])
         on_boundary = np.isin(elements, self.harmonic.boundary)
         edge_values[on_boundary] += imposed[np.searchsorted(self.harmonic.boundary, elements[on_boundary])]
         return self.harmonic.compute_values(edge_values, self._find_recovery(elements))
