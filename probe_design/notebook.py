@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from probe_design.reporting.table import Table, find_shown_unit, format_number
+from probe_design.reporting.table import Table, format_number
+from solver.results.record import find_shown_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,7 +19,7 @@ from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan
-from solver.evaluation import evaluate, find_doubts
+from solver.evaluation import evaluate, explain_error, find_doubts
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.lazy_sequence import LazySequence
 from solver.results.refusals import is_round
@@ -68,7 +68,7 @@ class _Request:
 def evaluate_many(
     scenes: Sequence[Scene | Path | str],
     evaluator: str = evaluators.AUTO,
-    accuracy: float = 0.01,
+    accuracy: float | None = None,
     progress: ProgressCallback | None = None,
     *,
     linear: bool = False,
@@ -109,22 +109,25 @@ def evaluate_many(
     """
     if isinstance(scenes, Scene | str | Path) or not isinstance(scenes, Iterable):
         raise InputError("scenes", scenes, "several scenes or names of scene files; evaluate takes one")
-    accuracy = evaluators.check_accuracy(accuracy)
+    is_of_scene = accuracy is None
+    if accuracy is not None:
+        evaluators.check_accuracy(accuracy)
     if evaluator != evaluators.AUTO:
         evaluators.evaluator(evaluator)
     with use_limits(limits):
         checked = [_catch_error(partial(_read_and_check, scene)) for scene in scenes]
         valid_scenes = [item for item in checked if isinstance(item, Scene)]
-        request = _Request(evaluator, accuracy, progress, linear)
-        joint_results = iter(_evaluate_jointly(valid_scenes, request))
+        accuracies = [evaluators.choose_accuracy(scene, accuracy) for scene in valid_scenes]
+        joint_results = iter(_evaluate_by_accuracy(valid_scenes, accuracies, evaluator, progress, linear=linear))
 
         def complete(scene: Scene, result: ResultOrError | Callable[[], ResultOrError]) -> ResultOrError:
             """Return the result of a scene with its doubts and its provenance, or its error."""
             result = result() if callable(result) else result
             if isinstance(result, ProbeError):
                 return result
-            record = build_provenance(scene, evaluator=evaluator, accuracy=accuracy)
-            return replace(result, warnings=(*find_doubts(scene), *result.warnings), provenance=record)
+            record = build_provenance(scene, evaluator=evaluator, accuracy=evaluators.choose_accuracy(scene, accuracy))
+            notes = explain_error(scene, result) if is_of_scene else ()
+            return replace(result, warnings=(*find_doubts(scene), *result.warnings, *notes), provenance=record)
 
         def prepare(item: Scene | ProbeError) -> Callable[[], ResultOrError]:
             """Return what builds the result of a scene; a scene that cannot be computed with others is evaluated at once."""
@@ -145,6 +148,24 @@ def evaluate_together(
     """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
     results = _evaluate_jointly(scenes, _Request(evaluator, accuracy, progress, linear))
     return [result() if callable(result) else result for result in results]
+
+
+def _evaluate_by_accuracy(
+    scenes: Sequence[Scene],
+    accuracies: Sequence[float],
+    evaluator: str,
+    progress: ProgressCallback | None,
+    *,
+    linear: bool,
+) -> list[_Joint]:
+    """Evaluate the scenes of each accuracy together, as ``_evaluate_jointly``; return results in the order of the scenes."""
+    results: list[_Joint] = [None] * len(scenes)
+    for accuracy in dict.fromkeys(accuracies):
+        places = [place for place, value in enumerate(accuracies) if value == accuracy]
+        request = _Request(evaluator, accuracy, progress, linear)
+        for place, result in zip(places, _evaluate_jointly([scenes[place] for place in places], request), strict=True):
+            results[place] = result
+    return results
 
 
 def _evaluate_jointly(scenes: Sequence[Scene], request: _Request) -> Sequence[_Joint]:

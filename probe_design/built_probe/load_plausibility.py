@@ -22,8 +22,8 @@ IMPLAUSIBLE_FACTOR = 30.0  # between read and expected load, either way: a hand 
 SUSPECT_FACTOR = 2.0  # likewise, beyond the reading's own uncertainty: from here on a warning reports it
 MAX_DISTANCE_DECADES = 0.25  # at which a factor is taken for a power of ten
 UNIT_SLIPS = {  # by the power of ten
-    3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV'.",
-    -3: "Are volts taken as millivolts? Give the columns' unit, --column 'inner=NAME V'.",
+    3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV' (column={'inner': 'NAME mV'}).",
+    -3: "Are volts taken as millivolts? Give the columns' unit, --column 'inner=NAME V' (column={'inner': 'NAME V'}).",
     1: "Is there a 10:1 probe factor of the oscilloscope, or a feedback capacitor of a tenth of what the bench says?",
     -1: "Is there a 1:10 probe factor of the oscilloscope, or a feedback capacitor ten times what the bench says?",
 }

@@ -86,7 +86,7 @@ def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str
     if len(by_serial) > 1:
         different = "; ".join(f"{serial} of {_format_names(names)}" for serial, names in by_serial.items())
         if not any_probe:
-            allowed = "one probe's: give each probe its own calibration, or take them as one with --any-probe"
+            allowed = "one probe's: give each probe its own calibration, or take them as one with --any-probe (any_probe=True)"
             raise InputError("serial number", Words(different), allowed)
         return [f"serial numbers differ, as --any-probe allows: {different}"]
     unknown = [name for name, serial in boards.items() if serial is None]

@@ -159,7 +159,9 @@ def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
     if is_opposite.any():
         weaker = FILM_NAMES[int(np.argmin(np.abs(films[is_opposite][0])))]
         entry = Words(f"a charge of the {weaker} film below its noise")
-        raise InputError("reading", entry, "charges that stand out on both films: press harder, or read longer (--seconds)")
+        raise InputError(
+            "reading", entry, "charges that stand out on both films: press harder, or read longer (--seconds, seconds=)"
+        )
 
 
 def find_dead_film(films: Floats, expected: Floats) -> str | None:

@@ -166,7 +166,7 @@ def require_terminal(source: SourceRequest) -> None:
         raise InputError(
             "device",
             Words("without a terminal"),
-            "a terminal, in which to ask for each press, or --wait SECONDS, or --replay for each reading",
+            "a terminal, to ask for each press, or --wait SECONDS (wait=SECONDS), or --replay (replay=) for each reading",
         )
 
 

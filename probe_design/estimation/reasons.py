@@ -187,7 +187,7 @@ def iterate_warnings(findings: Findings, fitted: DepthAndStrength | None) -> Ite
     if findings.shift > TOLERATED_SHIFT:
         yield (
             f"the model's own error, up to {findings.shift:.2g} standard deviations of the noise, is above a third of it: "
-            "the interval is widened by it and covers more than 95 %; a smaller --accuracy may help"
+            "the interval is widened by it and covers more than 95 %; a smaller --accuracy (accuracy=) may help"
         )
     if len(findings.pieces) > 1:
         parts = [[format_value(findings.unknown, end) for end in (piece.low, piece.high)] for piece in findings.pieces]

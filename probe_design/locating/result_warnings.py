@@ -51,7 +51,7 @@ def add_warnings(
     if not result.explained:
         notes.append(
             f"no tumour of this population explains these readings (p = {result.p_value:.1g}): another probe, calibration or "
-            "tissue, more noise than [noise] states, a wild reading (--outliers), or tumours beyond the population"
+            "tissue, more noise than [noise] states, a wild reading (--outliers, outliers=), or tumours beyond the population"
         )
     notes += filter(None, (_compare_gains(result.nuisances), _describe_drift(result, likelihood, groups), _find_edge(result)))
     if result.explained:
@@ -134,7 +134,7 @@ def _list_single_readings(result: Location, likelihood: Likelihood, samples: Seq
         )
         yield (
             f"{what} rests on {_name_reading(part.index, result.residuals[part.index])} alone: without this reading {otherwise}; "
-            "press there again, or allow for wild readings (--outliers)"
+            "press there again, or allow for wild readings (--outliers, outliers=)"
         )
 
 
@@ -144,8 +144,8 @@ def _count_wild(result: Location, likelihood: Likelihood) -> str:
     if binom.sf(count - 1, len(result.residuals), likelihood.outlier_rate) > MIN_WILD_P_VALUE:
         return ""
     return (
-        f"{count} of {len(result.residuals)} readings count as wild, where --outliers states {likelihood.outlier_rate:g} of "
-        "them: the others alone carry the result"
+        f"{count} of {len(result.residuals)} readings count as wild, where --outliers (outliers=) states "
+        f"{likelihood.outlier_rate:g} of them: the others alone carry the result"
     )
 
 

@@ -10,9 +10,6 @@ from dataclasses import dataclass
 from html import escape
 from typing import ClassVar
 
-from solver.results.record import SHOWN_IN_PERCENT, SI_UNITS
-
-SHOWN_UNITS = {"C": ("pC", 1e12), "C/N": ("pC/N", 1e12)}  # by SI unit: the unit that is shown, and its number in an SI unit
 MAX_CELL_CHARACTERS = 24  # of numbers and names, which stay in one line; longer text is wrapped
 
 
@@ -96,19 +93,6 @@ class Table:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows((self.headings, *self.rows))
         return text.getvalue()
-
-
-def format_unit(name: str) -> str:
-    """Return the SI unit of a field of results; an empty text for a pure number, whose unit is "1", and for unknown names."""
-    return SI_UNITS.get(name, "").replace("1", "")
-
-
-def find_shown_unit(name: str) -> tuple[str, float]:
-    """Return the unit in which a field of results is shown, and its number in the SI unit."""
-    if name in SHOWN_IN_PERCENT:
-        return "%", 100.0
-    si = format_unit(name)
-    return SHOWN_UNITS.get(si, (si, 1.0))
 
 
 def format_number(value: float | None, digits: int = 4) -> str:

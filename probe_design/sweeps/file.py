@@ -20,7 +20,7 @@ from geometry.scenes.scene_file import find_scene
 from geometry.scenes.units import MEMORY_QUANTITY, TIME_QUANTITY, read_fraction
 from probe_design.sweeps.constraints import evaluate_condition
 from probe_design.sweeps.designs import SAMPLE_KINDS, DesignSampling, Variable, check_integer, read_variable
-from solver.evaluators import AUTO, EVALUATOR_NAMES, check_accuracy
+from solver.evaluators import AUTO, DEFAULT_ACCURACY, EVALUATOR_NAMES, check_accuracy
 
 _SWEEP_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit", "sample", "constraints", "variables")
 
@@ -147,7 +147,7 @@ def sweep_from_dict(tables: Mapping[str, object], folder: Path | str = ".", unit
         raise InputError("constraints", constraints, "a list of conditions, each a text")
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
-    evaluator, accuracy, linear = _read_settings(tables)
+    evaluator, accuracy, linear = _read_settings(tables, base)
     return Sweep(
         base, variables, sample, evaluator=evaluator, accuracy=accuracy, linear=linear, constraints=tuple(constraints),
         limits=_read_limits(tables, units_required),
@@ -163,9 +163,16 @@ def _make_surface_paths_absolute(base: JsonObject) -> JsonObject:
     return base | {"inclusion": bodies} if bodies else base
 
 
-def _read_settings(tables: Mapping[str, object]) -> tuple[str, float, bool]:
-    """Return evaluator, accuracy and ``linear``, checked. Raises ``InputError``."""
-    evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
+def _read_settings(tables: Mapping[str, object], base: JsonObject) -> tuple[str, float, bool]:
+    """Return evaluator, accuracy (left out, the ``reading.accuracy`` of the base scene) and ``linear``, checked.
+
+    Raises
+    ------
+    InputError
+        One of them is not allowed.
+    """
+    evaluator, linear = tables.get("evaluator", AUTO), tables.get("linear", False)
+    accuracy = tables.get("accuracy", base.get("reading", {}).get("accuracy") or DEFAULT_ACCURACY)
     if evaluator not in (AUTO, *EVALUATOR_NAMES):
         raise InputError("evaluator", evaluator, describe_choices(evaluator, (AUTO, *EVALUATOR_NAMES)))
     accuracy = read_fraction("accuracy", accuracy, "a number above 0 and below 1, such as 0.01 or 1 %")

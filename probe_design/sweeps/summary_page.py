@@ -15,8 +15,9 @@ from geometry.common.files import write_text
 from geometry.common.json_types import JsonObject
 from geometry.scenes.units import convert_to_unit
 from probe_design.reporting.page import Chapter, Picture, Text, build_page
-from probe_design.reporting.table import Table, find_shown_unit
+from probe_design.reporting.table import Table
 from probe_design.sweeps.results import iterate_rows, read_provenance, read_request
+from solver.results.record import find_shown_unit
 
 STRESS_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
 CHARGE_COLUMNS = (

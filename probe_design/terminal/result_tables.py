@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from geometry.common.limits import format_maximum
 from geometry.common.percent import format_percent
-from probe_design.reporting.table import Table, find_shown_unit, format_number
-from solver.results.record import ERROR_FIELDS
+from probe_design.reporting.table import Table, format_number
+from solver.results.record import ERROR_FIELDS, find_shown_unit
 from solver.results.result import MAX_EFFECT
 
 if TYPE_CHECKING:
@@ -92,9 +92,10 @@ def list_plan_lines(plan: Plan) -> list[str]:
 
 def build_curve_table(curve: Curve) -> Table:
     """Return a curve as a table of at most ``CURVE_ROWS`` rows; null values are dashes."""
+    unit, scale = find_shown_unit("youngs_modulus")
     read, charge = curve.reading, "charge_" if curve.observable == "charge" else ""
     columns = {
-        "youngs_modulus, Pa": (curve.youngs_modulus, 4),
+        f"youngs_modulus, {unit}": ([scale * modulus for modulus in curve.youngs_modulus], 4),
         f"{charge}ratio": (read.ratio, 6),
         f"{charge}log_sensitivity": (read.log_sensitivity, 4),
         **_build_error_column(f"{charge}ratio", read.error),

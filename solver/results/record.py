@@ -38,8 +38,27 @@ ERROR_FIELDS = (
 """Fields of a result that are relative errors, of the kind ``error_kind``."""
 SHOWN_IN_PERCENT = frozenset((*ERROR_FIELDS, "error", "change", "noise", "accuracy", "seen_threshold"))
 """Fields, also of scans and maps, that are relative: people read them in percent."""
+SHOWN_UNITS = {"C": ("pC", 1e12), "C/N": ("pC/N", 1e12)}
+"""By SI unit: the unit that is shown, and its number in an SI unit."""
+SHOWN_MODULI = frozenset(("youngs_modulus", "equivalent_modulus"))
+"""Fields that people read in kPa; stresses, small at a touch, are read in Pa."""
 
 MAX_SHOWN_ROWS = 10  # rows of arrays that a printed result shows
+
+
+def format_unit(name: str) -> str:
+    """Return the SI unit of a field of results; an empty text for a pure number, whose unit is "1", and for unknown names."""
+    return SI_UNITS.get(name, "").replace("1", "")
+
+
+def find_shown_unit(name: str) -> tuple[str, float]:
+    """Return the unit in which a field of results is shown, and its number in the SI unit."""
+    if name in SHOWN_IN_PERCENT:
+        return "%", 100.0
+    if name in SHOWN_MODULI:
+        return "kPa", 1e-3
+    si = format_unit(name)
+    return SHOWN_UNITS.get(si, (si, 1.0))
 
 
 class Record:
@@ -83,7 +102,7 @@ class Record:
         return arrays
 
     def __str__(self) -> str:
-        """Return a short table: the single numbers with their SI units, the first rows of the arrays, the warnings."""
+        """Return a short table: the single numbers with their units, the first rows of the arrays, the warnings."""
         numbers = self.collect_numbers()
         width = max(map(len, numbers), default=0)
         rows = [f"{name:<{width}}  {_format_value(name, value)}" for name, value in numbers.items()]
@@ -91,7 +110,10 @@ class Record:
         if arrays:
             columns = {name: np.array(getattr(self, name)) for name in self.DIMENSIONS} | arrays
             columns = {name: values for name, values in columns.items() if np.isfinite(values).any()}
-            shown = [[name, *(_format_entry(name, x) for x in column[:MAX_SHOWN_ROWS])] for name, column in columns.items()]
+            shown = [
+                [_format_heading(name), *(_format_entry(name, x) for x in column[:MAX_SHOWN_ROWS])]
+                for name, column in columns.items()
+            ]
             widths = [max(map(len, cells)) for cells in shown]
             rows += [
                 "  ".join(cell.rjust(size) for cell, size in zip(row, widths, strict=True)) for row in zip(*shown, strict=True)
@@ -143,13 +165,24 @@ class Record:
 
 def _format_entry(name: str, value: float) -> str:
     """Return an entry of an array, whose unit its heading does not have."""
-    return format_percent(value, 3) if name in SHOWN_IN_PERCENT and np.isfinite(value) else f"{value:.5g}"
+    if name in SHOWN_IN_PERCENT and np.isfinite(value):
+        return format_percent(value, 3)
+    return f"{find_shown_unit(name)[1] * value:.5g}"
+
+
+def _format_heading(name: str) -> str:
+    """Return the heading of an array: its name, and its unit unless its entries have it."""
+    unit = find_shown_unit(name)[0]
+    return name if name in SHOWN_IN_PERCENT or not unit else f"{name}, {unit}"
 
 
 def _format_value(name: str, value: object) -> str:
-    """Return a number with its SI unit, or a text as it is."""
+    """Return a number with the unit in which it is shown, or a text as it is."""
     if isinstance(value, str | bool):
         return str(value)
     if name in SHOWN_IN_PERCENT and isinstance(value, float):
         return format_percent(value, 3)
-    return f"{value:.6g} {SI_UNITS.get(name, '').replace('1', '')}".rstrip()
+    if not isinstance(value, int | float):
+        return str(value)
+    unit, scale = find_shown_unit(name)
+    return f"{scale * value:.6g} {unit}".rstrip()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ import pytest
 import probe_design
 from geometry.common.errors import InputError
 from geometry.common.percent import format_minimum_percent, format_percent
+from probe_design.notebook import format_record
+from probe_design.terminal.result_tables import build_curve_table
 from tests.support.program import refused
 
 SCENE = str(Path(__file__).parents[2] / "examples" / "scene.toml")
@@ -49,6 +52,7 @@ CALLS: dict[str, tuple[Callable[[], object], str]] = {
     "depths": (lambda: pd.detectability(SCENE, depths=["9 kPa"]), "depths = '9 kPa': allowed: a position with its unit"),
     "no readings": (lambda: pd.locate(SCENE), r"readings = missing: allowed: a value, as in locate\(design, \*, readings,"),
     "no sweep": (lambda: pd.sweep(3, 4), "specification = 3: allowed: the name of a sweep file"),
+    "no terminal": (lambda: pd.calibrate(SCENE, device="usb"), r"device = without a terminal: allowed: .*\(wait=SECONDS\)"),
     "no places": (lambda: pd.predict_readings(SCENE, SPHERE, 4), r"positions = an array of shape \(\): allowed: finite x and y"),
     "no numbers": (lambda: pd.predict_readings(SCENE, [["a"]], 4), "tumours = .*: allowed: numbers in SI units"),
     "nothing to plot": (lambda: pd.plot(3), "result = an object of type int: allowed: a result of"),
@@ -75,6 +79,16 @@ def test_texts_with_units_are_read_like_numbers() -> None:
     by_text, by_number = (pd.scan(SCENE, positions=x, accuracy=0.1) for x in (["-5 mm", "5 mm"], [-5e-3, 5e-3]))
     assert by_text.ratio == by_number.ratio
     assert pd.evaluate(SCENE, "closed-form", "10 %", frequency="5 Hz").frequency == 5.0
+
+
+def test_moduli_are_shown_in_kilopascals() -> None:
+    """On a terminal, in Python and in a notebook; the numbers themselves are in Pa."""
+    curve = pd.curve(SCENE, ["30 kPa"], accuracy=0.1)
+    assert curve.youngs_modulus == (3e4,)
+    for text in (str(curve), format_record(curve), build_curve_table(curve).to_csv()):
+        assert "youngs_modulus, kPa" in text
+        assert "30000" not in text
+    assert re.search(r"^ +30 ", str(curve), re.M)
 
 
 def test_tables_build_the_scene_that_its_file_has() -> None:

@@ -91,6 +91,18 @@ def test_a_mixture_is_answered_as_one_by_one(evaluator: str, linear: bool) -> No
     assert 2 <= refused < len(scenes) / 2
 
 
+def test_each_scene_has_its_own_accuracy() -> None:
+    """An accuracy that is left out is the scene's, as of ``evaluate``, also where scenes share their work."""
+    scenes = [OURS, OURS.replace({"reading.accuracy": 0.2}), with_load(force=1e-3).replace({"reading.accuracy": 0.2})]
+    for result, scene in zip(evaluate_many(scenes), scenes, strict=True):
+        single = evaluate(scene)
+        assert isinstance(result, Result)
+        assert result.provenance is not None
+        assert single.provenance is not None
+        assert result.provenance["accuracy"] == single.provenance["accuracy"] == (scene.reading.accuracy or ACCURACY)
+        assert [note.kind for note in result.warnings] == [note.kind for note in single.warnings]
+
+
 def test_formulas_answer_a_mixture_to_the_last_bit() -> None:
     """Also films, and what is probably a mistake."""
     doubtful = with_gap(1.01 * OURS.probe.inner_radius)

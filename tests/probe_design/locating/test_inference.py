@@ -282,7 +282,7 @@ def test_wild_reading_is_named_and_with_outliers_does_no_harm() -> None:
     data.values[20, 0] += 0.4
     strict, robust = result(data, tumours=1), result(data, rate=0.03, tumours=1)
     assert not strict.explained
-    assert any("a wild reading (--outliers)" in line for line in strict.warnings)
+    assert any("a wild reading (--outliers, outliers=)" in line for line in strict.warnings)
     assert robust.explained
     assert robust.residuals[20].wild is not None
     assert robust.residuals[20].wild > 0.9

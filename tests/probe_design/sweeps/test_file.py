@@ -24,6 +24,12 @@ class TestFile:
             (g, d) for g in (5e-5, 1.25e-4, 2e-4) for d in (0.006, 0.012)
         ]
 
+    @pytest.mark.parametrize(("settings", "accuracy"), [({}, 0.2), ({"accuracy": 0.05}, 0.05)])
+    def test_an_accuracy_that_is_left_out_is_that_of_the_scene(self, settings: dict[str, Any], accuracy: float) -> None:
+        scene = read_scene(SCENE).replace({"reading.accuracy": 0.2})
+        assert sweep_from_dict({"scene": scene, "variables": {"probe.gap": ["0.1 mm"]}} | settings).accuracy == accuracy
+        assert sweep_from_dict(grid(3, 2)).accuracy == 0.01
+
     def test_values_reach_the_scene(self) -> None:
         changes = {"inclusion[0].depth": ["11 mm"], "probe.outer_radius": ["8 mm"], "contact.interface": ["frictionless"],
                    "load.indentation": ["3 um"]}  # fmt: skip

@@ -11,10 +11,12 @@ from scipy.stats import binom
 from benchmarks.closed_form.charge_error import build_charge_row
 from benchmarks.closed_form.error import ErrorRow, select_errors
 from benchmarks.closed_form.film_scenes import draw_charged, read_charged
+from geometry import Scene, read_scene
+from solver import evaluate
 from solver.closed_form.charge_errors import CHARGE_QUANTITIES
 from solver.closed_form.error_quantile import CHARGE_CLASSES, SceneClass
 from tests.support.named import runs
-from tests.support.paths import REFERENCE, ROOT
+from tests.support.paths import REFERENCE, ROOT, SCENE
 
 TABLE = json.loads((ROOT / "solver" / "closed_form" / "charge_error_quantiles.json").read_text(encoding="utf-8"))
 STORED = REFERENCE / "closed-form-errors" / "charges.jsonl"
@@ -57,3 +59,26 @@ def test_fresh_scenes_are_covered_as_stated(kind: SceneClass) -> None:
     generators = [np.random.default_rng([FRESH_SEED, CHARGE_CLASSES.index(kind), number]) for number in range(FRESH_SCENES)]
     solved = [draw_charged(rng, kind) for rng in generators]
     check_coverage([row for item in solved if (row := build_charge_row(item)) is not None], kind)
+
+
+@pytest.mark.parametrize("modulus", [2.2e9, 30e9, 69e9])  # of PLA, of glass-filled polymers, of aluminium
+@pytest.mark.parametrize("bond", [{"name": "rigid"}, {"name": "epoxy-20um"}])
+def test_a_base_that_stretches_the_films_is_within_the_stated_errors(modulus: float, bond: dict[str, str]) -> None:
+    """Against finite elements. A printed base triples the charges, and these are null then, as below their errors."""
+    film = {"thickness": 28e-6, "bond_to_base": bond, "bond_to_block": {"name": "tape-50um"}}
+    tables = read_scene(SCENE).model_dump(exclude_unset=True)
+    tables["probe"] |= {"film": film, "base": {"youngs_modulus": modulus, "poisson_ratio": 0.35}}
+    scene = Scene.model_validate(tables)
+    formulas, exact = evaluate(scene, "closed-form"), evaluate(scene, "axisymmetric")
+    compared = 0
+    for name in ("charge_inner", "charge_outer", "charge_ratio"):
+        value, error, true = getattr(formulas, name), getattr(formulas, f"{name}_error"), getattr(exact, name)
+        if error is not None:
+            assert abs(true / value - 1) <= error, name
+            compared += 1
+    if formulas.charge_log_sensitivity is not None:
+        difference = abs(exact.charge_log_sensitivity - formulas.charge_log_sensitivity)  # type: ignore[operator]
+        assert difference <= formulas.charge_log_sensitivity_error  # type: ignore[operator]
+    assert compared == (0 if modulus < 1e10 else 3)
+    if not compared:
+        assert any("below its own error" in str(note) for note in formulas.warnings)
