@@ -19,6 +19,8 @@ sys.path.insert(0, str(ROOT / "docs"))
 from notebook_pages import FOLDER, write_page  # noqa: E402 - a file beside this one, which MkDocs does not put on the path
 
 PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md", "benchmarks.md": "benchmarks/README.md"}
+TABLE_ROW = re.compile(r"^\|.*\|$", re.MULTILINE)
+CODE = re.compile(r"`[^`\n]+`")
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)#]+)(#[^)]*)?\)")
 
 
@@ -49,4 +51,9 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         name = str(path.relative_to(ROOT))
         return text if Path(name).name in text else f"{text} (`{name}`)"
 
-    return LINK.sub(rewrite, markdown)
+    return LINK.sub(rewrite, unescape_pipes(markdown))
+
+
+def unescape_pipes(markdown: str) -> str:
+    """Return a text whose code in tables has plain pipes, which Markdown on GitHub wants escaped and MkDocs shows escaped."""
+    return TABLE_ROW.sub(lambda row: CODE.sub(lambda code: code.group(0).replace(r"\|", "|"), row.group(0)), markdown)
