@@ -50,7 +50,9 @@ class TissueShowRequest(Request):
 
 
 class MaterialListRequest(Request):
-    """List the built-in materials and bonds: Young's modulus, the standard deviation of its logarithm, the law, a description.
+    """List the built-in materials and bonds: Young's modulus, its spread, the law, a description.
+
+    The spread is the standard deviation of the modulus's logarithm, in percent.
 
     The law is the one at finite strain: "yeoh to 100 %" where a curve was measured up to that strain, else neo-hookean.
     """
@@ -64,7 +66,9 @@ class MaterialListRequest(Request):
             print_json({"materials": {name: {key: entry.get(key) for key in keys} for name, entry in full_entries.items()}})
             return
         for name, entry in catalogue.items():
-            modulus = "" if entry.youngs_modulus is None else f"{format_modulus(entry.youngs_modulus)}  +- {entry.log_sd:4.2f}"
+            modulus = (
+                "" if entry.youngs_modulus is None else f"{format_modulus(entry.youngs_modulus)}  ± {100 * entry.log_sd:.0f} %"
+            )
             law = describe_law(entry.law) if isinstance(entry, CatalogueMaterial) and entry.kind == "elastomer" else ""
             print(f"{name:22}{entry.kind:10}{modulus:>20}  {law:14} {entry.about}")
 

@@ -18,7 +18,14 @@ SCENE = (EXAMPLES / "scene.toml").read_text(encoding="utf-8")
 def test_the_list_names_all() -> None:
     output = json.loads(run("material", "list", "--json").stdout)["materials"]
     assert {"elastomer", "base", "film", "bond"} == {entry["kind"] for entry in output.values()}
-    assert [line.split()[0] for line in run("material", "list").stdout.splitlines()] == list(output)
+    lines = run("material", "list").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(output)
+    assert next(line for line in lines if line.startswith("ecoflex-00-10")).split()[2:6] == [
+        "36.07",
+        "kPa",
+        "±",
+        "41",
+    ]  # not ± kPa
 
 
 @pytest.mark.parametrize(
