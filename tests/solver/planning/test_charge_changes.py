@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver import evaluate
+from solver.planning import charge_changes
 from solver.planning.charge_changes import compute_loaded_charges, has_soft_bond
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_limits import build_load_rule
@@ -45,3 +46,15 @@ def test_charges_of_a_light_load_are_those_of_finite_strain() -> None:
     change = pressed / linear - 1
     assert np.abs(change).max() > 5e-3
     np.testing.assert_allclose(charges - 1, change, rtol=0.1, atol=5e-4)
+
+
+def test_a_load_that_turns_a_part_inside_out_gives_way_to_a_lighter_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under the film of a light load tape may shear by more than it is thick; a negative volume has no power of -2/3."""
+    scene = build_scene("probe/base-tape-1/plain-6").replace({"reading.observable": "charge"})
+    factors = []
+    for loads in ((0.02,), (20.0, 0.02)):
+        monkeypatch.setattr(charge_changes, "TESTED_X", loads)
+        factors.append(CoarseModel.from_scene(scene, details=False).charge_factor)
+    assert factors[0] == factors[1] != charge_changes.SOFT_BOND_FACTOR
+    coarse = CoarseModel.from_scene(scene, details=False)
+    assert np.isnan(compute_loaded_charges(coarse.sample.states, 20.0 / coarse.build_rule(scene).strain)).all()
