@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from itertools import combinations, pairwise
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
 from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
 from geometry.common.percent import format_percent
 from geometry.scenes.film import Film
@@ -239,16 +239,16 @@ def _check_inside(scene: SceneTables, index: int, body: Inclusion) -> None:
     """Raise ``InputError`` if an ellipsoid reaches beyond the tissue's surface, bottom or side."""
     tissue, name = scene.tissue, f"inclusion[{index}]"
     half = [math.hypot(*row) for row in compute_semi_axes(body)]
+    if is_at_least(2 * half[2], tissue.bottom):  # at no depth: its size is the mistake
+        size = format_mm(body.diameter) if body.diameter is not None else Words(f"{format_mm(2 * half[2])} high")
+        allowed_size = f"a smaller body: the tissue ends {format_mm(tissue.bottom)} deep"
+        raise InputError(f"{name}.{'diameters' if body.diameter is None else 'diameter'}", size, allowed_size)
     if is_at_least(half[2], body.depth):
         raise InputError(
             f"{name}.depth", format_mm(body.depth), f"above {format_minimum_mm(half[2])} (it leaves the tissue's surface)"
         )
     if is_at_least(body.depth + half[2], tissue.bottom):
-        allowed_depth = (
-            f"a centre less than {format_maximum_mm(tissue.bottom - half[2])} deep"
-            if tissue.bottom > 2 * half[2]
-            else "a smaller body"
-        )
+        allowed_depth = f"a centre less than {format_maximum_mm(tissue.bottom - half[2])} deep"
         raise InputError(
             f"{name}.depth",
             format_mm(body.depth),
