@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Union, get_args, get_origin
@@ -15,7 +14,7 @@ from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.json_types import JsonObject
 from geometry.scenes.bonds import BOND_NUMBERS, BOND_SIDES
 from geometry.scenes.catalogue import CATALOGUE_NUMBERS
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import Quantity, find_number
 from geometry.scenes.validation_messages import list_models
 
 Path = tuple[str | int, ...]
@@ -83,10 +82,11 @@ class Key:
         """
         if isinstance(entry, bool) or (isinstance(entry, str) and self.quantity is None):
             return entry
-        if isinstance(entry, int | float) and not (units_required and self.quantity):
-            if not abs(entry) < math.inf or abs(entry) > sys.float_info.max:
+        number = find_number(entry)
+        if number is not None and not (units_required and self.quantity):
+            if not math.isfinite(number):
                 raise InputError(name, entry, "finite numbers")
-            return float(entry)
+            return number
         if self.quantity is None:
             raise InputError(name, entry, "a number, a text, true or false")
         return self.quantity.read(name, entry)

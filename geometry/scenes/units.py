@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
+from numbers import Real
 from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex
 
 from pydantic import BeforeValidator, ValidationInfo
@@ -103,17 +104,19 @@ class Quantity:
         """Return the SI value of a text or, unless units are required, of a number; raise ``ValueError`` with the reason."""
         if isinstance(entry, str):
             return self.parse(entry)
-        if isinstance(entry, bool) or not isinstance(entry, int | float):
+        number = find_number(entry)
+        if number is None:
             raise ValueError("not a quantity")
         if units_required:
             raise ValueError("the unit is missing")
-        return self.check(float(entry))
+        return self.check(number)
 
     def check_bare(self, entry: object) -> None:
         """Raise ``ValueError`` for a number of Python code so large that it must be meant in ``unit``, not in SI."""
-        if isinstance(entry, int | float) and not isinstance(entry, bool) and self.bare < abs(entry) < math.inf:
-            meant = _multiply(repr(entry), _find_factor(self.unit, self.si))
-            raise ValueError(f"{entry:g} {self.si}? did you mean {meant:g} or '{entry:g} {self.unit}'")
+        number = find_number(entry)
+        if number is not None and self.bare < abs(number) < math.inf:
+            meant = _multiply(repr(number), _find_factor(self.unit, self.si))
+            raise ValueError(f"{number:g} {self.si}? did you mean {meant:g} or '{number:g} {self.unit}'")
 
     def read(self, key: str, entry: object, units_required: bool = True) -> float:
         """Return the SI value that is given for a key.
@@ -166,6 +169,16 @@ TIME_QUANTITY = Quantity("time", "s", "s", 1e-3, 1e7)
 """Limit of the time of one evaluation."""
 MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
 """Limit of the memory of one evaluation."""
+
+
+def find_number(entry: object) -> float | None:
+    """Return a real number, of Python or of numpy, as a float, infinite where it is too large; None for anything else."""
+    if isinstance(entry, bool) or not isinstance(entry, Real):
+        return None
+    try:
+        return float(entry)
+    except OverflowError:
+        return math.inf
 
 
 def read_number(key: str, entry: object, allowed: str) -> float:

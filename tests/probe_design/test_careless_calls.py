@@ -14,6 +14,7 @@ import probe_design
 from geometry.common.errors import InputError
 from geometry.common.percent import format_minimum_percent, format_percent
 from probe_design.notebook import format_record
+from probe_design.sweeps.file import sweep_from_dict
 from probe_design.terminal.result_tables import build_curve_table
 from tests.support.program import refused
 
@@ -89,6 +90,17 @@ def test_moduli_are_shown_in_kilopascals() -> None:
         assert "youngs_modulus, kPa" in text
         assert "30000" not in text
     assert re.search(r"^ +30 ", str(curve), re.M)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64, np.uint8])
+def test_numbers_of_numpy_are_numbers(kind: type[Any]) -> None:
+    """Also those that are no float or int of Python: entries of arrays of such kinds."""
+    force, modulus, ratio = kind(1), kind(200), kind(1)
+    scene = _read().replace({"load.force": force, "tissue.youngs_modulus": modulus, "probe.area_ratio": ratio})
+    assert (scene.load.force, scene.tissue.youngs_modulus, scene.probe.area_ratio) == (1.0, 200.0, 1.0)
+    assert pd.Scene(**scene.model_dump(exclude_unset=True) | {"load": {"force": force}}) == scene
+    design = {"scene": scene, "variables": {"tissue.youngs_modulus": [kind(100), modulus]}}
+    assert [values for _, values in sweep_from_dict(design).list_designs()] == [(100.0,), (200.0,)]
 
 
 def test_tables_build_the_scene_that_its_file_has() -> None:
