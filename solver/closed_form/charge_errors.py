@@ -85,7 +85,7 @@ def _bound_base_charges(scene: Scene) -> Floats:
         return np.zeros(2)
     charges = []
     for width, film in zip((probe.inner_radius, probe.tube_radius - probe.hole_radius), probe.film.by_block, strict=True):
-        widths_squared = (width / _compute_slips(film)[0]) ** 2
+        widths_squared = (width / film.shear_length) ** 2
         held = widths_squared / (widths_squared + HELD_WIDTH_SQUARED)
         lateral = abs(film.d31 + film.d32) / 2
         charges.append(BASE_STRAIN_FACTOR * held * lateral * film.youngs_modulus / probe.base.youngs_modulus)
