@@ -114,13 +114,13 @@ class Scene(SceneTables):
         except ValidationError as refused:
             raise convert_error(refused, cls) from None
 
-    @check_call
     def with_modulus(self, index: int, youngs_modulus: float) -> Self:
         """Return the scene with another Young's modulus of an inclusion, Pa, unchecked."""
         bodies = list(self.inclusion)
         bodies[index] = bodies[index].model_copy(update={"youngs_modulus": youngs_modulus})
         return self.model_copy(update={"inclusion": tuple(bodies)})
 
+    @check_call
     def replace(self, changes: Mapping[str, Value]) -> Self:
         """Return the scene with other values; the scene itself stays as it is.
 
