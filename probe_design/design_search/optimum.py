@@ -329,7 +329,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
         kind = aim.maximise.replace("_", " ")
         start, best = (aim.format_value(*verified.objective) for verified in (self.start, self.best_tried))
         by_trials = f", of {len(trials.distances)} simulated scans" if (trials := self.best_tried.trials) else ""
-        change = f"a gain of {gain:.3g}; twice its error is {GAIN_SIGNIFICANCE * error:.2g} {aim.unit}{by_trials}"
+        change = f"a gain of {gain:.3g} {aim.unit}; twice its error is {GAIN_SIGNIFICANCE * error:.2g} {aim.unit}{by_trials}"
         if self.winner is not None:
             return f"improved: {kind} {best} of the recommended design, {start} of the start, {change}"
         if not self.finalists:

@@ -277,7 +277,7 @@ def check_moduli(scene: Scene, moduli: Floats) -> Floats:
     if scene.target is None:
         raise InputError("inclusion.target", Words("none"), "one inclusion, or one of several marked target = true")
     if not values.size or not np.all(np.isfinite(values) & (values > 0)):
-        raise InputError("moduli", Words("not all positive"), allowed)
+        raise InputError("moduli", Words("not all positive" if values.size else "an empty list"), allowed)
     return values
 
 

@@ -145,6 +145,7 @@ def fat_table(folder):
     return read_or_build_table(IN_FAT, TumourRanges((5e-3, 20e-3), (7e-3, 7e-3), (25e3, 25e3), min_cover=2e-3))
 
 
+@pytest.mark.slow
 def test_tumours_of_two_layers_add(fat_table):
     pair = np.array([[3e-3, -2e-3, 6.5e-3, 7e-3, 25e3], [-4e-3, 4e-3, 17e-3, 7e-3, 25e3]])
     truth, predicted = compute_truth(pair, scene=IN_FAT), fat_table.predict(pair[None], POSITIONS)[0]
@@ -152,6 +153,7 @@ def test_tumours_of_two_layers_add(fat_table):
     np.testing.assert_allclose(fat_table.slopes(pair[None], POSITIONS), fat_table.slopes(pair[None, ::-1], POSITIONS))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [6.5e-3, 17e-3])
 def test_effects_in_either_layer_are_those_of_a_meshed_tumour(fat_table, depth):
     """On the axis ``axisymmetric`` meshes tumour and interface."""
