@@ -115,6 +115,8 @@ class LoadedOutputs:
         """
         linear = self.linear
         min_error, min_slope_error = self.min_errors
+        if self.corrected and self.paths[1].model.may_open:  # faces slide
+            min_error += self.paths[1].light_offsets[int(self.are_charges)]
         errors = linear.relative_errors + MESH_SAFETY_FACTOR * differences.outputs + min_error
         bound = Bound(errors * np.abs(totals), linear.bound.log_ratio + MESH_SAFETY_FACTOR * differences.log_ratio + min_error)
         if linear.modulus_derivative is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -96,6 +97,18 @@ class Path:
     def light(self) -> Equilibrium:
         """The state under a load so light that all is linear, and the equations about it."""
         return Equilibrium(self._light_state, self.model.linearise(self._light_state), ())
+
+    @cached_property
+    def light_offsets(self) -> tuple[float, ...]:
+        """By how much ln of forces per indentation and of their ratio differ under the light load from those at rest.
+
+        After that of forces comes that of charges, if there are any. Where faces slide they are not 0: points pass a sharp edge
+        on a small radius, the same on all meshes.
+        """
+        equilibrium, rest = self.light, self.points[0]
+        values = self._scale * self.model.compute_outputs(equilibrium.equations) / equilibrium.state.indentation
+        slopes = [outputs.tangent for outputs in (rest.forces, rest.charges) if outputs is not None]
+        return tuple(float(np.ptp([*np.log(x / slope), 0.0])) for x, slope in zip(values.reshape(-1, 2), slopes, strict=True))
 
     @property
     def radius(self) -> float:

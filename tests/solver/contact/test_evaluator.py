@@ -76,6 +76,33 @@ def test_small_loads_are_answered_as_linear_elements_do(interface: Literal["bond
             assert result.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=5e-3)
 
 
+@pytest.mark.slow
+def test_sharp_edges_on_which_faces_slide_are_within_the_stated_error() -> None:
+    """Of wide-gapped blocks on a thin film, whose meshes agree within 2e-5: their edges have the same small radius."""
+    tables = {
+        "probe": {
+            "inner_radius": 4.264e-3,
+            "outer_radius": 8.201e-3,
+            "gap": 1.246e-3,
+            "height": 5.472e-3,
+            "inner": {"material": "ecoflex-00-50"},
+            "outer": {"material": "sortaclear-40"},
+            "base": {"rigid": True},
+            "film": {"thickness": 9e-6, "bond_to_base": {"name": "epoxy-20um"}, "bond_to_block": {"name": "rigid"}},
+        },
+        "tissue": {"shape": "cylinder", "radius": 38.8e-3, "depth": 50e-3, "youngs_modulus": 4116.0, "poisson_ratio": 0.3},
+        "inclusion": [{"diameter": 12e-3, "depth": 8.8e-3, "youngs_modulus": 4851.0, "poisson_ratio": 0.499}],
+        "contact": {"interface": "frictionless"},
+        "load": {"force": 1e-5},
+    }
+    scene = Scene.from_tables(tables)
+    linear, loaded = evaluate(scene, "axisymmetric", 1e-3), evaluate(scene, "contact")
+    assert linear.error_estimate is not None
+    assert loaded.error_estimate is not None
+    assert loaded.ratio == pytest.approx(linear.ratio, rel=linear.error_estimate + loaded.error_estimate)
+    assert loaded.error_estimate < 5e-4
+
+
 def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on the finest mesh under a thin stiff skin, where the faces' pressures need too many rounds: it was refused."""
 
