@@ -105,9 +105,9 @@ class Path:
         After that of forces comes that of charges, if there are any. Where faces slide they are not 0: points pass a sharp edge
         on a small radius, the same on all meshes.
         """
-        equilibrium, rest = self.light, self.points[0]
+        equilibrium, unloaded = self.light, self.points[0]
         values = self._scale * self.model.compute_outputs(equilibrium.equations) / equilibrium.state.indentation
-        slopes = [outputs.tangent for outputs in (rest.forces, rest.charges) if outputs is not None]
+        slopes = [outputs.tangent for outputs in (unloaded.forces, unloaded.charges) if outputs is not None]
         return tuple(float(np.ptp([*np.log(x / slope), 0.0])) for x, slope in zip(values.reshape(-1, 2), slopes, strict=True))
 
     @property
