@@ -107,8 +107,9 @@ class Path:
         """
         equilibrium, unloaded = self.light, self.points[0]
         values = self._scale * self.model.compute_outputs(equilibrium.equations) / equilibrium.state.indentation
-        slopes = [outputs.tangent for outputs in (unloaded.forces, unloaded.charges) if outputs is not None]
-        return tuple(float(np.ptp([*np.log(x / slope), 0.0])) for x, slope in zip(values.reshape(-1, 2), slopes, strict=True))
+        tangents = [outputs.tangent for outputs in (unloaded.forces, unloaded.charges) if outputs is not None]
+        changes = np.log(values.reshape(-1, 2) / tangents)
+        return tuple(float(np.ptp([*change, 0.0])) for change in changes)
 
     @property
     def radius(self) -> float:

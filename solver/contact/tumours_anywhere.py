@@ -130,15 +130,14 @@ class TissueUnderLoad:
 
     def press_to_indentation(self, indentation: float) -> float:
         """Return the force at an indentation without tumours, N."""
-        self._check_depth(0.0, "load.indentation", format_mm(indentation), indentation)
+        if indentation > MAX_X * self.loaded.paths[0].radius:
+            self._refuse_depth("load.indentation", format_mm(indentation), 0.0)  # names an indentation, not a force
         return self.loaded.press_to_indentation(indentation).point.force
 
-    def _check_depth(self, force: float, key: str, value: object, indentation: float = 0.0, margin: float = 1.0) -> None:
-        """Refuse a force, N, or an indentation, m, deeper than ``MAX_X``; ``margin`` is what the force is more than allowed."""
+    def _check_depth(self, force: float, key: str, value: object, margin: float = 1.0) -> None:
+        """Refuse a force, N, that indents deeper than ``MAX_X``; ``margin`` is what it is more than what is asked for."""
         path = self.loaded.paths[0]
         deepest = MAX_X * path.radius
-        if indentation > deepest:
-            self._refuse_depth(key, value, 0.0)  # names an indentation, not a force
         if path.last.force >= force or any(map(self._is_closed, path.points)):
             return
         light_limit = self._light_limit if force > deepest * float(path.points[0].tangent.sum()) else None

@@ -316,8 +316,8 @@ def _build_outputs(
     chain
         Derivatives of the section's variables with respect to these, shape (n, v).
     """
-    totals, slopes = now.sum(axis=2)
-    logs, sensitivity = changes[:, 0] / totals, slopes / totals
+    totals, derivatives_by_modulus = now.sum(axis=2)
+    logs, sensitivity = changes[:, 0] / totals, derivatives_by_modulus / totals
     d_sensitivity = changes[:, 1] / totals - sensitivity * logs
     outputs = compute_outputs(scene, totals[None], (sensitivity[::2] - sensitivity[1::2])[None])
     derivatives = differentiate_outputs(

@@ -40,8 +40,8 @@ def loading(node: ast.AST) -> Iterator[ast.AST]:
 @cache
 def late(path: Path) -> list[ast.Import | ast.ImportFrom]:
     functions = (node for node in statements(tree(path)) if isinstance(node, FUNCTION))
-    found = {node for function in functions for node in statements(function) if isinstance(node, ast.Import | ast.ImportFrom)}
-    return sorted(found, key=lambda node: node.lineno)
+    imports = {node for function in functions for node in statements(function) if isinstance(node, ast.Import | ast.ImportFrom)}
+    return sorted(imports, key=lambda node: node.lineno)
 
 
 def with_parents(name: str) -> set[str]:
