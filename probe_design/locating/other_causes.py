@@ -24,6 +24,7 @@ from probe_design.locating.sampling import draw_posterior
 DRIFT_SD = 0.1  # of ln reading from the first to the last, before the readings
 MIN_CERTAINTY, MAX_CERTAINTY = 0.95, 0.5  # probability of a tumour that rests on a reading: with it, and at most without it
 MAX_LOG_FACTOR = 3.0  # ln Bayes factor of more tumours against one, above which the place of one alone says nothing
+MAX_OTHER_SUPPORT = 3.0  # ln likelihood that all readings but one lose without a tumour: about what its place and size cost
 MIN_DEVIATION = 3.0  # of a reading from the best tumour, in standard deviations, that makes it worth leaving out
 
 
@@ -135,14 +136,31 @@ def find_single_readings(likelihood: Likelihood, samples: Sequence[Sample], none
     return [reading for reading in result if not reading.is_place] or result  # no place of a tumour that one reading makes
 
 
+def find_lone_tumours(likelihood: Likelihood, tumours: Floats) -> list[tuple[int, int]]:
+    """Return those of several tumours, (1, m, 5), for which one reading speaks alone, each with this reading, by their indices.
+
+    Without such a tumour all other readings together lose less likelihood than its place and size cost.
+    """
+    misfit, result = _compute_misfits(likelihood, tumours), []
+    for tumour in range(tumours.shape[1]):
+        support = (_compute_misfits(likelihood, np.delete(tumours, tumour, axis=1)) - misfit).sum(axis=1) / 2
+        reading = int(np.argmax(support))
+        if support.sum() - support[reading] < MAX_OTHER_SUPPORT:
+            result.append((tumour, reading))
+    return result
+
+
 def _compare_readings(likelihood: Likelihood, best: Floats) -> tuple[Floats, Floats]:
     """Return how far each reading speaks for a tumour (1, 1, 5), ln, and its largest deviation from it, shape (k,) each."""
-    misfits = []
-    for tumours in (np.zeros((1, 0, 5)), best):
-        residuals, variance = likelihood.compute_residuals(tumours)
-        offsets, _ = likelihood.estimate_offsets(residuals, variance)
-        misfits.append((residuals - offsets)[0] ** 2 / variance[0])
-    return (misfits[0] - misfits[1]).sum(axis=1) / 2, np.sqrt(misfits[1].max(axis=1))
+    without, misfit = (_compute_misfits(likelihood, tumours) for tumours in (np.zeros((1, 0, 5)), best))
+    return (without - misfit).sum(axis=1) / 2, np.sqrt(misfit.max(axis=1))
+
+
+def _compute_misfits(likelihood: Likelihood, tumours: Floats) -> Floats:
+    """Return the squared deviation of each reading from a set of tumours, (1, m, 5), in standard deviations; shape (k, 2)."""
+    residuals, variance = likelihood.compute_residuals(tumours)
+    offsets, _ = likelihood.estimate_offsets(residuals, variance)
+    return np.asarray((residuals - offsets)[0] ** 2 / variance[0])
 
 
 def _find_median(likelihood: Likelihood, sample: Sample) -> tuple[float, float]:

@@ -14,9 +14,10 @@ from geometry.scenes.probe import format_mm
 from probe_design.locating.common_errors import CHANNEL_NAMES, Rows, Sums
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location, Residual
-from probe_design.locating.other_causes import compare_drift, find_single_readings
+from probe_design.locating.other_causes import MIN_CERTAINTY, compare_drift, find_lone_tumours, find_single_readings
 from probe_design.locating.posterior import NORMAL_90, CommonSummary
 from probe_design.locating.samples import CONVERGED_SIZE, Sample
+from probe_design.locating.scan_data import ScanData
 
 MIN_GAIN_P_VALUE = 1e-2  # of the gains before the readings, below which a warning names them
 MIN_SCATTER_P_VALUE = 1e-3  # of a misfit as small as that of the readings, below which a warning names the noise
@@ -53,9 +54,17 @@ def add_warnings(
             f"no tumour of this population explains these readings (p = {result.p_value:.1g}): another probe, calibration or "
             "tissue, more noise than [noise] states, a wild reading (--outliers, outliers=), or tumours beyond the population"
         )
-    notes += filter(None, (_compare_gains(result.nuisances), _describe_drift(result, likelihood, groups), _find_edge(result)))
+    notes += filter(
+        None,
+        (
+            _count_copies(likelihood.data, result.residuals),
+            _compare_gains(result.nuisances),
+            _describe_drift(result, likelihood, groups),
+            _find_edge(result),
+        ),
+    )
     if result.explained:
-        notes += _list_single_readings(result, likelihood, samples)
+        notes += [*_list_single_readings(result, likelihood, samples), *_list_lone_tumours(result, likelihood, samples)]
     notes += filter(None, (_count_wild(result, likelihood), _compare_scatter(likelihood, samples)))
     for index, residual in enumerate(result.residuals):
         for name in CHANNEL_NAMES:
@@ -106,6 +115,23 @@ def _name_reading(index: int, residual: Residual) -> str:
     return f"{'baseline reading' if residual.blank else 'reading'} {index} at {place}"
 
 
+def _count_copies(data: ScanData, residuals: Sequence[Residual]) -> str:
+    """Return a note where most readings that repeat a place and a load equal an earlier one there to the last digit."""
+    places = np.column_stack([data.positions, data.weights, data.is_baseline])
+    first: dict[bytes, int] = {}
+    copies, repeats = [], len(data) - len(np.unique(places, axis=0))
+    for index, row in enumerate(np.column_stack([places, data.values])):
+        if first.setdefault(row.tobytes(), index) != index:
+            copies.append((first[row.tobytes()], index))
+    if 2 * len(copies) <= repeats:
+        return ""
+    return (
+        f"{len(copies)} of {repeats} repeated readings equal an earlier one at their place to the last digit, as reading "
+        f"{copies[0][1]} equals {_name_reading(copies[0][0], residuals[copies[0][0]])}: a press that is listed twice counts as "
+        "two, which narrows the map; leave copies out"
+    )
+
+
 def _describe_drift(result: Location, likelihood: Likelihood, groups: Sequence[Floats]) -> str:
     """Return a note where a gain that drifts explains the readings far better than tumours alone, else an empty text."""
     drift = compare_drift(likelihood, groups, np.array(result.probability))
@@ -138,6 +164,27 @@ def _list_single_readings(result: Location, likelihood: Likelihood, samples: Seq
         )
 
 
+def _list_lone_tumours(result: Location, likelihood: Likelihood, samples: Sequence[Sample]) -> Iterator[str]:
+    """Yield a note for each of several tumours, all of them almost certain, for which one reading speaks alone."""
+    number = sum(result.compute_probability_at_least(least) > MIN_CERTAINTY for least in range(1, len(result.probability)))
+    if number < 2 or likelihood.outlier_rate:  # with which one reading makes no tumour certain
+        return
+    tumours = _find_best(likelihood, samples[number - 1])
+    for tumour, reading in find_lone_tumours(likelihood, tumours):
+        x, y = (1e3 * tumours[0, tumour, :2]).tolist()
+        yield (
+            f"that one of {number} tumours lies at about x = {x:.1f} mm, y = {y:.1f} mm rests on "
+            f"{_name_reading(reading, result.residuals[reading])} alone: press there again, or allow for wild readings "
+            "(--outliers, outliers=)"
+        )
+
+
+def _find_best(likelihood: Likelihood, sample: Sample) -> Floats:
+    """Return the most likely tumours of a sample, shape (1, m, 5)."""
+    likely = sample.points[np.argsort(sample.log_weights)[-TESTED_SETS:]]
+    return likelihood.prior.transform(likely[[int(np.argmax(likelihood.evaluate(likely)))]])
+
+
 def _count_wild(result: Location, likelihood: Likelihood) -> str:
     """Return a note where more readings are wild than the rate lets expect, else an empty text."""
     count = sum((part.wild or 0) > WILD_PROBABILITY for part in result.residuals)
@@ -154,9 +201,7 @@ def _compare_scatter(likelihood: Likelihood, samples: Sequence[Sample]) -> str:
     count = int(likelihood.data.is_read.sum())
     sets = [(np.zeros((1, 0, 5)), count)]
     for sample in samples[:1]:
-        likely = sample.points[np.argsort(sample.log_weights)[-TESTED_SETS:]]
-        best = likely[[int(np.argmax(likelihood.evaluate(likely)))]]
-        sets.append((likelihood.prior.transform(best), count - len(likelihood.prior.free)))
+        sets.append((_find_best(likelihood, sample), count - len(likelihood.prior.free)))
     for tumours, freedom in sets:
         misfit = float(likelihood.sum_readings(tumours).compute_misfit()[0])
         if freedom > 0 and chi2.cdf(misfit, freedom) < MIN_SCATTER_P_VALUE:

@@ -11,12 +11,25 @@ import pytest
 from geometry import InputError
 from probe_design.estimation.measurements import Reading
 from probe_design.locating.figures import PLAN_POINTS, draw_plan
+from probe_design.locating.other_causes import find_lone_tumours
 from probe_design.locating.posterior import find_places
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.report import build_headline, list_lines, write_files
 from probe_design.locating.run import list_assumed_places
 from probe_design.locating.scan_data import ScanData, check_readings
-from tests.probe_design.locating.test_inference import CLEAR, GAINS, NONE, PLACES, WHITE, clear, design, result, scan
+from tests.probe_design.locating.test_inference import (
+    APART,
+    CLEAR,
+    GAINS,
+    NONE,
+    PLACES,
+    WHITE,
+    clear,
+    design,
+    likelihood,
+    result,
+    scan,
+)
 from tests.support.stand_in_model import StandInModel
 
 
@@ -68,6 +81,32 @@ def test_a_tumour_that_one_wild_reading_makes_is_said_to_rest_on_it() -> None:
     assert located.probability[0] < 0.05
     (note,) = (line for line in located.warnings if "rests on" in line)
     assert "that there is a tumour rests on reading 13 at x = 0 mm, y = 0 mm alone" in note
+
+
+def test_a_second_tumour_that_one_wild_reading_makes_is_said_to_rest_on_it() -> None:
+    """Beside a clear tumour a reading that is 15 % off gave a second one with certainty, unwarned."""
+    wild = change(scan(CLEAR), 0.15 * (np.arange(len(PLACES)) == 20))
+    second = np.array([[[16e-3, 8e-3, 9.3e-3, 8.2e-3, 26e3]]])
+    tumours = np.concatenate([CLEAR, second], axis=1)
+    assert find_lone_tumours(likelihood(wild), tumours) == [(1, 20)]
+    assert not find_lone_tumours(likelihood(scan(APART)), APART)
+
+
+@pytest.mark.slow
+def test_a_second_tumour_of_one_reading_is_named_in_the_result() -> None:
+    located = result(change(scan(CLEAR), 0.15 * (np.arange(len(PLACES)) == 20)), tumours=2)
+    assert located.probability[2] > 0.95
+    (note,) = (line for line in located.warnings if "rests on" in line)
+    assert "that one of 2 tumours lies at about x = 1" in note
+    assert "rests on reading 20 at x = 16 mm, y = 8 mm alone" in note
+
+
+def test_readings_that_are_listed_twice_are_named() -> None:
+    """A scan appended to itself halved its intervals, unwarned; repeats with a scatter of their own are welcome."""
+    data = scan(CLEAR)
+    (note,) = (line for line in result(data.join(data), tumours=1).warnings if "last digit" in line)
+    assert note.startswith("26 of 26 repeated readings equal an earlier one at their place to the last digit, as reading 26")
+    assert not any("last digit" in line for line in result(data.join(scan(CLEAR, seed=2)), tumours=1).warnings)
 
 
 def test_a_place_that_one_wild_reading_shifts_is_said_to_rest_on_it() -> None:
