@@ -30,6 +30,7 @@ MIN_DEFLECTION = 3.0  # of a scan's readings by a tumour, in standard deviations
 DETECTABLE_SAMPLES = 1024  # tumours of the prior whose deflections are computed
 WILD_PROBABILITY = 0.5  # above it a reading counts as wild and is left out of the residual test
 MAX_DEVIATION = 4.0  # standard deviations of one residual above which a warning names it
+MAX_LISTED = 4  # of these: a scan of another load had 25, below which the reason was lost
 
 
 def add_warnings(
@@ -66,14 +67,7 @@ def add_warnings(
     if result.explained:
         notes += [*_list_single_readings(result, likelihood, samples), *_list_lone_tumours(result, likelihood, samples)]
     notes += filter(None, (_count_wild(result, likelihood), _compare_scatter(likelihood, samples)))
-    for index, residual in enumerate(result.residuals):
-        for name in CHANNEL_NAMES:
-            deviation = getattr(residual, name)
-            if deviation is None or abs(deviation) < MAX_DEVIATION or (residual.wild or 0) > WILD_PROBABILITY:
-                continue
-            cause = ": a tumour may lie below it" if residual.blank else ""
-            reading = _name_reading(index, residual)
-            notes.append(f"the {name} of {reading} is {deviation:+.1f} standard deviations off its prediction{cause}")
+    notes += _list_deviations(result)
     for part, probability in zip(result.by_number, result.probability[1:], strict=True):
         if not part.converged:
             tumours = "1 tumour" if part.number == 1 else f"{part.number} tumours"
@@ -107,6 +101,25 @@ def add_warnings(
             f"{MIN_DEFLECTION:g} standard deviations: the map is little more than the population"
         )
     return replace(result, warnings=tuple(notes))
+
+
+def _list_deviations(result: Location) -> list[str]:
+    """Return a note for each reading that is far off its prediction; of many the farthest ones, and how many more there are."""
+    notes = []
+    for index, residual in enumerate(result.residuals):
+        for name in CHANNEL_NAMES:
+            deviation = getattr(residual, name)
+            if deviation is None or abs(deviation) < MAX_DEVIATION or (residual.wild or 0) > WILD_PROBABILITY:
+                continue
+            cause = ": a tumour may lie below it" if residual.blank else ""
+            reading = _name_reading(index, residual)
+            text = f"the {name} of {reading} is {deviation:+.1f} standard deviations off its prediction{cause}"
+            notes.append((abs(deviation), text))
+    notes.sort(key=lambda note: -note[0])
+    texts = [text for _, text in notes[:MAX_LISTED]]
+    if len(notes) > MAX_LISTED:
+        texts.append(f"{len(notes) - MAX_LISTED} more are {MAX_DEVIATION:g} standard deviations off their predictions or more")
+    return texts
 
 
 def _name_reading(index: int, residual: Residual) -> str:

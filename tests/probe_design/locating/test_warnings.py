@@ -15,6 +15,7 @@ from probe_design.locating.other_causes import find_lone_tumours
 from probe_design.locating.posterior import find_places
 from probe_design.locating.prior import TumourPrior
 from probe_design.locating.report import build_headline, list_lines, write_files
+from probe_design.locating.result_warnings import MAX_LISTED
 from probe_design.locating.run import list_assumed_places
 from probe_design.locating.scan_data import ScanData, check_readings
 from tests.probe_design.locating.test_inference import (
@@ -132,6 +133,14 @@ def test_more_wild_readings_than_are_stated_are_counted() -> None:
     """Ratios of charges among ratios of stresses: half of the readings were silently counted as wild."""
     mixed = result(change(scan(CLEAR), 0.5 * (np.arange(len(PLACES)) % 2)), 0.05, tumours=1)
     assert any("13 of 26 readings count as wild" in line for line in mixed.warnings)
+
+
+def test_of_many_readings_that_are_far_off_the_farthest_are_named() -> None:
+    """Two loads whose gains differ had 25 lines of warnings, one for each reading."""
+    notes = result(change(scan(NONE), 0.3 * (np.arange(len(PLACES)) % 2)), tumours=1).warnings
+    listed = [line for line in notes if "off its prediction" in line]
+    assert len(listed) == MAX_LISTED
+    assert any(line.endswith("more are 4 standard deviations off their predictions or more") for line in notes)
 
 
 def test_a_line_of_readings_says_where_tumours_are_assumed() -> None:
