@@ -199,13 +199,16 @@ def _collect_readings(
     noise_and_stiffness
         Noise of the ratio, stiffness and noise of the stiffness.
     """
+    from probe_design.estimation.made_readings import check_readings
     from probe_design.estimation.measurements import build_single_reading, read_readings
 
     noise, stiffness, stiffness_noise = noise_and_stiffness
     if readings is None:
         return build_single_reading(scene, ratio, noise, stiffness, stiffness_noise)
     source = check_readings_source(readings)
-    return read_readings(source, scene, noise, stiffness_noise) if isinstance(source, Path) else source
+    if isinstance(source, Path):
+        return read_readings(source, scene, noise, stiffness_noise)
+    return check_readings(source, scene)
 
 
 def check_readings_source(readings: object) -> tuple[Reading, ...] | Path:

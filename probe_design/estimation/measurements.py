@@ -38,7 +38,6 @@ from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.fit_check import check_bodies_fit
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_tables import Placement
 from geometry.scenes.units import Quantity, read_number
 from probe_design.data.noise import read_noise
 from probe_design.estimation.csv_rows import parse_csv
@@ -204,7 +203,7 @@ def build_single_reading(
         A value is not allowed.
     """
     row = {"ratio": ratio, "noise": noise, "stiffness": stiffness, "stiffness_noise": stiffness_noise}
-    return (_check_reading("", row, scene, None, None),)
+    return (check_reading("", row, scene, None, None),)
 
 
 def read_readings(
@@ -238,7 +237,7 @@ def read_readings(
         raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MAX_READINGS} readings")
     if is_scan:
         return tuple(build_scan_reading(f"reading[{index}].", row, scene, noise) for index, row in enumerate(rows))
-    return tuple(_check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
+    return tuple(check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
 
 
 def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: NoiseAtForce | None = None) -> Reading:
@@ -266,7 +265,7 @@ def build_scan_reading(key_prefix: str, row: Mapping[str, object], scene: Scene,
     extra = {key: row[key] for key in SCAN_QUANTITIES if row.get(key) is not None}
     force = None if row.get("force") is None else read_force(f"{key_prefix}force", row["force"], scene)
     defaults = (None, None) if noise is None else noise(force)
-    reading = _check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, *defaults)
+    reading = check_reading(key_prefix, {key: row[key] for key in row if key not in extra}, scene, *defaults)
     numbers: dict[str, Any] = {key: SCAN_QUANTITIES[key].read(key_prefix + key, entry) for key, entry in extra.items()}
     return replace(reading, **numbers)
 
@@ -280,7 +279,7 @@ def _parse_toml(text: str, name: str) -> list[Mapping[str, object]]:
     return rows
 
 
-def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
+def check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
     """Return a reading from its entries, checked.
 
     Parameters
@@ -355,7 +354,7 @@ def _read_place(key_prefix: str, entries: Mapping[str, object], scene: Scene) ->
 
 def check_place(scene: Scene, x: float, y: float) -> None:
     """Raise ``InputError`` where the probe with its axis at x, y, m, does not stand on the tissue."""
-    check_bodies_fit(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
+    check_bodies_fit(scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})}))
 
 
 def is_on_tissue(scene: Scene, x: float, y: float) -> bool:

@@ -12,6 +12,7 @@ from scipy.special import softmax
 from geometry.common.arrays import Bools, Floats
 from geometry.common.calls import check_call
 from geometry.common.errors import InputError, Words
+from probe_design.estimation.made_readings import add_si_units
 from probe_design.estimation.measurements import Reading, build_scan_reading, is_on_tissue
 from probe_design.locating.inference import Posterior, infer
 from probe_design.locating.likelihood import Likelihood
@@ -126,13 +127,8 @@ class Locator:
         InputError
             An entry is not allowed.
         """
-        if not isinstance(reading, Reading):
-            units = dict.fromkeys(("x", "y", "x_sd", "y_sd"), "m") | {"force": "N"}
-            reading = {
-                key: f"{entry!r} {units[key]}" if key in units and isinstance(entry, float | int) else entry
-                for key, entry in reading.items()
-            }
-            reading = build_scan_reading(f"reading[{len(self.readings)}].", reading, self.design.scene, self._compute_noise)
+        entries = add_si_units(vars(reading) if isinstance(reading, Reading) else reading)
+        reading = build_scan_reading(f"reading[{len(self.readings)}].", entries, self.design.scene, self._compute_noise)
         new_data = ScanData.from_readings((reading,), self.design, self._conditions)
         self._likelihood = replace(self._likelihood, data=self._likelihood.data.join(new_data))
         self.readings = (*self.readings, reading)
@@ -216,6 +212,9 @@ class Locator:
     def tell(self, x: Sequence[float], y: Sequence[float] | float) -> None:
         """Take a reading into account: x is (x, y), m, perhaps with the force, N, y the ratio or (ratio, stiffness in N/m)."""
         values = np.atleast_1d(np.asarray(y, dtype=float)).tolist()
+        if not (2 <= len(x) <= 3 and 1 <= len(values) <= 2):
+            allowed = "a place (x, y) or (x, y, force), and a ratio or (ratio, stiffness)"
+            raise InputError("reading", Words(f"{len(x)} and {len(values)} numbers"), allowed)
         entries: dict[str, object] = dict(zip(("x", "y", "force"), map(float, x), strict=False))
         self.update(entries | dict(zip(("ratio", "stiffness"), values, strict=False)))
 

@@ -179,7 +179,7 @@ def _list_single_readings(result: Location, likelihood: Likelihood, samples: Seq
 
 def _list_lone_tumours(result: Location, likelihood: Likelihood, samples: Sequence[Sample]) -> Iterator[str]:
     """Yield a note for each of several tumours, all of them almost certain, for which one reading speaks alone."""
-    number = sum(result.compute_probability_at_least(least) > MIN_CERTAINTY for least in range(1, len(result.probability)))
+    number = sum(result.compute_probability_at_least(count) > MIN_CERTAINTY for count in range(1, len(result.probability)))
     if number < 2 or likelihood.outlier_rate:  # with which one reading makes no tumour certain
         return
     tumours = _find_best(likelihood, samples[number - 1])

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from probe_design.estimation.made_readings import check_readings
 from probe_design.estimation.measurements import Reading, read_readings
 from probe_design.locating.inference import infer
 from probe_design.locating.likelihood import Likelihood
 from probe_design.locating.location import Location
 from probe_design.locating.prior import ForwardModel, TumourPrior
-from probe_design.locating.scan_data import ScanConditions, ScanData, check_readings
+from probe_design.locating.scan_data import ScanConditions, ScanData, check_places
 from probe_design.populations.design_file import Design
 from solver.reading_tables.build import read_or_build_table
 from solver.reading_tables.tumour_ranges import TumourRanges
@@ -53,8 +54,9 @@ def run_locate(
         Predicts readings under one load; default: the tables of the probe on the tissue.
     """
     conditions = ScanConditions.from_design(design)
-    readings = read_scan(scan, design, conditions) if isinstance(scan, Path) else scan
-    check_readings(readings)
+    given = read_scan(scan, design, conditions) if isinstance(scan, Path) else scan
+    readings = check_readings(given, design.scene, is_scan=True)
+    check_places(readings)
     data = ScanData.from_readings(readings, design, conditions)
     prior = TumourPrior.from_design(design, data.positions[~data.is_baseline])
     models = build_models(prior, conditions.loads.scenes) if model is None else (model,)

@@ -150,19 +150,14 @@ class ScanData:
         return np.isfinite(self.variance)
 
 
-def check_readings(readings: Sequence[Reading]) -> None:
+def check_places(readings: Sequence[Reading]) -> None:
     """Refuse readings from which no place can be inferred.
 
     Raises
     ------
     InputError
-        A number is not allowed, there are too few, or all lie at the same place.
+        There are too few, or all lie at the same place.
     """
-    for index, reading in enumerate(readings):
-        for name in ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise"):
-            value, allowed = getattr(reading, name), "a finite number" if name in "xy" else "a finite number above 0"
-            if value is not None and not (math.isfinite(value) and (name in "xy" or value > 0)):
-                raise InputError(f"readings[{index}].{name}", value, allowed)
     over_tissue = [reading for reading in readings if not reading.blank]
     if len(over_tissue) < MIN_READINGS:
         allowed = f"{MIN_READINGS} or more besides baseline readings (blank = true)"

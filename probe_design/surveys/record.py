@@ -17,6 +17,7 @@ from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.field_readings import FieldReading
 from probe_design.data.noise import MIN_NOISE
+from probe_design.estimation.made_readings import check_readings
 from probe_design.estimation.measurements import Reading, build_scan_reading
 from probe_design.populations.design_file import Design
 from probe_design.populations.tables import NoiseModel
@@ -107,6 +108,7 @@ class SurveyRecord:
         InputError
             The folder holds a survey of another design or other settings, or its record cannot be read.
         """
+        scene = design.scene if isinstance(design, Design) else design
         settings = {"design_sha256": sha256(design.model_dump_json().encode()).hexdigest()} | settings
         path = folder / RECORD_FILE
         if not path.exists():
@@ -114,9 +116,11 @@ class SurveyRecord:
         allowed = "a new folder, or that of a survey of this design with the same options"
         try:
             contents = json.loads(path.read_text(encoding="utf-8"))
+            entries = contents["presses"]
+            readings = check_readings([Reading(**entry["reading"]) for entry in entries], scene, is_scan=True)
             presses = tuple(
-                Press(Reading(**entry["reading"]), str(entry["file"]), tuple(entry["probability"]))
-                for entry in contents["presses"]
+                Press(reading, str(entry["file"]), tuple(map(float, entry["probability"])))
+                for reading, entry in zip(readings, entries, strict=True)
             )
             stored = dict(contents["settings"])
         except (ValueError, KeyError, TypeError, OSError):

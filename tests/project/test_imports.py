@@ -196,7 +196,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.locating": {
-        "probe_design.estimation.measurements",
+        *{f"probe_design.estimation.{name}" for name in ("made_readings", "measurements")},
         "probe_design.populations",
         "probe_design.reporting",
         "solver.equivalent_inclusion",
@@ -227,7 +227,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.surveys": {
         "probe_design.built_probe",  # the virtual one, and readings of it
         "probe_design.data.noise",
-        "probe_design.estimation.measurements",
+        *{f"probe_design.estimation.{name}" for name in ("made_readings", "measurements")},
         "probe_design.locating",
         "probe_design.populations",
         "probe_design.reporting",

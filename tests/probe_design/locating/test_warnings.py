@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry import InputError
-from probe_design.estimation.measurements import Reading
 from probe_design.locating.figures import PLAN_POINTS, draw_plan
 from probe_design.locating.other_causes import find_lone_tumours
 from probe_design.locating.posterior import find_places
@@ -17,7 +15,7 @@ from probe_design.locating.prior import TumourPrior
 from probe_design.locating.report import build_headline, list_lines, write_files
 from probe_design.locating.result_warnings import MAX_LISTED
 from probe_design.locating.run import list_assumed_places
-from probe_design.locating.scan_data import ScanData, check_readings
+from probe_design.locating.scan_data import ScanData
 from tests.probe_design.locating.test_inference import (
     APART,
     CLEAR,
@@ -189,18 +187,3 @@ def test_a_page_has_warnings_above_its_tables(tmp_path: Path) -> None:
     write_files(result(data, tumours=1), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.index("seems to drift") < page.index("How many tumours</h2>")
-
-
-@pytest.mark.parametrize(
-    ("numbers", "words"),
-    [
-        ({"ratio": -0.4}, r"readings\[1\].ratio = -0.4: allowed: a finite number above 0"),
-        ({"noise": 0.0}, r"readings\[1\].noise"), ({"x": float("nan")}, r"readings\[1\].x"),
-        ({"stiffness": float("inf")}, r"readings\[1\].stiffness"),
-    ],
-)  # fmt: skip
-def test_numbers_of_readings_made_in_python_are_checked(numbers: dict[str, float], words: str) -> None:
-    """A negative ratio ended in Python's own "math domain error"."""
-    good = Reading(0.0, 0.0, 0.4, 0.01)
-    with pytest.raises(InputError, match=words):
-        check_readings((good, replace(good, **numbers), replace(good, x=1e-3)))  # type: ignore[arg-type]
