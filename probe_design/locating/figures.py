@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from geometry.common.arrays import Floats
 from geometry.scenes.units import MM_PER_M
@@ -212,5 +212,6 @@ def _plot_fit(axes: Axes, result: Location) -> None:
                 order[mask], changes[mask], sd[mask], fmt=marker, color=colour, markersize=4, linewidth=0.8, label=label
             )
     axes.axhline(0, color="0.7", linewidth=0.8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="press, in the order of the file", ylabel="change against\ntumour-free tissue, %")
     axes.legend(**LEGEND_ABOVE | {"ncols": 4})

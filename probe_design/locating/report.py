@@ -43,6 +43,15 @@ def build_tables(result: Location) -> list[Table]:
     return [_build_number_table(result), _build_tumour_table(result, result.best), *common]
 
 
+def _title_tables(result: Location) -> Iterator[Text | Table]:
+    """Yield the tables for a page, below the first their titles: of which number of tumours, and how probable that is."""
+    first, *others = build_tables(result)
+    yield first
+    for table in others:
+        yield Text(f"{table.title[:1].upper()}{table.title[1:]}:")
+        yield table
+
+
 def _build_common_table(result: Location) -> Table:
     """Return the table of gains, and of the numbers of the tissue that the population leaves open."""
     rows = []
@@ -174,6 +183,8 @@ def build_headline(result: Location) -> str:
         return number
     tumour = result.tumours[0]
     places = [f"x = {MM_PER_M * x:.1f} mm, y = {MM_PER_M * y:.1f} mm" for x, y in find_places(*result.best.sets[:, 0, :2].T)]
+    if len(places) == 1 and not any(tumour.quantities[name].is_learnt for name in "xy"):
+        return f"{number} Where the clearest lies the readings do not tell."
     area = float(f"{tumour.place_region_90 * MM_PER_M**2:.2g}")  # rounded here, so that 140 is not written as 1.4e+02
     return f"{number} The clearest lies at {' or at '.join(places)}, within {area:g} mm² with a probability of 90 %."
 
@@ -205,7 +216,7 @@ def write_files(result: Location, folder: Path, first_chapters: Sequence[Chapter
         chapters = [
             *warnings,
             *first_chapters,
-            Chapter("How many tumours", (*build_tables(result), *(Text(line) for line in list_lines(result)))),
+            Chapter("How many tumours", (*_title_tables(result), *(Text(line) for line in list_lines(result)))),
             *(
                 Chapter(title, (Picture.from_file(draft / name, title), Text(LEGENDS[name])))
                 for name, title in zip(drawings, ("Where", "How deep", "What is learnt", "Predicted and read"), strict=True)

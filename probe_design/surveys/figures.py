@@ -23,7 +23,7 @@ PLAN_POINTS, PLAN_SETS = 81, 300  # of a map along each axis; sets of tumours be
 MAX_PANELS, PANEL_COLUMNS = 12, 4  # of the sequence
 LEGEND = (
     "The tissue from above after each press. Colour: the probability that some part of a tumour lies below this point. Numbers: "
-    "the presses in their order, the last one bold. Star: where to press next, as that reading is expected to say the most. "
+    "the presses as in the table, the last one bold. Star: where to press next, as that reading is expected to say the most. "
     "Dashed circles, if any: the tumours that the virtual tissue hides."
 )
 
@@ -42,6 +42,8 @@ class Step:
         Probability that a tumour lies below each point, shape (len(y), len(x)).
     positions
         Presses over the tissue, m, shape (k, 2).
+    press_numbers
+        Of these in their order, the baseline reading counted, k whole numbers.
     probability_none
         Probability of no tumour.
     following
@@ -53,6 +55,7 @@ class Step:
     y: Floats
     plan: Floats
     positions: Floats
+    press_numbers: tuple[int, ...]
     probability_none: float
     following: NextPosition | None
 
@@ -65,9 +68,9 @@ class Step:
         )
         sets = zip(locator.draw_sets(PLAN_SETS), locator.probability[1:], strict=True)
         plan = sum((share * compute_plan(tumours, x, y) for tumours, share in sets), np.zeros((PLAN_POINTS, PLAN_POINTS)))
-        places = [(part.x, part.y) for part in locator.readings if not part.blank]
-        positions = np.array(places).reshape(-1, 2)
-        return cls(len(locator.readings), x, y, plan, positions, locator.probability_none, following)
+        presses = {number: part for number, part in enumerate(locator.readings, start=1) if not part.blank}
+        positions = np.array([(part.x, part.y) for part in presses.values()]).reshape(-1, 2)
+        return cls(len(locator.readings), x, y, plan, positions, tuple(presses), locator.probability_none, following)
 
 
 def draw_step(step: Step, hidden: Floats | None = None) -> Figure:
@@ -98,8 +101,8 @@ def draw_sequence(steps: list[Step], hidden: Floats | None = None) -> Figure:
 def _plot_step(axes: Axes, step: Step, hidden: Floats | None, *, size: int) -> QuadMesh:
     """Plot one map; return what a colour bar needs."""
     picture = plot_probability(axes, step.x, step.y, step.plan)
-    for number, (x, y) in enumerate(step.positions * MM_PER_M, start=1):
-        is_last = number == len(step.positions)
+    for number, (x, y) in zip(step.press_numbers, step.positions * MM_PER_M, strict=True):
+        is_last = number == step.number
         axes.text(
             x, y, str(number), fontsize=size, ha="center", va="center", color="black" if is_last else "0.3",
             fontweight="bold" if is_last else "normal",
@@ -108,9 +111,8 @@ def _plot_step(axes: Axes, step: Step, hidden: Floats | None, *, size: int) -> Q
         axes.add_patch(Circle((x, y), diameter / 2, facecolor="none", edgecolor="tab:blue", linestyle="--"))
     if step.following is not None:
         plot_next(axes, step.following, 1.7 * size)
-    presses = len(step.positions)
     none = f"{step.probability_none:.2f}" if step.probability_none >= 0.01 else f"{step.probability_none:.0e}"
-    noun = "press" if presses == 1 else "presses"
-    axes.set_title(f"{presses} {noun}: no tumour {none}" if presses else "baseline reading", fontsize=size + 1)
+    what = f"no tumour {none}" if len(step.positions) else "baseline"
+    axes.set_title(f"press {step.number}: {what}", fontsize=size + 1)
     axes.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
     return picture

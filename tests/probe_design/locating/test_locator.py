@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from probe_design.locating.locator import NoRecommendation
 from probe_design.locating.scan_loads import TumourFree
 from probe_design.locating.stopping import find_stop
 from probe_design.populations.design_file import Design, design_from_dict
+from probe_design.surveys.figures import Step, draw_step
 from tests.support.paths import ROOT
 from tests.support.stand_in_model import StandInModel
 
@@ -154,3 +156,20 @@ def test_reasons_to_stop() -> None:
     assert find_stop(0.5, 0.02, 0.1) is None  # one such stop in fifty would be wrong
     reasons = [find_stop(*numbers) for numbers in ((0.009, 0.9, 0.1), (0.7, 0.009, 0.1), (0.5, 0.5, 1e-4))]
     assert [stop.reason for stop in reasons if stop is not None] == ["tumour", "none", "nothing to learn"]
+
+
+def test_maps_number_presses_as_the_survey_s_table_does() -> None:
+    """The first press is the baseline reading: maps counted from the second."""
+    subject = Locator(design(1), model=StandInModel())
+    for x, blank in ((30e-3, True), (4e-3, False), (-4e-3, False)):
+        subject.update({"x": x, "y": 0.0, "ratio": 0.39, "blank": blank})
+    (axes, *_) = draw_step(Step.from_locator(subject, None)).axes
+    assert [text.get_text() for text in axes.texts] == ["2", "3"]
+    assert axes.get_title().startswith("press 3: no tumour 0.")
+
+
+@pytest.mark.parametrize("told", [((1e-3,), 0.4), ((1e-3, 0.0), (0.4, 80.0, 3.0))])
+def test_tell_refuses_numbers_that_it_does_not_know(told: tuple[Any, Any]) -> None:
+    """A third number was left out silently."""
+    with pytest.raises(InputError, match=r"a place \(x, y\)"):
+        Locator(design(1), model=StandInModel()).tell(*told)

@@ -181,9 +181,17 @@ def test_a_tumour_beside_a_line_of_readings_has_two_places() -> None:
     )
 
 
-def test_a_page_has_warnings_above_its_tables(tmp_path: Path) -> None:
-    """They stood below all pictures, and a headline in green above."""
+def test_a_page_has_warnings_above_its_tables_and_their_titles(tmp_path: Path) -> None:
+    """They stood below all pictures; of which number of tumours a table was, and how probable that is, no page said."""
     data = change(scan(NONE), np.linspace(0, 0.08, len(PLACES)))
     write_files(result(data, tumours=1), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.index("seems to drift") < page.index("How many tumours</h2>")
+    assert page.index("seems to drift") < page.index("How many tumours</h2>") < page.index("If 1 tumour (probability 1.00):")
+
+
+def test_a_place_that_is_not_learnt_is_not_stated() -> None:
+    """It was the middle of the population's places, "within 900 mm²" of 1024."""
+    data = scan(CLEAR)
+    weak = result(data.select(slice(0, 4)), tumours=1, weights=[1, 9])
+    assert weak.probability[0] < 0.5
+    assert build_headline(weak).endswith("Where the clearest lies the readings do not tell.")
