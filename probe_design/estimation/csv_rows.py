@@ -37,6 +37,8 @@ def parse_csv(text: str, name: str, keys: Sequence[str]) -> list[Mapping[str, ob
     except csv.Error as fault:
         raise InputError(name, Words(f"not CSV: {fault}"), f"columns {', '.join(keys)}") from None
     lines = [row for row in table if any(row)]
+    width = max((index + 1 for row in lines for index, cell in enumerate(row) if cell), default=0)
+    lines = [row[:width] for row in lines]  # without columns at the end that are empty
     names = [cell.lower() for cell in lines[0]] if lines else []
     if len(set(names)) < max(len(names), 1):
         raise InputError(name, Words("no row of names, each once"), f"a first row with names among {', '.join(keys)}")

@@ -243,10 +243,11 @@ def test_readings_files(tmp_path: Path) -> None:
     [
         "X;Ratio;Noise;Stiffness\r\n-8,0 mm;0,55;0,02;79,0 N/m\r\n;;;\r\n0 mm;0,62;;\r\n",
         "\ufeffx\tratio\tnoise\tstiffness\n-8 mm\t0.55\t0.02\t79 N/m\n0 mm\t0,62\t\t\n",
+        "x,ratio,noise,stiffness,,\n-8 mm,0.55,0.02,79 N/m,,\n0 mm,0.62,,,,\n,,,,,\n",
     ],
 )
 def test_files_of_spreadsheets_are_read(tmp_path: Path, text: str) -> None:
-    """With semicolons x was "missing": decimal commas, tabs, large letters, a mark of byte order and empty rows are as typed."""
+    """With semicolons x was "missing": decimal commas, tabs, large letters, a byte-order mark, empty rows and columns."""
     (tmp_path / "scan.csv").write_bytes(text.encode())
     wanted = (Reading(-8e-3, 0.0, 0.55, 0.02, 79.0, 0.02), Reading(0.0, 0.0, 0.62, 0.05, None, 0.05))
     assert read_readings(tmp_path / "scan.csv", scene(), 0.05) == wanted
