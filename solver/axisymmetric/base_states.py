@@ -159,6 +159,14 @@ class BaseStates:
         """All values of the elements, without rigid shifts, shape (n, 2 functions, s)."""
         return self.model.recover_values(self.edge)
 
+    @cached_property
+    def last_degree_removal(self) -> tuple[Floats, Floats]:
+        """Changes of the elements' values and forces where the states lose their last degree, both of shape (n, 8 p, s)."""
+        stiffness, chosen = self.model.system.stiffness, find_values_of_degree(self.model, self.model.shapes.order)
+        values, removed = np.zeros_like(self.edge), -self.edge[:, chosen]
+        values[:, chosen] = removed
+        return values, stiffness[:, :, chosen] @ removed  # a fifth of the whole product or less
+
     def compute_modulus_derivative(self, body: Body = Body.INCLUSION) -> Floats:
         """Return the derivatives of ``products`` by ln E of a body of blocks or tissue, shape (s, 2): their parts inside it."""
         inside = np.flatnonzero(self.model.mesh.body == body)
@@ -315,20 +323,18 @@ def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, max
     return np.concatenate([system.compute_values(v[:, :count], lift), system.compute_values(v[:, count:])], axis=2)
 
 
-def approximate_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
-    """Approximate the projection of the states to a lower degree (``project_to_lower_order``) without another factorisation.
+def approximate_lower_order(states: BaseStates) -> tuple[Floats, Floats]:
+    """Approximate the projection of the states to the next lower degree (``project_to_lower_order``) without a factorisation.
 
-    Returns the elements' values of the approximate states, and the elements' forces of their difference from ``states``, both of
-    shape (n, 8 p, s).
+    Returns the elements' values and forces of the difference of the approximate states from ``states``, both of shape
+    (n, 8 p, s).
 
-    From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent reduces the distance
-    in energy of all at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
+    From the states without their functions of the last degree one step of steepest descent reduces the distance in energy of
+    all at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
     space by the coupling between the last degree and the others; this is small unless Poisson's ratio is near 1/2.
     """
-    system, removed = states.model.system, states.model.system.numbering.degrees > degree
-    truncated = states.edge.copy()
-    truncated[:, find_values_of_degree(states.model, degree + 1)] = 0.0
-    forces = system.stiffness @ (truncated - states.edge)
+    system, removed = states.model.system, states.model.system.numbering.degrees == states.model.shapes.order
+    values, forces = states.last_degree_removal
     residual = system.assemble_forces(forces)
     residual[removed] = 0.0
     v = system.factor.solve(residual)
@@ -336,7 +342,7 @@ def approximate_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Fl
     direction = system.compute_values(v)
     loads = system.stiffness @ direction
     step = np.linalg.lstsq(sum_products(direction, loads), sum_products(direction, forces), rcond=DEPENDENT_RELATIVE)[0]
-    return truncated - direction @ step, forces - loads @ step
+    return values - direction @ step, forces - loads @ step
 
 
 def scale_inclusion(model: MeridianModel, modulus_ratio: float) -> Floats:

@@ -140,8 +140,9 @@ def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
     in_bulk = ~np.isin(model.mesh.body, STACKS)  # thin layers hold little of the change's energy, whatever their moduli
     if full.rational is not None or np.any((model.law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * model.law.two_mu) & in_bulk):
         return None
-    values, loads = approximate_lower_order(sample.states, model.shapes.order - 1)
-    return _build_errors(sample, _Change(model, values - full.edges, loads, StateCurve(values), full), *_get_factors(model))
+    values, loads = approximate_lower_order(sample.states)
+    change = _Change(model, values, loads, StateCurve(full.edges + values), full)
+    return _build_errors(sample, change, *_get_factors(model))
 
 
 def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
@@ -152,9 +153,13 @@ def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
     model, full, order = sample.states.model, sample.state_curve, sample.states.model.shapes.order
     if order not in OWN_DEGREE_FACTOR_OF_ORDER:
         return None
-    values = full.edges.copy()
-    values[:, find_values_of_degree(model, order)] = 0.0
-    change = _Change.from_curves(model, StateCurve(values, full.rational), full)
+    if full.rational is None:
+        values, loads = sample.states.last_degree_removal
+        change = _Change(model, values, loads, StateCurve(full.edges + values), full)
+    else:
+        values = full.edges.copy()
+        values[:, find_values_of_degree(model, order)] = 0.0
+        change = _Change.from_curves(model, StateCurve(values, full.rational), full)
     return _build_errors(sample, change, OWN_DEGREE_FACTOR_OF_ORDER[order], None)
 
 

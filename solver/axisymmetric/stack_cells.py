@@ -14,12 +14,14 @@ GLUE_MODULUS = 1e8  # Pa: bonds between tape and glue, of which none are known, 
 MAX_FLOATING_BOND_M = 7.5e-5  # m: thicker ones need more cells at the walls where the accuracy is high
 LOW_ACCURACY, THICK_LOW_ACCURACY = 1.8e-3, 5e-3  # from which few cells suffice at the corners of glue, too; and of thick bonds
 HIGH_ACCURACY = 8e-4  # below it fewer cells than elsewhere would seldom do
+MAX_OTHER_LAYERS = 2  # at other corners: a third changes forces by 1e-5, where a charge's error is bounded by some 1e-4
 ONE_ROW = StackFineness(1, (1, 1, 1))
 FLOATING = StackFineness(1, (2, 1, 1))  # most of the error bound comes from the bond to the block
 BARE = StackFineness(2, (1, 1, 1))  # on the light mesh: half of the error bound comes from the blocks' upper corners
 TWO_ROWS = StackFineness(1, (2, 2, 2))
 GLUED = StackFineness(2, (2, 1, 2))  # strips at the walls are about as wide as thin rows are high
 CORNERS = StackFineness(2, (2, 1, 2), corners=True)
+FINE_CORNERS = StackFineness(3, (2, 1, 2), corners=True)  # as many layers as elsewhere without charges
 
 
 def choose_stack_fineness(scene: Scene, fineness: MeridianFineness, accuracy: float) -> MeridianFineness:
@@ -37,7 +39,10 @@ def choose_stack_fineness(scene: Scene, fineness: MeridianFineness, accuracy: fl
         Relative, that is required of the charges.
     """
     stack = _choose(scene, fineness, accuracy)
-    return fineness if stack is None else replace(fineness, stack=stack)
+    if stack is None:
+        return fineness
+    layers = min(fineness.layers, MAX_OTHER_LAYERS) if scene.models_charges else fineness.layers
+    return replace(fineness, layers=layers, stack=stack)
 
 
 def choose_strain_stack(scene: Scene) -> StackFineness:
@@ -73,7 +78,7 @@ def _choose(scene: Scene, fineness: MeridianFineness, accuracy: float) -> StackF
     if bare:
         return CORNERS
     if any(film.bonds[1].is_rigid for film in films):
-        return None
+        return FINE_CORNERS
     bonds = [bond for film in films for bond in film.bonds if not bond.is_rigid]
     is_glued = all(_get_modulus(bond) >= GLUE_MODULUS for bond in bonds)
     is_soft = all(_get_modulus(bond) <= SOFT_MODULUS for bond in bonds)
