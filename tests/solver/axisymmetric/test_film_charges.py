@@ -19,6 +19,7 @@ from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import add_details, build_sections
 from solver.elements.shape_functions import evaluate_functions
 from tests.support.film_scenes import build_scene, list_tissue_cases, read_cases
+from tests.support.references import named
 from tests.support.slow import slow_unless
 
 TAPES, GLUED = "probe/two-tapes-0.4/tumour-300", "probe/bare/tumour-30"
@@ -51,6 +52,17 @@ def test_against_independent_codes(name: str, accuracy: float) -> None:
         assert deviation <= 0.5 * accuracy + case["relative_uncertainty"]
     assert result.charge_ratio_error is not None
     assert result.charge_ratio_error <= accuracy
+
+
+def test_films_take_few_more_elements_than_the_same_probe_without() -> None:
+    """On the first mesh for an accuracy of 0.001."""
+    scene, glue = named("axisymmetric", "published-materials").scene, {"thickness": 2e-5, "youngs_modulus": 1e9}
+    tables = scene.model_dump(exclude_unset=True)
+    bonds = {"bond_to_base": glue | {"poisson_ratio": 0.4}, "bond_to_block": glue | {"poisson_ratio": 0.4}}
+    glued = Scene.from_tables(tables | {"probe": tables["probe"] | {"film": bonds}, "reading": {"observable": "charge"}})
+    plain, layered = (Axisymmetric().compute_converged(item, 1e-3).sample.states.model for item in (scene, glued))
+    assert plain.shapes.order == layered.shapes.order
+    assert len(layered.mesh.body) <= 1.15 * len(plain.mesh.body)
 
 
 def test_displacements_give_the_same_charge() -> None:
