@@ -159,6 +159,7 @@ def test_the_time_that_tumours_answer_each_other_is_known_from_the_first_few(mon
         reflections(lattice(3), Limits())
 
 
+@pytest.mark.slow
 def test_what_a_limit_stopped_says_so_and_is_answered_anew_within_another():
     scene = read_scene(SCENE).model_copy(update={"inclusion": ()})
     evaluator = EquivalentInclusion(workspace=Workspace(1e9))

@@ -108,6 +108,7 @@ def test_the_table_shows_first_what_is_read_in_units_of_people() -> None:
     assert list_reading_lines(stress)[0].startswith(f"A reading is the ratio of film stresses, {charge.ratio:.4g} within")
 
 
+@pytest.mark.slow
 def test_under_load_charges_are_those_of_single_results() -> None:
     scene = build({"bond_to_base": TAPE, "bond_to_block": TAPE})
     line = press(scene, force=0.02, points=2)

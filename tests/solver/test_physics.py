@@ -26,7 +26,7 @@ from tests.support.slow import slow_unless
 
 ACCURACY = 0.05
 EXACT = 1e-9  # rounding, and the residuals of the equations' solutions
-EXAMPLES = {"closed-form": 40, "axisymmetric": 8, "equivalent-inclusion": 4}
+EXAMPLES = {"closed-form": 15, "axisymmetric": 8, "equivalent-inclusion": 4}
 DRAWN = {
     "closed-form": scenes(farthest=1.5, tumours=2),
     "axisymmetric": scenes(least_cover=0.03),

@@ -192,8 +192,7 @@ class TestFootprint:
 
 class TestExtremes:
     @pytest.mark.slow
-    @pytest.mark.parametrize("radius", [1e-4, 5e-2])
-    @pytest.mark.parametrize("gap", [1e-6, 5e-3])
+    @pytest.mark.parametrize(("radius", "gap"), [(1e-4, 5e-3), (5e-2, 1e-6)])
     @pytest.mark.parametrize(("slenderness", "ratio"), [(0.02, 0.02), (20, 50), (0.02, 50), (20, 0.02)])
     def test_probes_at_the_ends_of_their_ranges(self, tmp_path, radius, gap, slenderness, ratio):
         height, hole = slenderness * radius, radius + gap

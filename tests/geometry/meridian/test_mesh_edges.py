@@ -61,6 +61,7 @@ def test_sections_with_interfaces_across_the_sphere_conform(depths: tuple[float,
     assert_edges_are_shared(crossed_section(depths, **probe))
 
 
+@pytest.mark.slow
 @few_examples
 @given(numbers)
 def test_promised_sections_conform(case: dict[str, float]) -> None:

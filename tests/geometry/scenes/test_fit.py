@@ -118,7 +118,7 @@ class TestOverlap:
 
     def test_turned_ellipsoids_against_sampling(self) -> None:
         random, counts = np.random.default_rng(2), {True: 0, False: 0}
-        for _ in range(300):
+        for _ in range(80):
             sizes, angles = np.exp(random.uniform(-1.5, 1, (2, 3))), random.uniform(-180, 180, (2, 3))
             first = ellipsoid(sizes[0], angles[0], depth=5.0)
             second = ellipsoid(sizes[1], angles[1], *random.uniform(-1.2, 1.2, 2), depth=5 + random.uniform(-1.2, 1.2))
@@ -129,7 +129,7 @@ class TestOverlap:
                 assert nearest < 1.05  # the samples lie 5 % of a semi-axis apart
             else:
                 assert nearest > 1
-        assert min(counts.values()) > 50
+        assert min(counts.values()) > 12
 
     @pytest.mark.parametrize("clearance", [1e-6, -1e-6])
     def test_touching_along_a_common_axis(self, clearance: float) -> None:

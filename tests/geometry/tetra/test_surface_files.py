@@ -54,6 +54,7 @@ def test_a_files_coordinates_are_millimetres_from_the_inclusions_centre(tmp_path
     assert sheet.is_inside(CENTRE + np.array([[0, 0, 0.0029], [0, 0, 0.0031]]) * 0.98).tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_a_step_file_says_its_unit(tmp_path):
     from geometry.cad.solids import load_cadquery
 

@@ -76,6 +76,7 @@ def test_slow_loads_are_refused() -> None:
         AMPLIFIER.response(0.05)
 
 
+@pytest.mark.slow
 def test_ratio_and_its_covariance_against_monte_carlo() -> None:
     measurements = [measure_samples(record(seed), 5.0) for seed in range(150)]
     ratios = np.array([measurement.charges[0] / measurement.charges[1] for measurement in measurements])

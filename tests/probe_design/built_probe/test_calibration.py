@@ -188,6 +188,7 @@ def test_what_references_can_tell(first: int, last: int, force: bool, is_determi
             estimate_gains(seen, known, BENCH)
 
 
+@pytest.mark.slow
 def test_readings_that_contradict_the_predictions_are_told() -> None:
     logs = shares().log_ratios + np.array([0.3, 0.0, -0.3, 0.0, 0.3])
     fitted = calibrate(scene(), BENCH, readings(logs, 2), shares())

@@ -59,6 +59,7 @@ def run_json(folder: Path, *words: str) -> dict[str, Any]:
     return output
 
 
+@pytest.mark.slow
 def test_recordings_to_the_modulus(folder: Path) -> None:
     output = run_json(folder, "--calibration", "probe.toml", "--reading", "a.probe", "b.probe")
     low, high = output["interval"]

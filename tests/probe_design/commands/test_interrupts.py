@@ -105,7 +105,7 @@ def test_what_nohup_ignores_is_ignored() -> None:
 def test_signals_at_any_moment(words: list[str]) -> None:
     """More of them, and more commands, in ``benchmarks/evaluators/interrupts.py``."""
     whole = left(words)
-    for delay, number in moments(whole.seconds, 4, seed=3):
+    for delay, number in moments(whole.seconds, 2, seed=3):
         assert left(words, delay, number).wrong(number, whole) == "", (delay, number)
 
 

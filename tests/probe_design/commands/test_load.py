@@ -16,6 +16,7 @@ from tests.support.program import run
 KEYS = {"force", "indentation", "ratio", "log_sensitivity", "stiffness", "closest_walls", "error_estimate"}
 
 
+@pytest.mark.slow
 def test_json_and_picture(tmp_path: Path) -> None:
     picture = tmp_path / "loads.png"
     ended = run("load", SCENE, "--to", "0.04 N", "--points", "2", "--plot", picture, "--json")

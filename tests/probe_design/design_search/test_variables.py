@@ -55,7 +55,7 @@ def test_a_tighter_limit_takes_designs_away_and_brings_none() -> None:
 @pytest.mark.slow
 def test_a_tighter_limit_never_gives_a_better_optimum() -> None:
     """The best design found, as verified; within 1 % that rounding for the workshop and IPOPT leave."""
-    best = [optimize(nodule(), outer_radius=limit, starts=4).finalists[0].value for limit in (3e-3, 4.5e-3, 8e-3)]
+    best = [optimize(nodule(), outer_radius=limit, starts=2).finalists[0].value for limit in (3e-3, 8e-3)]
     assert all(wider <= 1.01 * tighter for tighter, wider in pairwise(best)), best
 
 

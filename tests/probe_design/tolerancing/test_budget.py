@@ -310,6 +310,7 @@ def test_derivatives_under_load_are_those_of_contact(x: float) -> None:
     assert np.abs(computed - light).max() > 5e-4
 
 
+@pytest.mark.slow
 def test_a_budget_under_load_is_by_contact_and_counts_what_the_closed_form_leaves_out() -> None:
     """Gains alone: ln ratio is linear in their logarithms under any load, so that eq. TO.8 adds nothing."""
     scene = press()

@@ -9,7 +9,6 @@ import pytest
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene_file import scene_from_toml
-from geometry.scenes.scene_tables import Load
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from solver.axisymmetric.evaluator import Axisymmetric
@@ -18,7 +17,7 @@ from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.evaluation import evaluate, plan
-from tests.support.paths import EXAMPLES, REFERENCE, SCENE
+from tests.support.paths import REFERENCE, SCENE
 from tests.support.slow import slow_unless
 
 FOLDER = REFERENCE / "tissue-layers"
@@ -198,16 +197,6 @@ def test_the_level_that_does_not_know_layers_names_one_that_does(change, level):
         evaluate(add_layers((1.5, 56e3), **change), "published")
 
 
-@pytest.mark.slow
-def test_a_load_that_leaves_too_little_to_solid_is_refused_by_the_accuracy_that_was_asked():
-    breast = read_scene(EXAMPLES / "skin.toml")
-    off_axis = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face
-    with pytest.raises(
-        Refusal, match=r"^accuracy = 1 %: allowed: \d[.\d]* % or more for this scene(, or a smaller load)? \(solid reaches"
-    ):
-        evaluate(breast.model_copy(update={"inclusion": (off_axis,), "load": Load(force=1e-3)}))
-
-
 def test_the_plan_says_what_layers_change_and_what_a_skin_would():
     skin = plan(add_layers((1.5, 56e3)))
     (layer,) = (decision for decision in skin.decisions if decision.feature == "tissue.layer[0]")
@@ -220,7 +209,7 @@ def test_the_plan_says_what_layers_change_and_what_a_skin_would():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("thickness", [1e-3, 0.03, 1.0, 30.0])
-@pytest.mark.parametrize("contrast", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("contrast", [1e-6, 1e3])
 def test_extremes_are_answered_within_their_error_or_refused(thickness, contrast):
     """A finer answer is within the coarser one's stated error, whatever the layer."""
     scene = add_layers((thickness, contrast * OWN[0]))

@@ -55,8 +55,9 @@ def test_another_code_s_answer_is_within_the_bound() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXPECTED)
-def test_all_of_them_are(name: str) -> None:
-    check(name, slice(None))
+def test_others_are(name: str) -> None:
+    """All loads: ``benchmarks/contact/accuracy.py``."""
+    check(name, slice(3, None, 2))
 
 
 @pytest.mark.parametrize("interface", slow_unless("bonded".__eq__, ["bonded", "frictionless"]))
@@ -103,6 +104,7 @@ def test_sharp_edges_on_which_faces_slide_are_within_the_stated_error() -> None:
     assert loaded.error_estimate < 5e-4
 
 
+@pytest.mark.slow
 def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on the finest mesh under a thin stiff skin, where the faces' pressures need too many rounds: it was refused."""
 

@@ -160,6 +160,7 @@ def test_a_lubricated_cylinder_has_the_closed_form_of_its_law() -> None:
     assert pressed_sides(across)[1] == pytest.approx(expected, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_a_strain_beyond_the_curve_of_a_law_warns() -> None:
     light, heavy = (yeoh().replace({"tissue.law_strain": 0.2, "load.force": force}) for force in (0.005, 0.15))
     assert [note for note in ContactEvaluator().evaluate(light).warnings if "extrapolated" in note] == []

@@ -13,6 +13,7 @@ from solver.multiple_scattering.exchange import Reflector
 from tests.support.paths import REFERENCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("m", [0, 1, 2])
 def test_matrix_and_factor_answer_alike_and_the_matrix_lets_both_go(m: int, monkeypatch: pytest.MonkeyPatch) -> None:
     base = solve_undisturbed(read_scene(REFERENCE / "axisymmetric" / "shallow.toml"), 0.05)

@@ -139,6 +139,7 @@ def test_a_change_of_films_that_may_cancel_is_printed_as_a_finite_number() -> No
     assert "log_sensitivity" not in rule.describe_changes(force, False)
 
 
+@pytest.mark.slow
 def test_plan_and_evaluate_print_the_same_change_by_a_load() -> None:
     """A tumour far off the axis, whose effects on the two films nearly cancel: the plan ignored that they do."""
     scene = read_scene(EXAMPLES / "scene.toml").model_copy(update={"load": Load(force=0.05)})
@@ -254,6 +255,7 @@ def with_load(scene: Scene, **load: float) -> Scene:
     return scene.model_copy(update={"load": Load(**load)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 3e-3])
 def test_a_soft_skin_leaves_linear_elasticity_what_it_answers(offset: float) -> None:
     """``contact`` on the axis: the ratio 1.2e-4 off, the log-sensitivity 0.6 %, at 5 mN."""

@@ -182,6 +182,7 @@ class TestDetails:
 
 
 class TestBeyondLinearElasticity:
+    @pytest.mark.slow
     def test_nothing_here_is_called_below_tolerance(self) -> None:
         for feature in ("gap contact", "lift-off", "finite strain"):
             decision_found = decision(plan(SCENE.model_copy(update={"load": Load(force=1e-6)})), feature)

@@ -97,6 +97,7 @@ def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
     assert str(fault.value).count(stopped) == 1
 
 
+@pytest.mark.slow
 def test_a_load_beyond_linear_elasticity_off_the_axis_has_no_evaluator(tmp_path):
     body = EXAMPLE.inclusion[0].model_copy(update={"x": 3e-3})
     scene = EXAMPLE.model_copy(update={"inclusion": (body,), "load": Load(force=0.5)})

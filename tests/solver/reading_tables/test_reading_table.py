@@ -190,9 +190,13 @@ def test_effects_under_load_in_either_layer(folder, depth):
     assert predicted == pytest.approx(np.log(loaded.ratio / bare.ratio), rel=0.015)
 
 
+@pytest.mark.slow
 def test_a_tumour_across_an_interface_is_refused(fat_table):
     with pytest.raises(InputError, match="interfaces of layers"):
         fat_table.predict(np.array([[[0.0, 0.0, 12e-3, 7e-3, 25e3]]]), POSITIONS)
+
+
+def test_ranges_that_all_reach_across_an_interface_are_refused(folder):
     with pytest.raises(Refusal, match=r"population\.depth = 10 mm to 14 mm"):
         read_or_build_table(IN_FAT, TumourRanges((10e-3, 14e-3), (7e-3, 9e-3), (25e3, 25e3)))
 
@@ -212,6 +216,7 @@ def test_a_damaged_file_is_built_again(folder):
     assert not np.array_equal(read_or_build_table(other, ranges).layers[0].coefficients, first.coefficients)
 
 
+@pytest.mark.slow
 def test_public_prediction_needs_no_ranges(folder):
     predicted = predict_readings(SCENE, CANDIDATES[:1], POSITIONS)
     truth = compute_truth(CANDIDATES[0])

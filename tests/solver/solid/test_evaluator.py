@@ -11,7 +11,6 @@ import pytest
 from geometry import Groove, Placement, Refusal, Scene
 from geometry.common.resources import Limits, use_limits
 from geometry.scenes.fit_check import compute_semi_axes
-from geometry.scenes.scene_tables import Load
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach
@@ -21,7 +20,6 @@ from tests.support.meshes import SCENE, scene_mesh
 from tests.support.references import Expected, expected, named
 
 pytestmark = pytest.mark.timeout(600)
-SOLID = expected("solid")
 
 
 def solved(scene: Scene, accuracy: float = 0.01) -> Result:
@@ -29,8 +27,10 @@ def solved(scene: Scene, accuracy: float = 0.01) -> Result:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("reference", SOLID, ids=lambda reference: reference.name)
-def test_against_an_independent_code(reference: Expected) -> None:
+@pytest.mark.parametrize("name", ["flank", "groove-over-tumour"])
+def test_against_an_independent_code(name: str) -> None:
+    """All of them: ``benchmarks/evaluators/solid_references.py``."""
+    reference = named("solid", name)
     assert_as_expected(solved(reference.scene), reference)
 
 
@@ -51,7 +51,7 @@ def assert_as_expected(result: Result, reference: Expected) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["published-materials", "nearly-incompressible", "soft-cyst"])
+@pytest.mark.parametrize("name", ["nearly-incompressible", "soft-cyst"])
 def test_on_the_axis(name: str) -> None:
     """The meshes know nothing of the symmetry: a tumour on the axis must come out as in the meridian plane.
 
@@ -202,8 +202,6 @@ def test_auto_comes_here_for_what_others_leave_out() -> None:
     tilted = flank.model_copy(update={"placement": Placement(tilt=1e-4)})
     result = evaluate(tilted, "auto", 0.05)
     assert result.evaluator == "solid"
-    with pytest.raises(Refusal, match="accuracy"):
-        evaluate(tilted.model_copy(update={"load": Load(indentation=1e-9)}), "auto", 1e-4)
     with pytest.raises(Refusal, match="tilt"):
         solved(flank.model_copy(update={"placement": Placement(tilt=0.5)}))
 
