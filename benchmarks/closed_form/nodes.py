@@ -1,9 +1,9 @@
 """Errors of the nodes of the closed form's integrals over wave numbers, in its stated errors.
 
 ``python -m benchmarks.closed_form.nodes`` prints, over all scenes of tests/reference that it takes, what four times the nodes,
-twice those for near sides, change of ln(ratio), of the logarithms of both totals and of the log-sensitivity, over the stated
-error of each: the median, the value that three in a hundred pass, and the largest, for the scenes themselves and for designs
-that differ from them by up to 5 % in every number but have their nodes, as in a search.
+twice those for near sides and for layers, change of ln(ratio), of the logarithms of both totals and of the log-sensitivity,
+over the stated error of each: the median, the value that three in a hundred pass, and the largest, for the scenes themselves
+and for designs that differ from them by up to 5 % in every number but have their nodes, as in a search.
 
 Duration: minutes.
 """
@@ -52,7 +52,12 @@ def _shares(stem: str, path: str, spread: float) -> list[Floats]:
     designs = values[:, None] * np.exp(rng.uniform(-spread, spread, (len(values), DESIGNS if spread else 1)))
     is_nearly_incompressible = (values > 0.45) & (values < 0.5)  # Poisson's ratios, if not some length of half a metre
     designs[is_nearly_incompressible] = values[is_nearly_incompressible, None]
-    finer = replace(shape, nodes=min(4 * shape.nodes, MAX_WAVE_NODES), side_nodes=2 * shape.side_nodes)
+    finer = replace(
+        shape,
+        nodes=min(4 * shape.nodes, MAX_WAVE_NODES),
+        side_nodes=2 * shape.side_nodes,
+        layer_nodes=2 * shape.layer_nodes,
+    )
     stated = np.array([films.errors.log_ratio, *films.errors.log_totals, films.errors.sensitivity])
     with np.errstate(all="ignore"):
         changed = np.abs(_quantities(shape, designs) - _quantities(finer, designs)).T / stated

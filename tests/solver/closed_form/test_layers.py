@@ -320,6 +320,19 @@ def test_many_are_answered_as_each_on_its_own() -> None:
         assert alone.errors.log_ratio == answer.errors.log_ratio
 
 
+@pytest.mark.parametrize(("thickness_mm", "modulus"), [(0.06, 300.0), (0.1, 200.0), (0.3, 300.0)])
+def test_nodes_resolve_a_soft_layer_under_a_thin_wall(thickness_mm: float, modulus: float) -> None:
+    """A layer that blocks squeeze makes short waves count: with fewer nodes the ratio was off by a tenth to a third."""
+    probe = EXAMPLE.probe.model_copy(update={"area_ratio": 3.0})
+    bare = EXAMPLE.model_copy(update={"inclusion": (), "probe": probe})
+    shape, values = build_parameters(add_layers((thickness_mm, modulus, 0.49), scene=bare))
+    fine, used = (
+        compute_forces(replace(shape, layer_nodes=nodes), values[:, None])[0][0].sum(axis=1)
+        for nodes in (4 * shape.layer_nodes, shape.layer_nodes)
+    )
+    assert used[0] / used[1] == pytest.approx(fine[0] / fine[1], rel=0.03)
+
+
 def test_a_search_keeps_to_what_its_nodes_resolve() -> None:
     """Blocks three times as wide as those that the nodes were counted for: 1 %, where summing shorter waves was 6 % off."""
     shape, values = build_parameters(add_layers((1.5, 56e3), scene=EXAMPLE.model_copy(update={"inclusion": ()})))
@@ -331,7 +344,7 @@ def test_a_search_keeps_to_what_its_nodes_resolve() -> None:
     fine, coarse = (
         compute_forces(replace(shape, layer_nodes=nodes), wide[:, None])[0].sum(axis=2) for nodes in (80, shape.layer_nodes)
     )
-    assert shape.layer_nodes < 20
+    assert shape.layer_nodes <= 20
     assert coarse == pytest.approx(fine, rel=0.01)
 
 
