@@ -29,6 +29,7 @@ SEARCHED_SCENES = 12  # of each class, which depend on the closed form; the page
 OFF_AXIS_SCENES = {"drawn": 16, "searched": 6}  # ten seconds each
 PROMISED_COVERAGE = 0.93, 0.97  # of each class and quantity
 MIN_SHARPNESS_COUNT = 50  # errors from which their median is sharp enough to compare: that of 20 scatters by a factor of two
+MAX_SHARPNESS = {"layered": 18.0}  # it is 7.7 on 466 layered scenes, of which 53 scatter up to this (bootstrap, ``RARE``)
 RARE = 0.002  # probability on each side that a count fails if the coverage is at a limit of the promised: 4 % that one of 20 does
 
 
@@ -43,7 +44,8 @@ def test_the_table_has_an_origin_and_other_scenes_than_those_of_the_tests() -> N
 
 
 def check_coverage(rows: list[ErrorRow], kind: SceneClass, origin: str) -> None:
-    """Check by a binomial test that the coverage is 93 to 97 %, and that the median stated error is below 10 true ones.
+    """Check by a binomial test that the coverage is 93 to 97 %, and that the median stated error is below 10 true ones,
+    on few layered scenes below 18.
 
     A count that is improbable (``RARE``) under every coverage in that range fails. So 200 scenes hold the coverage within 87 and
     100 %, and 1000 within 90 and 98 %; ``docs/explanation/closed-form.md`` states what many scenes measured.
@@ -59,7 +61,7 @@ def check_coverage(rows: list[ErrorRow], kind: SceneClass, origin: str) -> None:
             highest = len(true)
         assert lowest <= covered <= highest, (kind, quantity)
         if origin == "drawn" and len(true) >= MIN_SHARPNESS_COUNT:
-            assert sharpness < 10, (kind, quantity)
+            assert sharpness < MAX_SHARPNESS.get(kind, 10.0), (kind, quantity)
 
 
 @pytest.mark.parametrize(
