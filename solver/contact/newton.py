@@ -106,6 +106,20 @@ def _estimate_rounding(model: ContactModel, state: State, equations: Linearised)
     return state.penalty_fraction * shift * float(stiffness) / equations.scale if equations.scale > 0 else 0.0
 
 
+def _estimate_rounding(model: ContactModel, state: State, equations: Linearised) -> float:
+    """Return the relative residual that rounding errors of the gaps cause.
+
+    A gap is a difference of positions: the penalty multiplies their rounding errors, which do not become less as loads do. Under
+    light loads, and on a skin far stiffer than the tissue below it, they exceed the tolerance.
+    """
+    forces = [
+        state.penalty_fraction * pair.penalty * float(np.linalg.norm(pair.weights[touch.pressure != 0]))
+        for pair, touch in zip(model.pairs, equations.touches, strict=True)
+    ]
+    position_error = float(np.finfo(float).eps * model.section.tube_radius)
+    return ROUNDING_FACTOR * position_error * float(np.linalg.norm(forces)) / equations.scale
+
+
 def _has_stalled(residuals: Sequence[float], rounding: float) -> bool:
     """Return whether the residuals no longer fall and are at most ``rounding``, the level of rounding errors."""
     return len(residuals) > 1 and residuals[-1] <= rounding and residuals[-1] > residuals[-2] / 2

@@ -47,6 +47,21 @@ def test_the_limit_of_no_load_is_that_of_linear_elements_where_nothing_pulls(int
     np.testing.assert_allclose(at_rest.tangent, linear_stiffness(interface), rtol=2e-4)
 
 
+def test_a_skin_far_stiffer_than_its_tissue_has_the_limit_of_linear_elements() -> None:
+    """The penalty is the skin's, the forces are those of soft tissue: rounding errors of the gaps exceed a fixed tolerance."""
+    inner, outer = ({"youngs_modulus": modulus, "poisson_ratio": 0.48} for modulus in (1e6, 80e3))
+    sizes = {"inner_radius": 4e-3, "area_ratio": 1.2, "gap": 0.1e-3, "height": 3e-3}
+    soft = {"youngs_modulus": 8e3, "poisson_ratio": 0.45}
+    skin = {"thickness": 0.5e-3, "youngs_modulus": 400e3, "poisson_ratio": 0.45}
+    tissue = {"shape": "cylinder", "radius": 45e-3, "depth": 50e-3, **soft, "layer": [skin]}
+    probe = {**sizes, "inner": inner, "outer": outer, "base": {"rigid": True}}
+    contact, load = {"interface": "frictionless"}, {"force": 1e-3}
+    scene = Scene.from_tables({"probe": probe, "tissue": tissue, "contact": contact, "load": load})
+    fineness = MeridianFineness(1, 0, 2)
+    at_rest = path_of("frictionless", scene=scene, fineness=fineness).points[0]
+    np.testing.assert_allclose(at_rest.tangent, linear_stiffness("frictionless", scene, fineness), rtol=1e-3)
+
+
 def test_much_friction_is_a_bond_at_small_load() -> None:
     """But for what its springs give way: 5 % of what a bond changes at most."""
     free, bonded = linear_stiffness("unilateral"), linear_stiffness("bonded")
