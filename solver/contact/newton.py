@@ -99,25 +99,15 @@ def _iterate_newton(model: ContactModel, state: State, equations: Linearised) ->
 
 
 def _estimate_rounding(model: ContactModel, state: State, equations: Linearised) -> float:
-    """Return the residual that is left, over the forces, as penalties multiply gaps by the rounding errors of positions."""
-    rows = zip(model.pairs, equations.touches, strict=True)
-    stiffness = np.linalg.norm([np.linalg.norm(pair.penalty * pair.weights[touch.pressure != 0]) for pair, touch in rows])
-    shift = ROUNDING_FACTOR * float(np.finfo(float).eps) * model.section.tube_radius  # m
-    return state.penalty_fraction * shift * float(stiffness) / equations.scale if equations.scale > 0 else 0.0
-
-
-def _estimate_rounding(model: ContactModel, state: State, equations: Linearised) -> float:
     """Return the relative residual that rounding errors of the gaps cause.
 
     A gap is a difference of positions: the penalty multiplies their rounding errors, which do not become less as loads do. Under
     light loads, and on a skin far stiffer than the tissue below it, they exceed the tolerance.
     """
-    forces = [
-        state.penalty_fraction * pair.penalty * float(np.linalg.norm(pair.weights[touch.pressure != 0]))
-        for pair, touch in zip(model.pairs, equations.touches, strict=True)
-    ]
-    position_error = float(np.finfo(float).eps * model.section.tube_radius)
-    return ROUNDING_FACTOR * position_error * float(np.linalg.norm(forces)) / equations.scale
+    rows = zip(model.pairs, equations.touches, strict=True)
+    stiffness = np.linalg.norm([np.linalg.norm(pair.penalty * pair.weights[touch.pressure != 0]) for pair, touch in rows])
+    position_error = ROUNDING_FACTOR * float(np.finfo(float).eps) * model.section.tube_radius
+    return state.penalty_fraction * position_error * float(stiffness) / equations.scale if equations.scale > 0 else 0.0
 
 
 def _has_stalled(residuals: Sequence[float], rounding: float) -> bool:
